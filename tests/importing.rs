@@ -231,7 +231,10 @@ fn what_the_command_lacks_it_asks_for() {
             answer.err
         );
     };
-    refused(import(&bench, &[]), "there are charts/length, global_step, loss");
+    refused(
+        import(&bench, &[]),
+        "--metric return=charts/length`; there are global_step, charts/length, loss",
+    );
     let unmapped = import(&bench, &["--metric", "cycle_length=charts/length"]);
     refused(unmapped, "column `step`: there is no such column");
     let nowhere = bench.run(&["import", "--study", "nowhere.yaml", "--name", "other", "x.csv"]);

@@ -29,6 +29,7 @@ mod going_on;
 mod graph;
 mod hyperqueue;
 mod identity;
+mod imported_logs;
 mod importing;
 mod life_bound;
 mod looks;

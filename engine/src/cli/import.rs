@@ -111,7 +111,15 @@ fn refused(problem: String) -> Failure {
 
 /// Files that are named wrongly are a mistake of the command line.
 fn unread(error: crate::Error) -> Failure {
-    refused(error.to_string())
+    let told = error.to_string();
+    let keys = ["restart: ", "same_step: ", "run_per: ", "leave_out: "];
+    let names_a_key = keys.iter().any(|key| told.contains(&format!("`{key}")));
+    let help = if names_a_key {
+        "\n  = help: on the command line keys are options, as in `--restart new_run` and `--leave-out empty`"
+    } else {
+        ""
+    };
+    refused(told + help)
 }
 
 /// 2 where the files are not as the options say; it prints the entry.

@@ -81,7 +81,9 @@ pub(super) fn named(names: &[String]) -> String {
             .collect()
     };
     let more = if names.len() > MOST { ", …" } else { "" };
-    names.iter().take(MOST).map(shown).collect::<Vec<_>>().join(", ") + more
+    // An index that pandas wrote has no name.
+    let named = names.iter().filter(|name| !name.is_empty());
+    named.take(MOST).map(shown).collect::<Vec<_>>().join(", ") + more
 }
 
 /// Whether a column is one of the two that W&B writes beside every one for the extremes of what it joined.

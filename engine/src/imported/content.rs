@@ -197,40 +197,63 @@ fn is_event_file(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().contains("tfevents"))
 }
 
-/// The files without those that are copies of others, with a sentence for each that is not counted. A file that another
+/// The files without those that are copies of others, with a sentence on those that are not counted. A file that another
 /// one begins with is an earlier copy of it.
-pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Vec<String>) {
-    let sentences: Vec<Option<String>> = (0..files.len()).map(|place| copy(place, &files)).collect();
+pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Option<String>) {
+    let copies: Vec<Option<String>> = (0..files.len()).map(|place| copy(place, &files)).collect();
     let mut counted = Vec::new();
-    for (file, sentence) in files.into_iter().zip(&sentences) {
-        if sentence.is_none() {
+    for (file, copy) in files.into_iter().zip(&copies) {
+        if copy.is_none() {
             counted.push(file);
         }
     }
-    (counted, sentences.into_iter().flatten().collect())
+    let copies: Vec<String> = copies.into_iter().flatten().collect();
+    let all = listed(&copies);
+    let sentence = match copies.len() {
+        0 => None,
+        1 => Some(format!("1 file is a copy and not counted again ({all})")),
+        n => Some(format!("{n} files are copies and not counted again ({all})")),
+    };
+    (counted, sentence)
 }
 
-/// What a file is a copy of, in a sentence.
+/// The file that a file is a copy of, after its own name.
 fn copy(place: usize, files: &[Content]) -> Option<String> {
     let file = &files[place];
     let length = file.bytes.len();
-    let others = files
+    let mut others = files
         .iter()
         .zip(0..)
         .filter(|(other, at)| match other.bytes.len() {
             same if same == length => *at < place && file.has_values(),
             longer => longer > length && file.has_many_values(),
         });
-    let (whole, _) = others
-        .into_iter()
-        .find(|(other, _)| other.bytes.starts_with(&file.bytes))?;
+    let (whole, _) = others.find(|(other, _)| other.bytes.starts_with(&file.bytes))?;
     let kind = if whole.bytes.len() == length {
-        "a copy"
+        "of"
     } else {
-        "an earlier copy"
+        "of the beginning of"
     };
-    let (one, other) = (file.path.display(), whole.path.display());
-    Some(format!("`{one}` is {kind} of `{other}` and not counted again"))
+    Some(format!(
+        "`{}` {kind} `{}`",
+        file.path.display(),
+        whole.path.display()
+    ))
+}
+
+/// The first of some texts, and how many more there are.
+pub(super) fn listed(texts: &[String]) -> String {
+    const MOST: usize = 5;
+    let first = texts
+        .iter()
+        .take(MOST)
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .join(", ");
+    match texts.len().saturating_sub(MOST) {
+        0 => first,
+        more => format!("{first} and {more} more"),
+    }
 }
 
 #[cfg(test)]
@@ -259,20 +282,17 @@ mod tests {
             content("e.csv", "step,x\n"),
             content("f.csv", "step,x\n"),
         ];
-        let (counted, notes) = without_copies(files);
+        let (counted, note) = without_copies(files);
         let left: Vec<String> = counted.iter().map(Content::name).collect();
         assert_eq!(
             left,
             ["b.csv", "d.csv", "e.csv", "f.csv"],
             "what has few lines or none may be the same by chance"
         );
-        assert_eq!(
-            notes,
-            [
-                "`a.csv` is an earlier copy of `b.csv` and not counted again",
-                "`c.csv` is a copy of `b.csv` and not counted again"
-            ]
-        );
+        let told = "2 files are copies and not counted again (`a.csv` of the beginning of `b.csv`, `c.csv` of `b.csv`)";
+        assert_eq!(note.as_deref(), Some(told));
+        let many: Vec<String> = (0..7).map(|it| it.to_string()).collect();
+        assert_eq!(listed(&many), "0, 1, 2, 3, 4 and 2 more");
     }
 
     #[test]

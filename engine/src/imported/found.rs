@@ -3,7 +3,7 @@
 use super::{
     Content, LeftOut, Mapping, Run,
     columns::{is_bound, named},
-    content::{Form, without_copies},
+    content::{Form, listed, without_copies},
     event_files, input,
     table::Table,
     tables,
@@ -41,8 +41,8 @@ pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
         .iter()
         .map(|path| Content::read(path))
         .collect::<Result<_, Error>>()?;
-    let (contents, notes) = match mapping.copies {
-        Some(_) => (contents, Vec::new()),
+    let (contents, note) = match mapping.copies {
+        Some(_) => (contents, None),
         None => without_copies(contents),
     };
     let (mut events, mut others) = (Vec::new(), Vec::new());
@@ -53,7 +53,7 @@ pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
         }
     }
     let mut found = Found {
-        notes,
+        notes: note.into_iter().collect(),
         ..Found::default()
     };
     tables::runs(&others, mapping, &mut found)?;
@@ -172,17 +172,13 @@ impl Found {
                 problem(run, metric) + &more + advice,
             ));
         }
-        let names: Vec<&str> = lacks
+        let names: Vec<String> = lacks
             .iter()
-            .map(|(place, _)| self.runs[*place].name.as_str())
+            .map(|(place, _)| self.runs[*place].name.clone())
             .collect();
-        let note = match names.as_slice() {
-            [one] => format!("1 run without a value is left out ({one})"),
-            several => format!(
-                "{} runs without a value are left out ({})",
-                several.len(),
-                several.join(", ")
-            ),
+        let note = match names.len() {
+            1 => format!("1 run without a value is left out ({})", names[0]),
+            n => format!("{n} runs without a value are left out ({})", listed(&names)),
         };
         self.notes.push(note);
         self.runs.retain(|run| lacking(run).is_none());
@@ -191,13 +187,17 @@ impl Found {
 
     /// Notes runs whose values are all equal. Runs of a task without chance are so, and copies that were saved anew.
     fn compare(&mut self) {
+        let mut alike = Vec::new();
         for (place, run) in self.runs.iter().enumerate() {
             let more_than_one = run.curves.values().any(|curve| curve.len() > 1);
-            let same = self.runs[..place].iter().find(|other| same(run, other));
-            if let Some(other) = same.filter(|_| more_than_one) {
-                self.notes
-                    .push(format!("{} and {} have the same values", other.name, run.name));
-            }
+            let other = self.runs[..place]
+                .iter()
+                .find(|other| more_than_one && same(run, other));
+            alike.extend(other.map(|other| format!("{} and {}", other.name, run.name)));
+        }
+        if !alike.is_empty() {
+            self.notes
+                .push(format!("some runs have equal values ({})", listed(&alike)));
         }
     }
 
@@ -333,10 +333,10 @@ mod tests {
         assert_eq!((found.runs.len(), found.files.len()), (2, 2));
         let said = found.said(&mapping());
         assert!(
-            said[0].ends_with("a.csv` and not counted again") && said[1].contains("latest.csv` is a copy of"),
+            said[0].contains("2 files are copies") && said[0].contains("latest.csv` of `"),
             "{said:?}"
         );
-        assert_eq!(said[2], "`a.csv` and `c.csv` have the same values");
+        assert_eq!(said[1], "some runs have equal values (`a.csv` and `c.csv`)");
         let counted = Mapping {
             copies: Some(super::super::Copies::Count),
             ..mapping()

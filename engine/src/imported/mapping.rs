@@ -277,3 +277,33 @@ impl ImportedText {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// The mapping is part of the ids of runs, which keys that were added later must not change.
+    #[test]
+    fn an_entry_without_the_newer_keys_is_identified_as_before() {
+        let entry =
+            json!({ "from": "a.csv", "metrics": { "return": "r" }, "seed": "seed", "only": { "lr": 0.5 } });
+        let entry: ImportedText = serde_json::from_value(entry).unwrap();
+        let identified = json!({
+            "metrics": { "return": "r" }, "step": "step", "seed": "seed", "run": null, "only": { "lr": "0.5" }, "last": 1,
+        });
+        assert_eq!(serde_json::to_value(entry.mapping()).unwrap(), identified);
+    }
+
+    #[test]
+    fn newer_keys_are_written_as_they_are_read() {
+        let entry = json!({
+            "from": ["a.csv", "b.csv"], "metrics": { "return": ["r", "s"] }, "step": { "sum": "l" }, "run_per": "folder",
+            "restart": "new_run", "same_step": "mean", "leave_out": ["empty", "not_finite"], "copies": "count", "last": 1,
+        });
+        let read: ImportedText = serde_json::from_value(entry.clone()).unwrap();
+        assert_eq!(serde_json::to_value(read).unwrap(), entry);
+        let wrong = json!({ "from": "a.csv", "metrics": { "return": "r" }, "step": { "sums": "l" } });
+        assert!(serde_json::from_value::<ImportedText>(wrong).is_err());
+    }
+}

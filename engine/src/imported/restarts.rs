@@ -137,7 +137,7 @@ impl Rules {
     fn goes_back(&self, entry: &Entry, back: Option<Entry>, files: &[&Content]) -> Error {
         let told = match back {
             Some(before) => format!(
-                "step {} stands behind step {}{}",
+                "step {} comes after step {}{}",
                 entry.step,
                 before.step,
                 self.at(&before, entry)
@@ -319,7 +319,7 @@ mod tests {
     fn steps_that_go_back_are_refused_with_their_line_or_told_apart() {
         let told = read(&[AGAIN], None, None).unwrap_err();
         assert!(
-            told.contains("`0.csv`, line 5: step 10 stands behind step 20 (line 4)"),
+            told.contains("`0.csv`, line 5: step 10 comes after step 20 (line 4)"),
             "{told}"
         );
         assert!(
@@ -407,5 +407,27 @@ mod tests {
         };
         let runs = Rules::of_tables(&mapping).told_apart(log, 2, &[&file]).unwrap();
         assert_eq!((runs[0].entries.len(), runs[1].entries.len()), (1, 2));
+    }
+
+    proptest::proptest! {
+        /// No value is lost where runs are told apart, and a run that went on is what the naive purge leaves.
+        #[test]
+        fn steps_never_go_back_in_what_is_read(steps in proptest::collection::vec(0_u64..20, 1..60)) {
+            let logged: Vec<(u64, f64)> = steps.iter().zip(0_u32..).map(|(step, at)| (*step, f64::from(at))).collect();
+            let runs = values(&read(&[&logged], Some(Restart::NewRun), Some(SameStep::Mean)).unwrap());
+            proptest::prop_assert_eq!(runs.concat(), logged.clone());
+            proptest::prop_assert!(runs.iter().all(|run| run.is_sorted_by_key(|(step, _)| *step)));
+            let mut purged: Vec<(u64, f64)> = Vec::new();
+            for (step, value) in logged.clone() {
+                if purged.last().is_some_and(|(last, _)| *last > step) {
+                    purged.retain(|(other, _)| *other < step);
+                }
+                purged.push((step, value));
+            }
+            let resumed = values(&read(&[&logged], Some(Restart::Resume), Some(SameStep::Mean)).unwrap());
+            proptest::prop_assert_eq!(&resumed[..], &[purged][..]);
+            let told = read(&[&logged], None, Some(SameStep::Mean));
+            proptest::prop_assert_eq!(told.is_ok(), runs.len() == 1);
+        }
     }
 }

@@ -23,14 +23,18 @@ struct Record {
 /// The table that a file holds.
 pub(super) fn table(file: &Content) -> Result<Table, Error> {
     let text = file.text()?;
-    let separator = separator(text);
+    // Excel writes the separator into a line of its own.
+    let declared = text.lines().next().and_then(|line| line.strip_prefix("sep="));
+    let declared = declared.and_then(|sign| SEPARATORS.into_iter().find(|known| sign.as_bytes() == [*known]));
+    let separator = declared.unwrap_or_else(|| separator(text));
     let records = records(file, text, separator)?;
+    let records = &records[usize::from(declared.is_some())..];
     let mut table = Table {
         path: file.path.clone(),
         started: started(text),
         ..Table::default()
     };
-    let Some((head, names, rest)) = head(text, separator, &records) else {
+    let Some((head, names, rest)) = head(text, separator, records) else {
         return Ok(table);
     };
     (table.head, table.names) = (head, names);
@@ -259,6 +263,8 @@ mod tests {
             .collect();
         assert_eq!(lines, [(4, false), (6, true)]);
         assert_eq!(table.started, Some(17.5));
+        let excel = read("sep=;\nstep;return;x\n0;1,5;2\n");
+        assert_eq!((excel.head, excel.names.len(), excel.lines[0].number), (2, 3, 3));
         let below = read("# seed 1\n# step, return\n0,1\n5,2\n");
         assert_eq!(
             (below.head, below.names.join(" "), below.lines.len()),

@@ -119,9 +119,10 @@ impl Table {
             (Decimals::Comma, Some(_)) => text.replace(',', "."),
             (Decimals::Comma, None) if text.contains('.') => return Err(self.is_no(line, column, unclear)),
             (Decimals::Unclear, Some(_)) => return Err(self.is_no(line, column, unclear)),
-            (Decimals::Point, Some(_)) => {
+            (Decimals::Point, Some(true)) => {
                 return Err(self.is_no(line, column, "is no number: write a decimal point"));
             }
+            (Decimals::Point, Some(false)) => return Err(self.is_no(line, column, unclear)),
             _ => text.to_owned(),
         };
         clean

@@ -105,9 +105,7 @@ impl Reader<'_> {
             let Some((text, found)) = self.part(node, entry, &at, (agent, block), &mut whole) else {
                 continue;
             };
-            // Files are named as the study names them, wherever it lies.
-            let folder = format!("{}/", self.sections.folder.display());
-            words.push(sentence(&text, &found).replace(&folder, ""));
+            words.push(self.seen_from_folder(&sentence(&text, &found)));
             let seen_from = |path: &Path| {
                 path.strip_prefix(self.sections.folder)
                     .unwrap_or(path)
@@ -127,6 +125,16 @@ impl Reader<'_> {
             words.join("; ")
         );
         (self.found.len() == before).then_some(whole)
+    }
+
+    /// A sentence in which files are named as the study names them, wherever it lies.
+    fn seen_from_folder(&self, sentence: &str) -> String {
+        let folder = self.sections.folder.display().to_string();
+        let plain = sentence.replace('`', "");
+        match folder.as_str() {
+            "" => plain,
+            folder => plain.replace(&format!("{}/", folder.trim_end_matches('/')), ""),
+        }
     }
 
     fn is_taken(&self, name: &str) -> bool {
@@ -162,7 +170,7 @@ impl Reader<'_> {
                 node.span,
                 at,
                 message,
-                "name all files of an environment under one `from`",
+                "name all files of an environment under one `from`, and several columns as a list or a pattern under `metrics`",
             );
             return None;
         }

@@ -193,7 +193,7 @@ fn two_runs_in_a_folder_are_refused_or_told_apart() {
         read(&back, &mapping())
             .map(|_| ())
             .unwrap_err()
-            .contains("record 3: step 5 stands behind step 10 (record 2)")
+            .contains("record 3: step 5 comes after step 10 (record 2)")
     );
 }
 

@@ -135,7 +135,7 @@ fn two_runs_in_a_file_are_told_apart_or_refused() {
     let text = "global_step,charts/episodic_return\n0,1\n5,2\n0,3\n5,4\n";
     let told = refused(text, &mapping());
     assert!(
-        told.contains("line 4: step 0 stands behind step 5 (line 3)"),
+        told.contains("line 4: step 0 comes after step 5 (line 3)"),
         "{told}"
     );
     let new_run = Mapping {
