@@ -38,7 +38,9 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{Registry, input_file, limits::Limits, patience, plain_text::for_terminal, scheduler::hosts::Relay};
+use crate::{
+    Registry, input_file, limits::Limits, patience, plain_text::for_terminal, scheduler::hosts::Relay,
+};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{
     io::IsTerminal,

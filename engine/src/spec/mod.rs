@@ -17,6 +17,7 @@
 //! | `cells` | combinations of environment, agent and setting |
 //! | `taking` | what cells take from each other, in an order without circles |
 //! | `specimens` | what cells would leave, for a check of those that take it |
+//! | `facts` | makes environments and tries them out, or recalls what they announced |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `imported` | runs of other programs, which stand where agents stand |
@@ -34,6 +35,7 @@ mod config;
 mod confirms;
 mod cross_play;
 mod editor_schema;
+mod facts;
 mod going_on;
 mod imported;
 mod include;
@@ -152,6 +154,8 @@ pub struct Study {
     pub limits: Limits,
     /// True where an environment was not tried out, since it is known what it announced.
     pub is_recalled: bool,
+    /// What environments that are not this program's own announced when they were tried out, by id.
+    pub announced: BTreeMap<String, Value>,
     /// What can be run and is probably not meant, sorted by position.
     pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol,
@@ -427,6 +431,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         imported,
         limits: sections.limits.clone(),
         is_recalled: world.is_recalled,
+        announced: world.announced,
         warnings: world.warnings,
         searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,
