@@ -380,7 +380,10 @@ mod tests {
             let value = read(path.to_str().unwrap(), &hash_of(&path).unwrap()).unwrap();
             let file: DataFile = serde_json::from_value(value).unwrap();
             let copy = file.copy_into(own.path()).unwrap();
-            assert_eq!((copy.file_name().unwrap(), fs::read(&copy).unwrap()), (name.as_ref(), bytes.to_vec()));
+            assert_eq!(
+                (copy.file_name().unwrap(), fs::read(&copy).unwrap()),
+                (name.as_ref(), bytes.to_vec())
+            );
             file.unchanged().unwrap();
             fs::write(&path, b"\xff another").unwrap();
             assert_eq!(fs::read(&copy).unwrap(), bytes);

@@ -80,7 +80,7 @@ fn bytes_of(path: &str, [first, second]: [&str; 2]) -> Option<u64> {
     Some((kilobytes(first)? + kilobytes(second).unwrap_or(0)) * 1024)
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
 mod tests {
     use super::*;
     use std::process::{Command, Stdio};

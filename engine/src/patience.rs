@@ -47,9 +47,10 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches a process with all that it started, while it is busy with `what`; calls `end` once it is over a limit.
+    /// Watches a process with all that it started, while it is busy with `what`; calls `end` with
+    /// the ids of all of these once it is over a limit.
     #[must_use]
-    pub fn over(pid: u32, what: String, end: impl FnOnce() + Send + 'static) -> Self {
+    pub fn over(pid: u32, what: String, end: impl FnOnce(&[u32]) + Send + 'static) -> Self {
         let of_study = LIMITS.with_borrow(Clone::clone);
         let (is_read, limits) = (of_study.is_some(), of_study.unwrap_or_default());
         let own = Limits {
@@ -63,7 +64,7 @@ impl Watch {
             while ending.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
                 let elapsed = clock::since(begun);
                 if let Some((_, reason)) = footprint::exceeded(&limits, elapsed, pid) {
-                    end();
+                    end(&footprint::family(pid));
                     return Some(format!("{what} was ended: {reason}"));
                 }
                 if !is_told && elapsed > SILENT {
@@ -105,7 +106,7 @@ mod tests {
             ..Limits::default()
         };
         let watch = under(&limits, || {
-            Watch::over(std::process::id(), "the pump".into(), || {
+            Watch::over(std::process::id(), "the pump".into(), |_| {
                 ENDED.store(true, Ordering::SeqCst);
             })
         });
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn what_answers_in_time_goes_on() {
-        let watch = Watch::over(std::process::id(), "the pump".into(), || {
+        let watch = Watch::over(std::process::id(), "the pump".into(), |_| {
             panic!("nothing is over a limit");
         });
         assert_eq!(watch.end(), None);

@@ -1,10 +1,14 @@
 //! Environments written in Python: what passes between the two programs, what is refused before anything runs, and
 //! what a trial comes to whose Python fails, hangs, is killed or goes on elsewhere.
 
+mod choices;
 mod continuing;
 mod ends;
+mod hostile;
+mod reading;
 mod refusals;
 mod spaces;
+mod stops;
 
 use crate::{
     book::blocks,
@@ -165,6 +169,6 @@ fn the_page_of_the_book_works_as_written() {
     let table = place.bench.ok(&["run", "tank.yaml", "-j", "2"]);
     assert!(table.contains("SUPPORTED") || table.contains("sac"), "{table}");
     // The fragments that the page begins with are of the keys that there are.
-    let keys = ["make", "arguments", "sources", "lock", "interpreter"];
+    let keys = ["make", "arguments", "metrics", "sources", "lock", "interpreter"];
     assert!(keys.iter().all(|key| page.contains(&format!("\n| `{key}` |"))));
 }

@@ -8,12 +8,17 @@ const REFUSED: &[(&str, &str, &str)] = &[
     (
         "pettingzoo:no_such_module",
         "",
-        "No module named 'no_such_module'",
+        "there is neither `pettingzoo.no_such_module` nor `no_such_module` in this Python: PettingZoo has",
     ),
     (
-        "pettingzoo:no_such_module",
+        "pettingzoo:butterfly.knights_archers_zombies_v1",
         "",
-        "-m pip install no_such_module` installs a package for this Python",
+        "pettingzoo.butterfly has no knights_archers_zombies_v1; it has knights_archers_zombies_v",
+    ),
+    (
+        "pettingzoo:classic.no_such_game_v1",
+        "",
+        "pettingzoo.classic has no no_such_game_v1; it has ",
     ),
     (
         "own.py:no_such_function",
@@ -72,8 +77,88 @@ const REFUSED: &[(&str, &str, &str)] = &[
     ),
     (
         "own.py:Spaces",
-        "action: dictionary_of_choices",
-        "the action['pump'] is a space of kind Discrete",
+        "action: mixed",
+        "the action has boxes beside choices",
+    ),
+    (
+        "own.py:Returns",
+        "how: alone",
+        "reset returned no pair of observation and info, but an array of shape (2,) and type float64",
+    ),
+    (
+        "own.py:Returns",
+        "how: three",
+        "reset returned no pair of observation and info, but a tuple of 3",
+    ),
+    (
+        "own.py:Returns",
+        "how: none",
+        "the info of reset is None (NoneType) in place of a dictionary",
+    ),
+    (
+        "own.py:Returns",
+        "how: info_none",
+        "the info of step is None (NoneType)",
+    ),
+    (
+        "own.py:Returns",
+        "how: reward_text",
+        "the reward is '12' (str) in place of a number",
+    ),
+    (
+        "own.py:Returns",
+        "how: reward_none",
+        "the reward is None (NoneType) in place of a number",
+    ),
+    (
+        "own.py:Returns",
+        "how: reward_nan",
+        "`reward` is NaN after step 1, which is no finite number",
+    ),
+    (
+        "own.py:Returns",
+        "how: seen_nan",
+        "`observation_0` is NaN after step 1",
+    ),
+    (
+        "own.py:Returns",
+        "how: seen_text",
+        "the observation is a list of 2 in place of numbers",
+    ),
+    (
+        "own.py:Returns",
+        "how: terminated_text",
+        "terminated is 'no' (str) in place of True or False",
+    ),
+    (
+        "own.py:Returns",
+        "how: truncated_number",
+        "truncated is 0 (int) in place of True or False",
+    ),
+    (
+        "own.py:Valves",
+        "how: alone",
+        "reset returned no pair of observations and infos, but a dictionary with 'first', 'second'",
+    ),
+    (
+        "own.py:Valves",
+        "how: no_reward",
+        "step returned rewards without 'second'",
+    ),
+    (
+        "own.py:Valves",
+        "how: text",
+        "the termination of 'second' is 'no' (str) in place of True or False",
+    ),
+    (
+        "own.py:Valves",
+        "how: list",
+        "what step returns as rewards is a list of 2 in place of a dictionary",
+    ),
+    (
+        "own.py:Valves",
+        "how: old",
+        "step returned 4 values in place of observations, rewards",
     ),
     ("own.py:Drawing", "source: numpy", "`observation_1` is"),
     (
@@ -102,6 +187,38 @@ fn what_cannot_be_used_is_refused_before_anything_runs() {
             found.contains(said),
             "{make} {arguments}: `{said}` is not in: {found}"
         );
+    }
+}
+
+#[test]
+fn nothing_is_to_be_installed_whose_name_comes_from_a_study() {
+    let Some(place) = Place::new() else { return };
+    for make in [
+        "pettingzoo:no_such_module",
+        "pettingzoo:butterfly.pistonball_v1",
+        "own.py:missing",
+    ] {
+        let found = place.refusal(make, "");
+        assert!(!found.contains("pip install"), "{make}: {found}");
+    }
+}
+
+#[test]
+fn what_differs_from_a_space_and_can_be_used_is_remarked_on() {
+    let Some(place) = Place::new() else { return };
+    for (how, said) in [
+        ("tall", "the observation has the shape (2, 1), its space (2,)"),
+        ("seen_single", ""),
+        ("outside", "`observation_0` of the observation is"),
+        ("outside", "outside its space, 0.0 to 4.0"),
+        ("right", ""),
+    ] {
+        place.short("own.py:Returns", &format!("how: {how}"), RULE);
+        let answer = place.bench.run(&["check", "study.yaml"]);
+        let words = answer.err.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(answer.code, 0, "{how}: {words}");
+        assert!(words.contains(said), "{how}: {words}");
+        assert!(!said.is_empty() || !words.contains("warning"), "{how}: {words}");
     }
 }
 

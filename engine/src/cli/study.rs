@@ -179,6 +179,14 @@ fn load_one(
         only,
     };
     planned.replan(registry, Wanted::new());
+    if planned
+        .options
+        .announced
+        .as_ref()
+        .is_some_and(Announcements::has_store)
+    {
+        keep_announced(&planned);
+    }
     Ok(planned)
 }
 
@@ -365,15 +373,26 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     Ok(code)
 }
 
+fn keep_announced(one: &Planned) {
+    if let Some(records) = &one.options.announced {
+        one.study
+            .announced
+            .iter()
+            .for_each(|(id, announced)| records.keep(id, announced));
+    }
+}
+
 /// Where it is kept what environments announce to `check`, which believes no record.
 fn doubted(common: &Common) -> Option<Announcements> {
     let settings = settings::read(common).ok()?;
     Some(Announcements::of(&settings.store).doubted())
 }
 
-/// Tries out the environments of a study of which only their records are known.
+/// Tries out the environments of a study of which only their records are known, before its trials run, and keeps what
+/// all of them announced.
 pub(super) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure> {
     if !one.study.is_recalled {
+        keep_announced(one);
         return Ok(());
     }
     let options = spec::Options {

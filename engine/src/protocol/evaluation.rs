@@ -332,7 +332,12 @@ fn advance(
             .zip(&step.rewards)
             .for_each(|(sum, reward)| *sum += reward);
         let is_first = episode.decisions == 1;
-        accumulate(&mut episode.info, episode.environment.metrics(), &step.info, is_first);
+        accumulate(
+            &mut episode.info,
+            episode.environment.metrics(),
+            &step.info,
+            is_first,
+        );
         if let Some(gathered) = &mut episode.gathered {
             gathered.take(&action, &step.rewards);
             gathered.see(&*episode.environment, &step.observations);

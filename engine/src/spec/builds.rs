@@ -5,14 +5,15 @@ use super::{
     cells::{Cell, Resolved, Sections},
     config::locate,
     cross_play::Play,
+    facts::Facts,
     path::Target,
     specimens::Specimens,
 };
 use crate::{
-    Agent, Environment, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
+    Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     describe::fit,
     diagnostic::{Diagnostic, in_order},
-    panics, patience, random,
+    panics, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
@@ -20,7 +21,7 @@ use crate::{
     },
     setting::word,
 };
-use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -62,6 +63,8 @@ pub struct World {
     pub warnings: Vec<Diagnostic>,
     /// True where an environment was not tried out, since it is known what it announced.
     pub is_recalled: bool,
+    /// What environments that are not this program's own announced when they were tried out, by id.
+    pub announced: BTreeMap<String, Value>,
 }
 
 impl World {
@@ -73,28 +76,6 @@ impl World {
             if !self.metrics.iter().any(|known| known.name == metric.name) {
                 self.metrics.push(metric.clone());
             }
-        }
-    }
-}
-
-/// What is known of a built environment.
-#[derive(Serialize, Deserialize)]
-pub(super) struct Facts {
-    pub(super) interface: Interface,
-    metrics: Vec<Metric>,
-    traced: BTreeSet<String>,
-    /// Units of trace channels, by name.
-    units: BTreeMap<String, String>,
-}
-
-impl Facts {
-    fn of(environment: &dyn Environment) -> Self {
-        let channels = environment.trace_channels().into_iter();
-        Self {
-            traced: traced(environment),
-            units: channels.map(|channel| (channel.name, channel.unit)).collect(),
-            metrics: environment.metrics().to_vec(),
-            interface: environment.interface(),
         }
     }
 }
@@ -194,6 +175,7 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         warned: BTreeSet::new(),
         doubts: Vec::new(),
         is_recalled: false,
+        announced: BTreeMap::new(),
     };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
@@ -209,26 +191,10 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             found.push(*error);
         }
     }
-    world.is_recalled = builder.is_recalled;
+    (world.is_recalled, world.announced) = (builder.is_recalled, builder.announced);
     world.warnings.append(&mut builder.doubts);
     world.warnings = in_order(world.warnings);
     if found.is_empty() { Ok(world) } else { Err(found) }
-}
-
-/// Names of what an environment traces.
-fn traced(environment: &dyn Environment) -> BTreeSet<String> {
-    let channels = environment
-        .trace_channels()
-        .into_iter()
-        .map(|channel| channel.name);
-    channels
-        .chain(
-            environment
-                .reward_surface()
-                .into_iter()
-                .flat_map(|surface| surface.names),
-        )
-        .collect()
 }
 
 fn address(part: &Arc<Resolved>) -> usize {
@@ -275,7 +241,7 @@ pub(super) struct Builder<'a> {
     pub(super) cells: &'a [Cell],
     pub(super) specimens: Specimens,
     /// By id; `None` where the build failed and was reported.
-    environments: BTreeMap<String, Option<Facts>>,
+    pub(super) environments: BTreeMap<String, Option<Facts>>,
     protocols: BTreeMap<String, Option<Measures>>,
     /// What a built agent asks for before it learns, by the addresses of environment and agent: equal parts
     /// of cells are one.
@@ -288,14 +254,16 @@ pub(super) struct Builder<'a> {
     /// What warnings say: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
     /// What environments return that is not as they declare it.
-    doubts: Vec<Diagnostic>,
-    is_recalled: bool,
+    pub(super) doubts: Vec<Diagnostic>,
+    pub(super) is_recalled: bool,
+    /// What those that were tried out announced, by id.
+    pub(super) announced: BTreeMap<String, Value>,
 }
 
-type Outcome<T> = Result<T, Box<Diagnostic>>;
+pub(super) type Outcome<T> = Result<T, Box<Diagnostic>>;
 
 /// What a plugin builds; one that panics refuses.
-fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
 }
 
@@ -553,40 +521,6 @@ impl Builder<'_> {
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
-    pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
-        let resolved = &cell.parts[0];
-        if self.environments.contains_key(&resolved.id) {
-            return Ok(());
-        }
-        let announced = self.sections.announced;
-        if let Some(facts) = announced.and_then(|known| known.recall(&resolved.id)) {
-            self.is_recalled = true;
-            self.environments.insert(resolved.id.clone(), Some(facts));
-            return Ok(());
-        }
-        let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
-        let tried = || {
-            let mut environment = (entry.build)(&self.config(cell, 0)?)?;
-            let doubts = environment.rehearse()?;
-            Ok((environment, doubts))
-        };
-        let (facts, refusal) = match patience::under(self.sections.limits, || built(tried)) {
-            Ok((environment, doubts)) => {
-                let facts = Facts::of(&*environment);
-                if let (Some(_), Some(announced)) = (&doubts, announced) {
-                    announced.keep(&resolved.id, &facts);
-                }
-                let warning = |doubt: &Error| self.refused(resolved, doubt).as_warning();
-                let doubts: Vec<_> = doubts.iter().flatten().map(warning).collect();
-                self.doubts.extend(doubts);
-                (Some(facts), None)
-            }
-            Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
-        };
-        self.environments.insert(resolved.id.clone(), facts);
-        refusal.map_or(Ok(()), Err)
-    }
-
     fn protocol(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
         let resolved = &cell.parts[2];
         if self.protocols.contains_key(&resolved.id) {
@@ -608,17 +542,6 @@ impl Builder<'_> {
         };
         self.protocols.insert(resolved.id.clone(), measures);
         refusal.map_or(Ok(()), Err)
-    }
-
-    /// The seats of the environment of a cell, where it could be built.
-    pub(super) fn interface(&self, cell: &Cell) -> Option<Interface> {
-        Some(
-            self.environments
-                .get(&cell.parts[0].id)?
-                .as_ref()?
-                .interface
-                .clone(),
-        )
     }
 
     /// A refusal, placed at the key that the plugin names where the study gives it.

@@ -18,6 +18,7 @@
 //! | `grid` | the configs of a part at every point of a sweep |
 //! | `taking` | what cells take from each other, in an order without circles |
 //! | `specimens` | what cells would leave, for a check of those that take it |
+//! | `facts` | makes environments and tries them out, or recalls what they announced |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `imported` | runs of other programs, which stand where agents stand |
@@ -35,6 +36,7 @@ mod config;
 mod confirms;
 mod cross_play;
 mod editor_schema;
+mod facts;
 mod going_on;
 mod grid;
 mod imported;
@@ -155,6 +157,8 @@ pub struct Study {
     pub limits: Limits,
     /// True where an environment was not tried out, since it is known what it announced.
     pub is_recalled: bool,
+    /// What environments that are not this program's own announced when they were tried out, by id.
+    pub announced: BTreeMap<String, Value>,
     /// What can be run and is probably not meant, sorted by position.
     pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol,
@@ -432,6 +436,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         imported,
         limits: sections.limits.clone(),
         is_recalled: world.is_recalled,
+        announced: world.announced,
         warnings: in_order(sections.repeats().chain(world.warnings).collect()),
         repeats: sections.dimensions.iter().find_map(Repeats::of),
         searches: sections.searches.iter().map(search::progress).collect(),

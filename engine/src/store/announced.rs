@@ -54,14 +54,18 @@ impl Announcements {
         serde_json::from_value(record["announced"].take()).ok()
     }
 
-    /// Keeps what an environment announced, where there is a store. What cannot be kept is asked for again.
+    /// True where there is a store.
+    pub(crate) fn has_store(&self) -> bool {
+        fs::is_folder(&self.store)
+    }
+
+    /// Keeps what an environment announced. What cannot be kept is asked for again.
     pub(crate) fn keep(&self, id: &str, announced: &impl Serialize) {
         let place = self.place(id);
         let record = serde_json::json!({ "announced": announced });
         let text = serde_json::to_vec(&record).map(seal::sealed);
         let folder = self.store.join(FOLDER);
         if let Ok(text) = text
-            && fs::is_folder(&self.store)
             && super::read_file(&place).ok().flatten().as_ref() != Some(&text)
             && fs::create_dir_all(&folder).is_ok()
         {
@@ -97,8 +101,6 @@ mod tests {
         assert_eq!(recalled(&known, "a"), None);
         known.keep("a", &told);
         assert_eq!(recalled(&known, "a"), Some(told.clone()));
-        let nowhere = Announcements::of(&dir.path().join("absent"));
-        nowhere.keep("a", &told);
-        assert!(!dir.path().join("absent").exists());
+        assert!(known.has_store() && !Announcements::of(&dir.path().join("absent")).has_store());
     }
 }

@@ -151,8 +151,8 @@ impl<'a> Check<'a> {
     fn root(&mut self) {
         for name in self.names(Path::new("")) {
             let path = PathBuf::from(&name);
-            let is_own =
-                ["trials", LOOKS, pack::FOLDER, announced::FOLDER].contains(&name.as_str()) || KNOWN.contains(&name.as_str());
+            let is_own = ["trials", LOOKS, pack::FOLDER, announced::FOLDER].contains(&name.as_str())
+                || KNOWN.contains(&name.as_str());
             if !is_own {
                 self.foreign(path, "the store has no such file");
             } else if !is_folder(&self.store.root.join(&path)) {

@@ -152,7 +152,8 @@ impl Source {
                 Ok(shapes::images(*seed, 0..*count, size))
             }
             Self::Cifar10 { files } => {
-                let one = |it: &ImageFile| cifar10::images(it.file.path(), &it.file.bytes()?).map_err(damaged);
+                let one =
+                    |it: &ImageFile| cifar10::images(it.file.path(), &it.file.bytes()?).map_err(damaged);
                 let mut all = files.iter().map(one);
                 let Some(first) = all.next() else {
                     return Err(Error::config(
@@ -169,7 +170,10 @@ impl Source {
                 labels,
                 unlabelled,
             } => {
-                let (pixels, named) = (images.file.bytes()?, labels.as_ref().map(|it| it.file.bytes()).transpose()?);
+                let (pixels, named) = (
+                    images.file.bytes()?,
+                    labels.as_ref().map(|it| it.file.bytes()).transpose()?,
+                );
                 let file = stl10::File {
                     path: images.file.path(),
                     bytes: &pixels,

@@ -55,7 +55,10 @@ pub struct NamedFile {
 
 /// How an entry of `info` becomes a metric.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged, expecting = "`sum`, `mean`, `last`, `max` or `min`, or `{ take: .. }` with one of these")]
+#[serde(
+    untagged,
+    expecting = "`sum`, `mean`, `last`, `max` or `min`, or `{ take: .. }` with one of these"
+)]
 pub enum InfoMetric {
     /// How steps become an episode, alone.
     Taken(Take),
@@ -223,8 +226,11 @@ impl PythonConfig {
         let lock = self.lock.as_ref().ok_or_else(|| self.without_lock())?;
         let sources = self.sources.iter().map(|source| text_of(&source.file));
         self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
-        let takes: BTreeMap<&String, Take> =
-            self.metrics.iter().map(|(name, metric)| (name, metric.take())).collect();
+        let takes: BTreeMap<&String, Take> = self
+            .metrics
+            .iter()
+            .map(|(name, metric)| (name, metric.take()))
+            .collect();
         let mut files = Vec::new();
         let arguments = passed(&json!(self.arguments), "/arguments", &mut files);
         let asked = json!({
@@ -302,7 +308,8 @@ fn passed(argument: &Value, place: &str, files: &mut Vec<(String, DataFile)>) ->
         }
         (None, Value::Array(items)) => {
             let each = items.iter().enumerate();
-            each.map(|(at, value)| passed(value, &format!("{place}/{at}"), files)).collect()
+            each.map(|(at, value)| passed(value, &format!("{place}/{at}"), files))
+                .collect()
         }
         (None, other) => other.clone(),
     }
@@ -371,7 +378,10 @@ mod tests {
             assert_eq!(found.pointer(place), Some(&json!(file.path())));
         }
         assert_eq!(files.len(), 2);
-        assert_eq!(passed(&json!({ "file": 3 }), "", &mut files), json!({ "file": 3 }));
+        assert_eq!(
+            passed(&json!({ "file": 3 }), "", &mut files),
+            json!({ "file": 3 })
+        );
     }
 
     #[test]
@@ -381,11 +391,20 @@ mod tests {
         assert_eq!(metric(json!("max")).per_episode, PerEpisode::Max);
         let said = metric(json!({ "take": "mean", "lower_is_better": true, "unit": "m" }));
         assert_eq!((said.unit.as_str(), said.better), ("m", engine::Better::Lower));
-        for (name, why) in [("return", "every environment"), ("a b", "no name"), ("", "no name")] {
+        for (name, why) in [
+            ("return", "every environment"),
+            ("a b", "no name"),
+            ("", "no name"),
+        ] {
             let mut config = with(json!({ name: "sum" }));
-            config.lock = Some(NamedFile { file: DataFile::new("x") });
+            config.lock = Some(NamedFile {
+                file: DataFile::new("x"),
+            });
             let problem = config.told().unwrap_err().to_string();
-            assert!(problem.contains("`metrics`") && problem.contains(why), "{problem}");
+            assert!(
+                problem.contains("`metrics`") && problem.contains(why),
+                "{problem}"
+            );
         }
         assert!(json!(config(json!({}))).get("metrics").is_none());
     }

@@ -53,11 +53,20 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
     let (slot, seats, state_channels, names) = {
         let mut server = server::lock(&server);
         let slot = server.open()?;
-        (slot, server.seats().to_vec(), server.state().to_vec(), server.metrics().to_vec())
+        (
+            slot,
+            server.seats().to_vec(),
+            server.state().to_vec(),
+            server.metrics().to_vec(),
+        )
     };
     // The entries that are taken of each seat, in their order.
     let taken = config.metrics.values().cycle();
-    let metrics = names.iter().zip(taken).map(|(name, taken)| taken.named(name)).collect();
+    let metrics = names
+        .iter()
+        .zip(taken)
+        .map(|(name, taken)| taken.named(name))
+        .collect();
     Ok(Box::new(PythonEnvironment {
         config,
         told,

@@ -74,7 +74,10 @@ def module_outside(name, error):
 def refuse_other_version(missing):
     """Says what a package has in place of a module that it has not."""
     package, _, last = missing.rpartition(".")
+    if not package:
+        return
     like = [it for it in modules_of(package) if stem(it) == stem(last)]
+    like = [it for it in like if it != stem(it)] or like
     if like or "." in package:
         known = like or [it for it in modules_of(package) if it != stem(it)]
         raise Refused("make", f"{package} has no {last}; it has {', '.join(known) or 'nothing of the kind'}")

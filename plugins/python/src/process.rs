@@ -91,7 +91,9 @@ impl Process {
             );
             Error::config("interpreter", problem)
         };
-        let mut child = command(interpreter, own).spawn().map_err(|it| cannot(&it.to_string()))?;
+        let mut child = command(interpreter, own)
+            .spawn()
+            .map_err(|it| cannot(&it.to_string()))?;
         let id = child.id();
         let keeper = Keeper::of(id);
         let (Some(requests), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
@@ -123,7 +125,10 @@ impl Process {
         if let Some(reason) = watch.end() {
             return Err(Error::config(
                 "interpreter",
-                format!("{reason}; it had said nothing: is it a Python, and does it answer `{} --version`?", self.interpreter),
+                format!(
+                    "{reason}; it had said nothing: is it a Python, and does it answer `{} --version`?",
+                    self.interpreter
+                ),
             ));
         }
         if is_told {
@@ -145,7 +150,9 @@ impl Process {
 
     fn watch(&self, what: &str) -> Watch {
         let id = self.id;
-        Watch::over(id, format!("{what} `{}`", self.interpreter), move || end_all(id))
+        Watch::over(id, format!("{what} `{}`", self.interpreter), move |family| {
+            end_all(id, family)
+        })
     }
 
     /// Says that requests lie in shared memory, and waits until their answers do.
@@ -193,7 +200,9 @@ impl Process {
         message.extend((text.len() as u64).to_le_bytes());
         message.extend(text);
         let mut byte = [0];
-        let told = self.send(&message).and_then(|()| self.answers.read_exact(&mut byte));
+        let told = self
+            .send(&message)
+            .and_then(|()| self.answers.read_exact(&mut byte));
         let Some(text) = told.ok().and_then(|()| self.text()) else {
             return Err(self.gone());
         };
@@ -232,8 +241,11 @@ impl Process {
     fn end(&mut self) -> (Option<ExitStatus>, String) {
         drop(self.requests.take());
         let mut ended = self.ended.recv_timeout(ENDING);
-        if ended.as_ref().is_err_and(|error| *error == RecvTimeoutError::Timeout) {
-            end_all(self.id);
+        if ended
+            .as_ref()
+            .is_err_and(|error| *error == RecvTimeoutError::Timeout)
+        {
+            end_all(self.id, &[]);
             ended = self.ended.recv_timeout(ENDING);
         }
         ended.map_or((None, String::new()), |it| (it.status, it.last_words))
@@ -294,7 +306,10 @@ fn command(interpreter: &str, own: &Path) -> Command {
 fn shell(script: &str) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", script]).process_group(0);
-    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
     command
 }
 
@@ -303,7 +318,7 @@ struct Keeper(Option<Child>);
 
 impl Keeper {
     fn of(id: u32) -> Self {
-        let mut command = shell(r#"trap "" HUP INT TERM USR1; read -r _ || kill -KILL -- "-$0""#);
+        let mut command = shell(r#"trap "" HUP INT TERM USR1; read -r _ || kill -s KILL -- "-$0""#);
         Self(command.arg(id.to_string()).stdin(Stdio::piped()).spawn().ok())
     }
 }
@@ -318,12 +333,13 @@ impl Drop for Keeper {
 }
 
 /// Ends a process with all that it started: it is asked to see to that, also where it was stopped, and what minds
-/// nothing is ended with its group.
-fn end_all(id: u32) {
-    let script = r#"kill -USR2 "$0"; kill -CONT -- "-$0"; n=0
-        while kill -0 "$0" && [ "$n" -lt 100 ]; do sleep 0.1; n=$((n + 1)); done
-        kill -KILL -- "-$0""#;
-    let _ = shell(script).arg(id.to_string()).status();
+/// nothing is ended with its group and with its family.
+fn end_all(id: u32, family: &[u32]) {
+    let script = r#"kill -s USR2 "$0"; kill -s CONT -- "-$0"; n=0
+        while kill -s 0 "$0" && [ "$n" -lt 100 ]; do sleep 0.1; n=$((n + 1)); done
+        kill -s KILL -- "-$0"; for it in "$@"; do kill -s KILL "$it"; done"#;
+    let ids = [id].iter().chain(family).map(u32::to_string).collect::<Vec<_>>();
+    let _ = shell(script).args(ids).status();
 }
 
 /// Keeps the last words of a process and sees it end.
@@ -362,7 +378,9 @@ mod tests {
 
     fn problem_of(interpreter: &str) -> String {
         let own = tempfile::tempdir().unwrap();
-        Process::start(interpreter, own.path(), b"{}").unwrap_err().to_string()
+        Process::start(interpreter, own.path(), b"{}")
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]

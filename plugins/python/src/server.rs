@@ -237,7 +237,10 @@ impl Server {
         for (row, numbers) in rehearsal.numbers().enumerate() {
             if let Some(entry) = numbers.iter().position(|number| !number.is_finite()) {
                 let (name, value, when) = (self.name_of(entry), numbers[entry], when(row));
-                return Err(Error::config("make", format!("`{name}` is {value} {when}, which is no finite number")));
+                return Err(Error::config(
+                    "make",
+                    format!("`{name}` is {value} {when}, which is no finite number"),
+                ));
             }
         }
         Ok(rehearsal)
@@ -249,12 +252,18 @@ impl Server {
     /// As [`rehearse`](Self::rehearse).
     pub fn doubts(&mut self) -> Result<Vec<String>, Error> {
         let lines = self.tried(b'd')?;
-        Ok(String::from_utf8_lossy(&lines).lines().map(str::to_owned).collect())
+        Ok(String::from_utf8_lossy(&lines)
+            .lines()
+            .map(str::to_owned)
+            .collect())
     }
 
     fn tried(&mut self, what: u8) -> Result<Vec<u8>, Error> {
         let seed = REHEARSED.to_le_bytes();
-        match self.process.ask_within("make", "the rehearsal", Some(what), &seed)? {
+        match self
+            .process
+            .ask_within("make", "the rehearsal", Some(what), &seed)?
+        {
             Answer::Done(bytes) => Ok(bytes),
             Answer::Cannot(refusal) => Err(refused(&refusal)),
             Answer::Failed(problem) => Err(Error::config("make", problem)),
@@ -273,7 +282,12 @@ impl Server {
             .flat_map(|seat| seat.observation.names().into_iter().map(|it| prefixed(seat, &it)));
         let state = self.state.iter().map(|channel| channel.name.clone());
         let metrics = self.metrics.iter().cloned();
-        rewards.chain(seen).chain(state).chain(metrics).nth(entry - 1).unwrap_or_default()
+        rewards
+            .chain(seen)
+            .chain(state)
+            .chain(metrics)
+            .nth(entry - 1)
+            .unwrap_or_default()
     }
 
     /// Where two rehearsals differ, in words; `None` where they do not.
@@ -302,7 +316,9 @@ pub struct Rehearsal {
 
 impl Rehearsal {
     fn numbers(&self) -> impl Iterator<Item = Vec<f64>> {
-        self.rows.iter().map(|row| bytemuck::pod_collect_to_vec::<u8, f64>(row))
+        self.rows
+            .iter()
+            .map(|row| bytemuck::pod_collect_to_vec::<u8, f64>(row))
     }
 }
 

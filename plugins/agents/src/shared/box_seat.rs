@@ -184,6 +184,9 @@ mod tests {
         assert!(text.contains("the environment shows a discrete choice"), "{text}");
         let wide = Channel::new("force", "N").within(-2.0, 2.0);
         let text = problem(&|one| one.seats[0].action = Space::Box(vec![wide.clone()]));
-        assert!(text.contains("`force` of seat `seat_0` within -2 and 2"), "{text}");
+        assert!(
+            text.contains("`force` of seat `seat_0` within -2 and 2"),
+            "{text}"
+        );
     }
 }

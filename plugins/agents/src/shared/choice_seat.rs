@@ -79,7 +79,10 @@ pub fn choice(agent: &'static str, seat: &Seat, name: &str) -> Result<Vec<f64>, 
     let found = known.names.iter().position(|known| known == name);
     found.map(|option| known.action(option)).ok_or_else(|| {
         let (seat, known) = (named(seat), known.names.join(", "));
-        mismatch(agent, format!("{seat} has no choice `{name}`; there are: {known}"))
+        mismatch(
+            agent,
+            format!("{seat} has no choice `{name}`; there are: {known}"),
+        )
     })
 }
 

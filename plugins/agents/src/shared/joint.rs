@@ -354,10 +354,7 @@ mod tests {
         interface.seats[1].action = Space::Choices(vec![engine::Choice::new("valve", &["shut", "open"])]);
         let layout = JointLayout::new("x", &interface).unwrap();
         assert_eq!((layout.acted(1), layout.n_acted()), (1..3, 3));
-        assert_eq!(
-            layout.ports(1..2, 1..3).outputs,
-            ["valve.shut", "valve.open"]
-        );
+        assert_eq!(layout.ports(1..2, 1..3).outputs, ["valve.shut", "valve.open"]);
     }
 
     #[test]
@@ -376,6 +373,9 @@ mod tests {
         );
         let wide = Channel::new("force", "N").within(-2.0, 2.0);
         let text = problem(&|all| all.seats[1].action = Space::Box(vec![wide.clone()]));
-        assert!(text.contains("`force` of seat `seat_1` within -2 and 2"), "{text}");
+        assert!(
+            text.contains("`force` of seat `seat_1` within -2 and 2"),
+            "{text}"
+        );
     }
 }

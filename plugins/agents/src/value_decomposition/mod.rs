@@ -144,7 +144,10 @@ impl Team {
         let Some(first) = interface.seats.first() else {
             return Err(mismatch(NAME, "the environment has no seats"));
         };
-        let (seen, n_choices) = (observed(NAME, first)?, ChoiceSeat::new(NAME, first)?.names().len());
+        let (seen, n_choices) = (
+            observed(NAME, first)?,
+            ChoiceSeat::new(NAME, first)?.names().len(),
+        );
         let mut seats = Vec::new();
         for seat in &interface.seats {
             let options = ChoiceSeat::new(NAME, seat)?;

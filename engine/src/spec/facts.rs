@@ -1,0 +1,99 @@
+//! What is known of the environments of a study: they are made and tried out, unless it is known what they announced.
+
+use super::{
+    builds::{Builder, Outcome, built},
+    cells::Cell,
+};
+use crate::{Environment, Error, Interface, Metric, patience};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What is known of a built environment.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Facts {
+    pub(super) interface: Interface,
+    pub(super) metrics: Vec<Metric>,
+    pub(super) traced: BTreeSet<String>,
+    /// Units of trace channels, by name.
+    pub(super) units: BTreeMap<String, String>,
+}
+
+impl Facts {
+    fn of(environment: &dyn Environment) -> Self {
+        let channels = environment.trace_channels().into_iter();
+        Self {
+            traced: traced(environment),
+            units: channels.map(|channel| (channel.name, channel.unit)).collect(),
+            metrics: environment.metrics().to_vec(),
+            interface: environment.interface(),
+        }
+    }
+}
+
+impl Builder<'_> {
+    /// Makes the environment of a cell and tries it out, once.
+    ///
+    /// # Errors
+    /// What it refuses.
+    pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
+        let resolved = &cell.parts[0];
+        if self.environments.contains_key(&resolved.id) {
+            return Ok(());
+        }
+        let known = self.sections.announced;
+        if let Some(facts) = known.and_then(|known| known.recall(&resolved.id)) {
+            self.is_recalled = true;
+            self.environments.insert(resolved.id.clone(), Some(facts));
+            return Ok(());
+        }
+        let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
+        let tried = || {
+            let mut environment = (entry.build)(&self.config(cell, 0)?)?;
+            let doubts = environment.rehearse()?;
+            Ok((environment, doubts))
+        };
+        let (facts, refusal) = match patience::under(self.sections.limits, || built(tried)) {
+            Ok((environment, doubts)) => {
+                let facts = Facts::of(&*environment);
+                if doubts.is_some() {
+                    self.announced.insert(resolved.id.clone(), json!(facts));
+                }
+                let warning = |doubt: &Error| self.refused(resolved, doubt).as_warning();
+                let doubts: Vec<_> = doubts.iter().flatten().map(warning).collect();
+                self.doubts.extend(doubts);
+                (Some(facts), None)
+            }
+            Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
+        };
+        self.environments.insert(resolved.id.clone(), facts);
+        refusal.map_or(Ok(()), Err)
+    }
+
+    /// The seats of the environment of a cell, where it could be built.
+    pub(super) fn interface(&self, cell: &Cell) -> Option<Interface> {
+        Some(
+            self.environments
+                .get(&cell.parts[0].id)?
+                .as_ref()?
+                .interface
+                .clone(),
+        )
+    }
+}
+
+/// Names of what an environment traces.
+fn traced(environment: &dyn Environment) -> BTreeSet<String> {
+    let channels = environment
+        .trace_channels()
+        .into_iter()
+        .map(|channel| channel.name);
+    channels
+        .chain(
+            environment
+                .reward_surface()
+                .into_iter()
+                .flat_map(|surface| surface.names),
+        )
+        .collect()
+}
