@@ -1,6 +1,6 @@
 //! A study names files of its folder and its project, and whatever else it names is quoted by no message.
 
-use crate::program::{Answer, Bench};
+use crate::program::{Answer, Bench, answer};
 use std::{fs, os::unix::fs::symlink};
 
 const SECRET: &str = "s3cr3t";
@@ -30,7 +30,19 @@ fn check(bench: &Bench, load: &str, lines: &str) -> Answer {
          protocol: {{ train_evaluate: {{ steps: 64, evaluate_every: 64, episodes: 1, final_episodes: 1 }} }}\n{lines}\n"
     );
     bench.write("lab/studies/small.yaml", &text);
-    bench.run(&["check", "lab/studies/small.yaml"])
+    let inside = bench
+        .command(&["check", "small.yaml"])
+        .current_dir(bench.path("lab/studies"))
+        .output();
+    let outside = bench.run(&["check", "lab/studies/small.yaml"]);
+    let inside = answer(&inside.unwrap());
+    assert_eq!(inside.code, outside.code, "{}{}", inside.err, outside.err);
+    assert!(
+        !inside.err.contains(SECRET) || outside.err.contains(SECRET),
+        "{}",
+        inside.err
+    );
+    outside
 }
 
 /// Every key that names a file, with the name written into it: the load of the battery, and lines of the study.

@@ -78,6 +78,12 @@ impl Reach {
 
 /// The place of a path without links; of what is not there as far as it is there.
 fn without_links(path: &Path) -> PathBuf {
+    // The folder of a file that is named alone is empty.
+    let path = if path.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        path
+    };
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let there = absolute.ancestors().find_map(|above| {
         let rest = absolute.strip_prefix(above).ok()?;
@@ -247,6 +253,18 @@ mod tests {
         let own = folder.join("data/own.csv");
         assert_eq!(reach.find(&folder, own.to_str().unwrap()), Ok(own.clone()));
         assert_eq!(quoted(&own, "1.5x"), "1.5x");
+    }
+
+    #[test]
+    fn the_current_folder_is_a_folder() {
+        let reach = Reach::of(Path::new(""));
+        assert_eq!(reach.own, fs::canonicalize(Path::new(".")).unwrap());
+        assert!(
+            reach
+                .find(Path::new(""), "../../../../../../../../../../etc/passwd")
+                .is_err()
+        );
+        assert!(reach.find(Path::new(""), "absent.csv").is_ok());
     }
 
     #[test]

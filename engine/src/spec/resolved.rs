@@ -9,7 +9,7 @@ use super::{
     path::Target,
     search::Searched,
     seeds::SeedPlan,
-    way::name_from,
+    way::way,
     written::{Chosen, Named, PartKind, Prepared},
 };
 use crate::{
@@ -44,7 +44,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let summary = study.summary.iter();
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
-    let seen = |path: &Path| name_from(folder, &study.folder.join(path)).display().to_string();
+    let seen = |path: &Path| way(folder, &study.folder.join(path)).display().to_string();
     let confirms: Vec<String> = study.confirms.iter().map(|it| seen(&it.file)).collect();
     if !confirms.is_empty() {
         sections.push(("confirms".into(), Section::Plain(json!(confirms))));
@@ -324,7 +324,7 @@ fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
     let mut spec = spec.clone();
     spec.published_curves
         .iter_mut()
-        .for_each(|curve| curve.file = name_from(folder, &curve.file));
+        .for_each(|curve| curve.file = way(folder, &curve.file));
     spec
 }
 
@@ -333,7 +333,7 @@ fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
     let mut spec = spec.clone();
     spec.published_curves_mut()
         .iter_mut()
-        .for_each(|curve| curve.file = name_from(folder, &curve.file));
+        .for_each(|curve| curve.file = way(folder, &curve.file));
     spec
 }
 
@@ -342,7 +342,7 @@ fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     let is_file = key == "file" || key.ends_with(".file");
     match value {
         Value::String(text) if is_file && !text.is_empty() => {
-            json!(name_from(folder, &from.join(text)).display().to_string())
+            json!(way(folder, &from.join(text)).display().to_string())
         }
         Value::Array(items) => Value::Array(
             items

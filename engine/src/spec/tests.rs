@@ -545,6 +545,7 @@ fn every_setting_is_built_and_refused_where_it_is_written() {
 #[test]
 fn the_resolved_study_can_be_stored_in_another_folder() {
     let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("regimen.toml"), "").unwrap();
     let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
     std::fs::create_dir_all(&study_dir).unwrap();
     std::fs::create_dir_all(&results).unwrap();
@@ -571,11 +572,24 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
         ids(&study),
         ids(&load(&path, &toys(), &Options::default()).unwrap())
     );
+    // Where the two folders are no project, files are named absolutely, and the ids stay.
+    std::fs::remove_file(dir.path().join("regimen.toml")).unwrap();
+    let stored = resolved_yaml(&study, &results).unwrap();
+    assert!(
+        stored.contains(&study_dir.join("one.csv").display().to_string()),
+        "{stored}"
+    );
+    std::fs::write(&path, stored).unwrap();
+    assert_eq!(
+        ids(&study),
+        ids(&load(&path, &toys(), &Options::default()).unwrap())
+    );
 }
 
 #[test]
 fn published_curves_are_found_from_the_study_and_from_its_results() {
     let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("regimen.toml"), "").unwrap();
     let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
     std::fs::create_dir_all(study_dir.join("curves")).unwrap();
     std::fs::create_dir_all(&results).unwrap();
