@@ -18,7 +18,11 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     let step = round_step(part.unwrap_or_else(|| high / parts - low / parts));
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
     let most = u32::try_from(wanted).unwrap_or(u32::MAX).saturating_mul(2);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few ticks")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a few ticks"
+    )]
     let count = ((last - first) as u32).min(most);
     let values: Vec<f64> = (0..=count)
         .map(|index| (first + f64::from(index)) * step)
@@ -232,7 +236,15 @@ mod tests {
         prop_oneof![
             any::<f64>().prop_filter("finite", |value| value.is_finite()),
             (-308i32..309, -9.99f64..9.99).prop_map(|(exponent, digits)| digits * 10f64.powi(exponent)),
-            prop::sample::select(vec![0.0, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 5e-324, 1e-308, 1e308]),
+            prop::sample::select(vec![
+                0.0,
+                f64::MAX,
+                f64::MIN,
+                f64::MIN_POSITIVE,
+                5e-324,
+                1e-308,
+                1e308
+            ]),
         ]
         .prop_filter("finite", |value| value.is_finite())
     }
@@ -242,7 +254,12 @@ mod tests {
         prop_assert!(ticks.iter().all(|tick| tick.value.is_finite()), "{ticks:?}");
         let texts = texts(ticks);
         prop_assert!(texts.len() <= (2 * wanted + 2).max(20), "{texts:?}");
-        prop_assert!(texts.iter().all(|text| text.len() < 40 && !text.contains("NaN") && !text.contains("inf")), "{texts:?}");
+        prop_assert!(
+            texts
+                .iter()
+                .all(|text| text.len() < 40 && !text.contains("NaN") && !text.contains("inf")),
+            "{texts:?}"
+        );
         Ok(())
     }
 

@@ -21,20 +21,21 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     if let Some(list) = list.as_ref().filter(|_| wanted.lists) {
         return Some(format!("write [{list}]"));
     }
-    let grouped = fitting(grouped(text)).filter(|_| list.is_none() || option.is_none() || has_padded_group(text));
+    let grouped =
+        fitting(grouped(text)).filter(|_| list.is_none() || option.is_none() || has_padded_group(text));
     let decimal = fitting(with_decimal_comma(text)).filter(|_| text.matches(',').count() == 1);
     let several = list.filter(|_| !has_padded_group(text)).map(|list| match option {
         Some(path) => format!("`-S 'sweep.{path}={{grid: [{list}]}}'`"),
         None => format!("a sweep, `grid: [{list}]`"),
     });
     match (grouped, decimal, several) {
-        (Some(grouped), Some(decimal), _) => {
-            Some(format!("write {grouped}, or {decimal} where the comma is a decimal point"))
-        }
+        (Some(grouped), Some(decimal), _) => Some(format!(
+            "write {grouped}, or {decimal} where the comma is a decimal point"
+        )),
         (Some(grouped), None, None) => Some(format!("write {grouped}")),
-        (Some(grouped), None, Some(several)) => {
-            Some(format!("write {grouped} for one number, and for several values {several}"))
-        }
+        (Some(grouped), None, Some(several)) => Some(format!(
+            "write {grouped} for one number, and for several values {several}"
+        )),
         (None, Some(decimal), Some(several)) if option.is_some() => {
             Some(format!("write {decimal}, or for several values {several}"))
         }
@@ -49,9 +50,9 @@ pub(super) fn whole(text: &str) -> Option<String> {
     let value: f64 = text.parse().ok()?;
     let whole = (value.fract() == 0.0 && value.abs() < 9.0e15).then(|| format!("{value:.0}"));
     match (whole, groups(text, '.')) {
-        (Some(whole), Some(grouped)) if whole != grouped => {
-            Some(format!("write {whole}, or {grouped} where the point groups digits"))
-        }
+        (Some(whole), Some(grouped)) if whole != grouped => Some(format!(
+            "write {whole}, or {grouped} where the point groups digits"
+        )),
         (whole, _) => whole.map(|whole| format!("write {whole}")),
     }
 }
@@ -96,7 +97,10 @@ impl Wanted {
 
     /// The largest value.
     fn most(&self) -> f64 {
-        self.limits.iter().map(|(_, high)| *high).fold(f64::NEG_INFINITY, f64::max)
+        self.limits
+            .iter()
+            .map(|(_, high)| *high)
+            .fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
@@ -110,7 +114,11 @@ fn is_not_finite(text: &str) -> bool {
 fn grouped(text: &str) -> Option<String> {
     let points = groups(text, '.').filter(|_| text.matches('.').count() > 1);
     points
-        .or_else(|| [',', ' ', '\''].into_iter().find_map(|separator| groups(text, separator)))
+        .or_else(|| {
+            [',', ' ', '\'']
+                .into_iter()
+                .find_map(|separator| groups(text, separator))
+        })
         .or_else(|| underscored(text))
 }
 
@@ -122,11 +130,15 @@ fn groups(text: &str, separator: char) -> Option<String> {
     };
     let (whole, fraction) = match separator {
         '.' => (unsigned, None),
-        _ => unsigned.split_once('.').map_or((unsigned, None), |(whole, rest)| (whole, Some(rest))),
+        _ => unsigned
+            .split_once('.')
+            .map_or((unsigned, None), |(whole, rest)| (whole, Some(rest))),
     };
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
     let mut parts = whole.split(separator);
-    let first = parts.next().filter(|first| digits(first) && first.len() <= 3 && !first.starts_with('0'))?;
+    let first = parts
+        .next()
+        .filter(|first| digits(first) && first.len() <= 3 && !first.starts_with('0'))?;
     let rest: Vec<&str> = parts.collect();
     let fits = !rest.is_empty() && rest.iter().all(|part| digits(part) && part.len() == 3);
     let fraction = match fraction {
@@ -141,19 +153,31 @@ fn groups(text: &str, separator: char) -> Option<String> {
 /// True where a group of digits begins with 0, as no number of a list does.
 fn has_padded_group(text: &str) -> bool {
     let mut groups = text.split(',').skip(1);
-    groups.any(|group| group.len() == 3 && group.starts_with('0') && group.bytes().all(|byte| byte.is_ascii_digit()))
+    groups.any(|group| {
+        group.len() == 3 && group.starts_with('0') && group.bytes().all(|byte| byte.is_ascii_digit())
+    })
 }
 
 fn underscored(text: &str) -> Option<String> {
     let digit = |letter: Option<char>| letter.is_some_and(|letter| letter.is_ascii_digit());
     let letters: Vec<char> = text.chars().collect();
     let between = |index: usize| {
-        digit(index.checked_sub(1).and_then(|before| letters.get(before)).copied())
-            && digit(letters.get(index + 1).copied())
+        digit(
+            index
+                .checked_sub(1)
+                .and_then(|before| letters.get(before))
+                .copied(),
+        ) && digit(letters.get(index + 1).copied())
     };
-    let mut marks = letters.iter().enumerate().filter(|(_, letter)| **letter == '_').peekable();
+    let mut marks = letters
+        .iter()
+        .enumerate()
+        .filter(|(_, letter)| **letter == '_')
+        .peekable();
     marks.peek()?;
-    marks.all(|(index, _)| between(index)).then(|| text.replace('_', ""))
+    marks
+        .all(|(index, _)| between(index))
+        .then(|| text.replace('_', ""))
 }
 
 /// The number with a point where it has a comma.
@@ -224,9 +248,17 @@ mod tests {
             ("1,000,000", count(), "write 1000000"),
             ("1,000.5", number(), "write 1000.5"),
             ("0,125", number(), "write 0.125"),
-            ("1,234", number(), "write 1234, or 1.234 where the comma is a decimal point"),
+            (
+                "1,234",
+                number(),
+                "write 1234, or 1.234 where the comma is a decimal point",
+            ),
             ("1,2", count(), "for several values write a sweep, `grid: [1, 2]`"),
-            ("64,128,256", count(), "write 64128256 for one number, and for several values a sweep, `grid: [64, 128, 256]`"),
+            (
+                "64,128,256",
+                count(),
+                "write 64128256 for one number, and for several values a sweep, `grid: [64, 128, 256]`",
+            ),
         ];
         for (text, schema, expected) in cases {
             assert_eq!(said(text, &schema, None).as_deref(), Some(expected), "{text}");
@@ -236,7 +268,8 @@ mod tests {
     #[test]
     fn on_the_command_line_several_values_are_a_sweep() {
         let path = Some("protocol.steps");
-        let sweep = |list: &str| format!("for several values write `-S 'sweep.protocol.steps={{grid: [{list}]}}'`");
+        let sweep =
+            |list: &str| format!("for several values write `-S 'sweep.protocol.steps={{grid: [{list}]}}'`");
         assert_eq!(said("64,128,256", &count(), path), Some(sweep("64, 128, 256")));
         assert_eq!(said("1,2", &count(), path), Some(sweep("1, 2")));
         assert_eq!(said("0.1,0.2", &share(), path), Some(sweep("0.1, 0.2")));
@@ -274,7 +307,8 @@ mod tests {
     #[test]
     fn no_number_is_advised_that_may_not_be_meant() {
         let texts = [
-            "1 2", "1__000", "_1", "1/3", "10 steps", "5m", "10G", "2^10", "50 %", "1.2.3", "ten", "1,2,x", "1e", "-", "",
+            "1 2", "1__000", "_1", "1/3", "10 steps", "5m", "10G", "2^10", "50 %", "1.2.3", "ten", "1,2,x",
+            "1e", "-", "",
         ];
         for text in texts {
             assert_eq!(said(text, &number(), None), None, "{text}");
@@ -282,14 +316,20 @@ mod tests {
         assert_eq!(said("2k", &share(), None), None);
         assert_eq!(said("1,234", &share(), None), None);
         assert_eq!(said("-5k", &count(), None), None);
-        assert_eq!(said("1,000,000", &json!({ "type": "integer", "maximum": 100 }), None), None);
+        assert_eq!(
+            said("1,000,000", &json!({ "type": "integer", "maximum": 100 }), None),
+            None
+        );
     }
 
     #[test]
     fn a_point_may_group_digits_of_a_whole_number() {
         assert_eq!(whole("2.0").unwrap(), "write 2");
         assert_eq!(whole("1e6").unwrap(), "write 1000000");
-        assert_eq!(whole("10.000").unwrap(), "write 10, or 10000 where the point groups digits");
+        assert_eq!(
+            whole("10.000").unwrap(),
+            "write 10, or 10000 where the point groups digits"
+        );
         assert_eq!(whole("0.5"), None);
     }
 }
