@@ -21,27 +21,24 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     if let Some(list) = list.as_ref().filter(|_| wanted.lists) {
         return Some(format!("write [{list}]"));
     }
-    let grouped =
-        fitting(grouped(text)).filter(|_| list.is_none() || option.is_none() || has_padded_group(text));
-    let decimal = fitting(with_decimal_comma(text)).filter(|_| text.matches(',').count() == 1);
-    let several = list.filter(|_| !has_padded_group(text)).map(|list| match option {
+    // Three and more groups may be as many values.
+    let commas = text.matches(',').count();
+    let grouped = fitting(grouped(text)).filter(|_| list.is_none() || commas == 1);
+    let decimal = fitting(with_decimal_comma(text)).filter(|_| commas == 1);
+    let one = [grouped, decimal]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>()
+        .join(" or ");
+    let several = list.map(|list| match option {
         Some(path) => format!("`-S 'sweep.{path}={{grid: [{list}]}}'`"),
         None => format!("a sweep, `grid: [{list}]`"),
     });
-    match (grouped, decimal, several) {
-        (Some(grouped), Some(decimal), _) => Some(format!(
-            "write {grouped}, or {decimal} where the comma is a decimal point"
-        )),
-        (Some(grouped), None, None) => Some(format!("write {grouped}")),
-        (Some(grouped), None, Some(several)) => Some(format!(
-            "write {grouped} for one number, and for several values {several}"
-        )),
-        (None, Some(decimal), Some(several)) if option.is_some() => {
-            Some(format!("write {decimal}, or for several values {several}"))
-        }
-        (None, Some(decimal), _) => Some(format!("write {decimal}")),
-        (None, None, Some(several)) => Some(format!("for several values write {several}")),
-        (None, None, None) => scaled(text, &wanted).map(|number| format!("write {number}")),
+    match several {
+        None if one.is_empty() => scaled(text, &wanted).map(|number| format!("write {number}")),
+        Some(several) if one.is_empty() => Some(format!("for several values write {several}")),
+        Some(several) if option.is_some() => Some(format!("write {one}, or for several values {several}")),
+        _ => Some(format!("write {one}")),
     }
 }
 
@@ -72,14 +69,15 @@ impl Wanted {
             let types = place.types();
             types.contains(&"number") || types.contains(&"integer")
         });
-        let limit = |place: &View<'_>, names: [&str; 2]| names.iter().find_map(|name| place.number(name));
         Self {
             numbers: has("number"),
             lists: has("array"),
             limits: limits
                 .map(|place| {
-                    let low = limit(place, ["minimum", "exclusiveMinimum"]).unwrap_or(f64::NEG_INFINITY);
-                    let high = limit(place, ["maximum", "exclusiveMaximum"]).unwrap_or(f64::INFINITY);
+                    let above = place.number("exclusiveMinimum").map(f64::next_up);
+                    let below = place.number("exclusiveMaximum").map(f64::next_down);
+                    let low = place.number("minimum").or(above).unwrap_or(f64::NEG_INFINITY);
+                    let high = place.number("maximum").or(below).unwrap_or(f64::INFINITY);
                     (low, high)
                 })
                 .collect(),
@@ -150,14 +148,6 @@ fn groups(text: &str, separator: char) -> Option<String> {
     fits.then(|| format!("{sign}{first}{}{fraction}", rest.concat()))
 }
 
-/// True where a group of digits begins with 0, as no number of a list does.
-fn has_padded_group(text: &str) -> bool {
-    let mut groups = text.split(',').skip(1);
-    groups.any(|group| {
-        group.len() == 3 && group.starts_with('0') && group.bytes().all(|byte| byte.is_ascii_digit())
-    })
-}
-
 fn underscored(text: &str) -> Option<String> {
     let digit = |letter: Option<char>| letter.is_some_and(|letter| letter.is_ascii_digit());
     let letters: Vec<char> = text.chars().collect();
@@ -192,7 +182,9 @@ fn with_decimal_comma(text: &str) -> Option<String> {
 /// Several numbers with commas between them, each of which the key takes, as a list has them.
 fn list(text: &str, wanted: &Wanted) -> Option<String> {
     let items: Vec<&str> = text.split(',').map(str::trim).collect();
-    let fit = items.len() > 1 && items.iter().all(|item| wanted.fitting(item).is_some());
+    let is_padded = |item: &str| item.len() > 1 && item.starts_with('0') && !item.starts_with("0.");
+    let is_item = |item: &&str| wanted.fitting(item).is_some() && !is_padded(item);
+    let fit = items.len() > 1 && items.iter().all(is_item);
     fit.then(|| items.join(", "))
 }
 
@@ -248,16 +240,12 @@ mod tests {
             ("1,000,000", count(), "write 1000000"),
             ("1,000.5", number(), "write 1000.5"),
             ("0,125", number(), "write 0.125"),
-            (
-                "1,234",
-                number(),
-                "write 1234, or 1.234 where the comma is a decimal point",
-            ),
+            ("1,234", number(), "write 1234 or 1.234"),
             ("1,2", count(), "for several values write a sweep, `grid: [1, 2]`"),
             (
                 "64,128,256",
                 count(),
-                "write 64128256 for one number, and for several values a sweep, `grid: [64, 128, 256]`",
+                "for several values write a sweep, `grid: [64, 128, 256]`",
             ),
         ];
         for (text, schema, expected) in cases {
@@ -275,9 +263,10 @@ mod tests {
         assert_eq!(said("0.1,0.2", &share(), path), Some(sweep("0.1, 0.2")));
         assert_eq!(said("10,000", &count(), path).unwrap(), "write 10000");
         assert_eq!(
-            said("0,5", &share(), path).unwrap(),
+            said("0,5", &number(), path).unwrap(),
             "write 0.5, or for several values `-S 'sweep.protocol.steps={grid: [0, 5]}'`"
         );
+        assert_eq!(said("0,99", &share(), path).unwrap(), "write 0.99");
         let lists = json!({ "anyOf": [count(), { "type": "array", "items": count() }] });
         assert_eq!(said("64,128", &lists, path).unwrap(), "write [64, 128]");
     }
