@@ -44,10 +44,19 @@ fn read(bench: &Bench, file: &str) -> String {
 /// Number of runs, step and value of each point of the line.
 fn line(bench: &Bench) -> Vec<(String, u64, f64)> {
     let text = read(bench, "figures/curve.csv");
-    let cells = text.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+    let cells = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').collect::<Vec<_>>());
     cells
         .filter(|cells| cells.last() == Some(&""))
-        .map(|cells| (cells[2].to_owned(), cells[3].parse().unwrap(), cells[4].parse().unwrap()))
+        .map(|cells| {
+            (
+                cells[2].to_owned(),
+                cells[3].parse().unwrap(),
+                cells[4].parse().unwrap(),
+            )
+        })
         .collect()
 }
 
@@ -60,9 +69,15 @@ fn runs_at_steps_of_their_own_are_all_behind_every_point_of_a_line() {
     assert_eq!(run(&bench).code, 0);
     let line = line(&bench);
     assert_eq!((line[0].1, line[line.len() - 1].1), (50, 1000));
-    assert!(line.iter().all(|(n, _, value)| n == "2" && *value == 5.0), "{line:?}");
+    assert!(
+        line.iter().all(|(n, _, value)| n == "2" && *value == 5.0),
+        "{line:?}"
+    );
     let report = read(&bench, "report.md");
-    assert!(report.contains("Last values: theirs (imported) 5.000."), "{report}");
+    assert!(
+        report.contains("Last values: theirs (imported) 5.000."),
+        "{report}"
+    );
     assert!(report.contains("| 5.000 ["), "{report}");
     let note = "count at each step with their last value up to it. The line of theirs (imported) goes from step 50 to 1000, \
                 where all n = 2 runs have values; single runs go from 0 to 1050.";
@@ -74,7 +89,10 @@ fn a_line_ends_with_the_first_of_its_runs_and_the_last_values_are_those_of_the_t
     let runs: Vec<Vec<(u64, f64)>> = (0..7)
         .map(|run| {
             let last = if run == 3 { 40 } else { 100 };
-            (0..=last).step_by(10).map(|step| (step, (step + run) as f64)).collect()
+            (0..=last)
+                .step_by(10)
+                .map(|step| (step, (step + run) as f64))
+                .collect()
         })
         .collect();
     let bench = bench(CURVE, &runs);
@@ -83,7 +101,10 @@ fn a_line_ends_with_the_first_of_its_runs_and_the_last_values_are_those_of_the_t
     assert_eq!(line.last().unwrap(), &("7".into(), 40, 43.0));
     // The last values are 43 and 100, 101, 102, 104, 105, 106; beyond the end of the line the single runs are drawn.
     let report = read(&bench, "report.md");
-    assert!(report.contains("Last values: theirs (imported) 94.43"), "{report}");
+    assert!(
+        report.contains("Last values: theirs (imported) 94.43"),
+        "{report}"
+    );
     assert!(report.contains("| 94.43 ["), "{report}");
     let data = read(&bench, "figures/curve.csv");
     assert!(data.lines().any(|line| line.contains(",100,106,")), "{data}");
@@ -105,9 +126,15 @@ fn a_logarithmic_axis_holds_numbers_of_any_size_and_says_what_it_leaves_out() {
         let answer = run(&bench);
         assert_eq!(answer.code, 0, "{values:?}: {}", answer.err);
         let svg = read(&bench, "figures/curve.svg");
-        assert!(svg.matches("<text").count() < 40 && !svg.contains("NaN"), "{values:?}");
+        assert!(
+            svg.matches("<text").count() < 40 && !svg.contains("NaN"),
+            "{values:?}"
+        );
         let out = values.iter().filter(|value| **value <= 0.0).count();
-        let note = format!("{out} of {} points are left out, as a logarithmic axis", values.len());
+        let note = format!(
+            "{out} of {} points are left out, as a logarithmic axis",
+            values.len()
+        );
         assert_eq!(read(&bench, "report.md").contains(&note), out > 0, "{values:?}");
     }
 }
@@ -127,19 +154,32 @@ fn letters_that_the_font_lacks_are_named() {
 
 #[test]
 fn long_logs_make_a_page_of_a_usual_size_and_their_data_lie_beside() {
-    let runs = |run: u64| (0..60_000).map(|at| (25 * at + run, ((at * (7 + run)) % 1000) as f64)).collect();
+    let runs = |run: u64| {
+        (0..60_000)
+            .map(|at| (25 * at + run, ((at * (7 + run)) % 1000) as f64))
+            .collect()
+    };
     let mut runs: Vec<Vec<(u64, f64)>> = (0..3).map(runs).collect();
     runs[1][30_000].1 = 5000.0;
     let bench = bench(CURVE, &runs);
     assert_eq!(run(&bench).code, 0);
-    for (file, most) in [("index.html", 3_000_000), ("figures/curve.svg", 1_500_000), ("figures/curve.pdf", 1_000_000)] {
-        let size = fs::metadata(bench.path("results/pictures").join(file)).unwrap().len();
+    for (file, most) in [
+        ("index.html", 3_000_000),
+        ("figures/curve.svg", 1_500_000),
+        ("figures/curve.pdf", 1_000_000),
+    ] {
+        let size = fs::metadata(bench.path("results/pictures").join(file))
+            .unwrap()
+            .len();
         assert!(size < most, "{file}: {size}");
     }
     let data = read(&bench, "figures/curve.csv");
     assert!(data.lines().count() > 180_000, "{}", data.lines().count());
     // A single peak of a single run is in the line, a third of it.
-    let highest = line(&bench).into_iter().map(|(_, _, value)| value).fold(0.0, f64::max);
+    let highest = line(&bench)
+        .into_iter()
+        .map(|(_, _, value)| value)
+        .fold(0.0, f64::max);
     assert!(highest > 5000.0 / 3.0, "{highest}");
 }
 
@@ -154,13 +194,19 @@ fn a_figure_that_cannot_be_made_costs_itself_alone_and_the_exit_code() {
     assert!(answer.out.contains("bad: could not be drawn: "), "{}", answer.out);
     for file in ["index.html", "report.md"] {
         let text = read(&bench, file);
-        assert!(text.contains("Could not be drawn: ") && text.contains(reason), "{file}");
+        assert!(
+            text.contains("Could not be drawn: ") && text.contains(reason),
+            "{file}"
+        );
     }
     assert!(read(&bench, "figures/good.svg").contains("<svg"));
     let again = bench.run(&["report", "pictures.yaml", "--format", "json"]);
     let said: serde_json::Value = serde_json::from_str(&again.out).unwrap();
     assert_eq!(again.code, 102);
-    assert!(said["not_made"]["bad"].as_str().unwrap().contains(reason), "{said}");
+    assert!(
+        said["not_made"]["bad"].as_str().unwrap().contains(reason),
+        "{said}"
+    );
 }
 
 #[test]
@@ -177,16 +223,35 @@ sweep: { sac.width: { log_uniform: { low: 8, high: 9, samples: 6 } } }
     bench.write("samples.yaml", study);
     const SAID: &str = "6 samples, 2 different settings";
     let plan = bench.run(&["plan", "samples.yaml"]);
-    assert!(plan.out.starts_with(&format!("samples: 2 trials\n  {SAID}\n")), "{}", plan.out);
+    assert!(
+        plan.out.starts_with(&format!("samples: 2 trials\n  {SAID}\n")),
+        "{}",
+        plan.out
+    );
     assert!(plan.err.contains(SAID), "{}", plan.err);
     assert!(!plan.out.contains("0, 0"), "{}", plan.out);
     let checked = bench.run(&["check", "samples.yaml"]);
-    assert!(checked.out.contains("ok, 2 trials") && checked.err.contains(SAID), "{}", checked.out);
+    assert!(
+        checked.out.contains("ok, 2 trials") && checked.err.contains(SAID),
+        "{}",
+        checked.out
+    );
     let computed = bench.run(&["run", "samples.yaml", "-j", "1"]);
-    assert!(computed.err.contains("running 2 trials") && computed.err.contains(SAID), "{}", computed.err);
-    assert!(computed.out.contains(&format!("Sweep: {SAID}.")), "{}", computed.out);
+    assert!(
+        computed.err.contains("running 2 trials") && computed.err.contains(SAID),
+        "{}",
+        computed.err
+    );
+    assert!(
+        computed.out.contains(&format!("Sweep: {SAID}.")),
+        "{}",
+        computed.out
+    );
     let status = bench.ok(&["status", "samples.yaml"]);
-    assert!(status.starts_with(&format!("samples: 2 trials\n  {SAID}\n")), "{status}");
+    assert!(
+        status.starts_with(&format!("samples: 2 trials\n  {SAID}\n")),
+        "{status}"
+    );
     let report = fs::read_to_string(bench.path("results/samples/report.md")).unwrap();
     assert!(report.contains(SAID), "{report}");
 }

@@ -161,16 +161,30 @@ fn minari_lists_and_loads_what_is_exported_below_its_root() {
     let (bench, folder) = learned();
     let said = bench.ok(&played(&folder, "datasets/regimen/pack-v0"));
     assert!(said.contains("its id is `regimen/pack-v0`"), "{said}");
-    let in_root = [&played(&folder, "datasets/alone-v1")[..], &["--minari-root", "datasets"]].concat();
+    let in_root = [
+        &played(&folder, "datasets/alone-v1")[..],
+        &["--minari-root", "datasets"],
+    ]
+    .concat();
     assert!(bench.ok(&in_root).contains("its id is `alone-v1`"));
-    assert!(bench.ok(&played(&folder, "taken")).contains("Minari lists it by no name"));
+    assert!(
+        bench
+            .ok(&played(&folder, "taken"))
+            .contains("Minari lists it by no name")
+    );
     for id in ["regimen/pack-v0", "alone-v1"] {
         let data = bench.path("datasets").join(id).join("data");
         let text = fs::read_to_string(data.join("metadata.json")).unwrap();
         let metadata: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(metadata["dataset_id"], id);
-        let size = |episode: u64, file: &str| fs::metadata(data.join(episode.to_string()).join(file)).unwrap().len();
-        let bytes: u64 = (0..3).map(|at| size(at, "part-0.parquet") + size(at, "metadata.json")).sum();
+        let size = |episode: u64, file: &str| {
+            fs::metadata(data.join(episode.to_string()).join(file))
+                .unwrap()
+                .len()
+        };
+        let bytes: u64 = (0..3)
+            .map(|at| size(at, "part-0.parquet") + size(at, "metadata.json"))
+            .sum();
         assert_eq!(metadata["dataset_size"], bytes as f64 / 1e6);
     }
     let root = bench.path("datasets").to_string_lossy().into_owned();

@@ -113,7 +113,9 @@ pub fn of(letter: char, index: usize) -> Option<Lookalike> {
 
 /// The wide forms of the printable letters of ASCII.
 fn full_width(letter: char, index: usize) -> Option<Lookalike> {
-    let plain = ('\u{ff01}'..='\u{ff5e}').contains(&letter).then(|| u32::from(letter) - 0xfee0);
+    let plain = ('\u{ff01}'..='\u{ff5e}')
+        .contains(&letter)
+        .then(|| u32::from(letter) - 0xfee0);
     let instead = plain.and_then(char::from_u32)?;
     let name = match instead {
         ':' => "a full-width colon".into(),
@@ -140,7 +142,11 @@ fn homoglyph(letter: char, index: usize) -> Option<Lookalike> {
     let mut pairs = HOMOGLYPHS.chars();
     while let (Some(other), Some(latin)) = (pairs.next(), pairs.next()) {
         if other == letter {
-            let script = if ('\u{370}'..'\u{400}').contains(&letter) { "Greek" } else { "Cyrillic" };
+            let script = if ('\u{370}'..'\u{400}').contains(&letter) {
+                "Greek"
+            } else {
+                "Cyrillic"
+            };
             return Some(Lookalike {
                 letter,
                 name: format!("a {script} letter"),
@@ -163,14 +169,38 @@ mod tests {
     #[test]
     fn a_letter_is_named_with_its_code_point_and_what_to_write() {
         let expected = [
-            ("1e\u{2013}3", "2: an en dash (U+2013) stands here: write `-` instead"),
-            ("\u{a0}a", "0: a non-breaking space (U+00A0) stands here: replace it by a space"),
-            ("ag\u{200b}ents", "2: a zero-width space (U+200B) stands here: remove it"),
-            ("a\u{2028}b", "1: a line separator (U+2028) stands here: replace it by a line break"),
-            ("steps\u{ff1a}2", "5: a full-width colon (U+FF1A) stands here: write `:` instead"),
-            ("\u{ff15}", "0: a full-width digit 5 (U+FF15) stands here: write `5` instead"),
-            ("\u{201c}a\u{201d}", "0: a curly quotation mark (U+201C) stands here: write `\"` instead"),
-            ("\u{430}gents", "0: a Cyrillic letter (U+0430) stands here: write `a` instead"),
+            (
+                "1e\u{2013}3",
+                "2: an en dash (U+2013) stands here: write `-` instead",
+            ),
+            (
+                "\u{a0}a",
+                "0: a non-breaking space (U+00A0) stands here: replace it by a space",
+            ),
+            (
+                "ag\u{200b}ents",
+                "2: a zero-width space (U+200B) stands here: remove it",
+            ),
+            (
+                "a\u{2028}b",
+                "1: a line separator (U+2028) stands here: replace it by a line break",
+            ),
+            (
+                "steps\u{ff1a}2",
+                "5: a full-width colon (U+FF1A) stands here: write `:` instead",
+            ),
+            (
+                "\u{ff15}",
+                "0: a full-width digit 5 (U+FF15) stands here: write `5` instead",
+            ),
+            (
+                "\u{201c}a\u{201d}",
+                "0: a curly quotation mark (U+201C) stands here: write `\"` instead",
+            ),
+            (
+                "\u{430}gents",
+                "0: a Cyrillic letter (U+0430) stands here: write `a` instead",
+            ),
         ];
         for (text, sentence) in expected {
             assert_eq!(said(text).as_deref(), Some(sentence));
@@ -192,6 +222,10 @@ mod tests {
     #[test]
     fn homoglyphs_stand_in_pairs() {
         let letters: Vec<char> = HOMOGLYPHS.chars().collect();
-        assert!(letters.chunks(2).all(|pair| !pair[0].is_ascii() && pair[1].is_ascii_alphabetic()));
+        assert!(
+            letters
+                .chunks(2)
+                .all(|pair| !pair[0].is_ascii() && pair[1].is_ascii_alphabetic())
+        );
     }
 }

@@ -93,8 +93,14 @@ pub(super) fn of_trial(
         to.display()
     ));
     say(&match name {
-        Some(id) => format!("its id is `{id}`: Minari finds it by this name where its root is `{}`", root_of(to, &id)),
-        None => "Minari lists it by no name: those that it lists lie in a folder NAMESPACE/NAME-vN below its root".into(),
+        Some(id) => format!(
+            "its id is `{id}`: Minari finds it by this name where its root is `{}`",
+            root_of(to, &id)
+        ),
+        None => {
+            "Minari lists it by no name: those that it lists lie in a folder NAMESPACE/NAME-vN below its root"
+                .into()
+        }
     });
     Ok(OK)
 }
@@ -105,16 +111,24 @@ fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
     // A folder that cannot be named from the root of the system has none.
     let whole = |path: &Path| std::path::absolute(path).ok();
     let to = whole(to)?;
-    let usual = to.ancestors().find(|it| it.ends_with(".minari/datasets")).map(Path::to_path_buf);
+    let usual = to
+        .ancestors()
+        .find(|it| it.ends_with(".minari/datasets"))
+        .map(Path::to_path_buf);
     let below = |root: PathBuf| to.strip_prefix(root).ok().map(Path::to_path_buf);
-    let place = root.and_then(whole).and_then(below).or_else(|| usual.and_then(below));
+    let place = root
+        .and_then(whole)
+        .and_then(below)
+        .or_else(|| usual.and_then(below));
     if let Some(place) = place {
         return dataset::id_of(&place);
     }
     let name = PathBuf::from(to.file_name()?);
     let namespace = to.parent().and_then(Path::file_name);
     let place = namespace.map(|namespace| Path::new(namespace).join(&name));
-    place.and_then(|place| dataset::id_of(&place)).or_else(|| dataset::id_of(&name))
+    place
+        .and_then(|place| dataset::id_of(&place))
+        .or_else(|| dataset::id_of(&name))
 }
 
 /// The folder from which the place of `to` is its id.
@@ -170,6 +184,9 @@ mod tests {
         }
         assert_eq!(id("/data/taken/dataset", None), None);
         assert_eq!(id("/data/my data/pack-v0", Some("/data")), None);
-        assert_eq!(root_of(Path::new("/data/regimen/pack-v0"), "regimen/pack-v0"), "/data");
+        assert_eq!(
+            root_of(Path::new("/data/regimen/pack-v0"), "regimen/pack-v0"),
+            "/data"
+        );
     }
 }

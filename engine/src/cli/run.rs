@@ -1,8 +1,8 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions, RunOptions,
-    Selection, TRIALS_FAILED, complain,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions,
+    RunOptions, Selection, TRIALS_FAILED, complain,
     compute::Compute,
     folders, hosts, looks, overview, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},

@@ -189,7 +189,17 @@ mod tests {
         for place in ["regimen/pack-v0", "pack-v12", "ab/c/some_name-v1-v2"] {
             assert_eq!(id(place).as_deref(), Some(place));
         }
-        for place in ["", "pack", "pack-v", "-v0", "a/pack-v0", "my data/pack-v0", "pack.v0", "../pack-v0", "/pack-v0"] {
+        for place in [
+            "",
+            "pack",
+            "pack-v",
+            "-v0",
+            "a/pack-v0",
+            "my data/pack-v0",
+            "pack.v0",
+            "../pack-v0",
+            "/pack-v0",
+        ] {
             assert_eq!(id(place), None, "{place}");
         }
     }

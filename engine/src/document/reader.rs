@@ -386,7 +386,10 @@ fn structural(line: &str) -> Option<Lookalike> {
     let letters: Vec<char> = line.chars().collect();
     let (mut quote, mut begun) = (None, false);
     for (index, letter) in letters.iter().copied().enumerate() {
-        let before = index.checked_sub(1).and_then(|before| letters.get(before).copied()).unwrap_or(' ');
+        let before = index
+            .checked_sub(1)
+            .and_then(|before| letters.get(before).copied())
+            .unwrap_or(' ');
         match (quote, letter) {
             (Some(mark), _) if mark == letter => quote = None,
             (Some(_), _) => continue,
@@ -394,7 +397,8 @@ fn structural(line: &str) -> Option<Lookalike> {
             (None, '#') if before == ' ' => return None,
             _ => {}
         }
-        let beside = SIGNS.contains(before) || letters.get(index + 1).is_some_and(|next| SIGNS.contains(*next));
+        let beside =
+            SIGNS.contains(before) || letters.get(index + 1).is_some_and(|next| SIGNS.contains(*next));
         if let Some(found) = lookalikes::of(letter, index) {
             let is_sign = found.instead.is_some_and(|sign| ":{}[]".contains(sign));
             if is_sign || found.is_invisible() && (!begun || beside) {

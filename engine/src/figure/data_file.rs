@@ -39,7 +39,17 @@ fn lines<'a>(
 ) -> impl Iterator<Item = [String; 9]> + use<'a> {
     let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
     fields(&series.shape, panel).map(move |[x, y, low, high, z, run]| {
-        [name.clone(), series.label.clone(), n.clone(), x, y, low, high, z, run]
+        [
+            name.clone(),
+            series.label.clone(),
+            n.clone(),
+            x,
+            y,
+            low,
+            high,
+            z,
+            run,
+        ]
     })
 }
 

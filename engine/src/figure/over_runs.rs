@@ -242,7 +242,10 @@ mod tests {
         let run = |from: u64, value: f64| (from..1000).step_by(100).map(|step| (step, value)).collect();
         let line = over(&[run(0, 0.0), run(50, 10.0)], Line::Mean, Band::Range);
         assert_eq!((line[0].x, line[line.len() - 1].x), (50.0, 900.0));
-        assert!(line.iter().all(|point| point.y == 5.0 && point.interval == Some((0.0, 10.0))));
+        assert!(
+            line.iter()
+                .all(|point| point.y == 5.0 && point.interval == Some((0.0, 10.0)))
+        );
     }
 
     #[test]

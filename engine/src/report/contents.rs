@@ -108,7 +108,8 @@ impl Contents {
     /// True where every table and every figure could be made.
     #[must_use]
     pub fn is_whole(&self) -> bool {
-        self.tables.iter().all(|(_, grid)| grid.is_ok()) && self.figures.iter().all(|(_, chart)| chart.is_ok())
+        self.tables.iter().all(|(_, grid)| grid.is_ok())
+            && self.figures.iter().all(|(_, chart)| chart.is_ok())
     }
 
     /// Computes tables and claims alone: all that is judged.

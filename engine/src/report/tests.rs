@@ -357,7 +357,14 @@ fn a_report_of_nothing_says_so() {
     );
     assert_eq!(contents.outcomes(false)[0], ("NOT RUN", 4));
     let dir = tempfile::tempdir().unwrap();
-    let paths = write(dir.path(), &info(), &Results::default(), &mut contents, &provenance()).unwrap();
+    let paths = write(
+        dir.path(),
+        &info(),
+        &Results::default(),
+        &mut contents,
+        &provenance(),
+    )
+    .unwrap();
     assert!(
         fs::read_to_string(paths.page)
             .unwrap()
@@ -397,7 +404,10 @@ fn a_drawing_that_is_refused_costs_its_figure_alone() {
     write(dir.path(), &info, &results, &mut contents, &provenance()).unwrap();
     assert!(!contents.is_whole());
     let reason = contents.figures[0].1.as_ref().unwrap_err();
-    assert!(reason.contains(&format!("its data are in `figures/{name}.csv`")), "{reason}");
+    assert!(
+        reason.contains(&format!("its data are in `figures/{name}.csv`")),
+        "{reason}"
+    );
     for file in ["report.md", "index.html"] {
         let text = fs::read_to_string(dir.path().join(file)).unwrap();
         assert!(text.contains("Could not be drawn: "), "{file}");
@@ -407,7 +417,10 @@ fn a_drawing_that_is_refused_costs_its_figure_alone() {
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         names.filter(|name| name.ends_with(extension)).count()
     };
-    assert_eq!((files(".csv"), files(".svg"), files(".pdf")), (drawn, drawn - 1, drawn - 1));
+    assert_eq!(
+        (files(".csv"), files(".svg"), files(".pdf")),
+        (drawn, drawn - 1, drawn - 1)
+    );
 }
 
 #[test]

@@ -21,26 +21,24 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     if let Some(list) = list.as_ref().filter(|_| wanted.lists) {
         return Some(format!("write [{list}]"));
     }
-    let grouped = fitting(grouped(text)).filter(|_| list.is_none() || option.is_none() || has_padded_group(text));
-    let decimal = fitting(with_decimal_comma(text)).filter(|_| text.matches(',').count() == 1);
-    let several = list.filter(|_| !has_padded_group(text)).map(|list| match option {
+    // Three and more groups may be as many values.
+    let commas = text.matches(',').count();
+    let grouped = fitting(grouped(text)).filter(|_| list.is_none() || commas == 1);
+    let decimal = fitting(with_decimal_comma(text)).filter(|_| commas == 1);
+    let one = [grouped, decimal]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>()
+        .join(" or ");
+    let several = list.map(|list| match option {
         Some(path) => format!("`-S 'sweep.{path}={{grid: [{list}]}}'`"),
         None => format!("a sweep, `grid: [{list}]`"),
     });
-    match (grouped, decimal, several) {
-        (Some(grouped), Some(decimal), _) => {
-            Some(format!("write {grouped}, or {decimal} where the comma is a decimal point"))
-        }
-        (Some(grouped), None, None) => Some(format!("write {grouped}")),
-        (Some(grouped), None, Some(several)) => {
-            Some(format!("write {grouped} for one number, and for several values {several}"))
-        }
-        (None, Some(decimal), Some(several)) if option.is_some() => {
-            Some(format!("write {decimal}, or for several values {several}"))
-        }
-        (None, Some(decimal), _) => Some(format!("write {decimal}")),
-        (None, None, Some(several)) => Some(format!("for several values write {several}")),
-        (None, None, None) => scaled(text, &wanted).map(|number| format!("write {number}")),
+    match several {
+        None if one.is_empty() => scaled(text, &wanted).map(|number| format!("write {number}")),
+        Some(several) if one.is_empty() => Some(format!("for several values write {several}")),
+        Some(several) if option.is_some() => Some(format!("write {one}, or for several values {several}")),
+        _ => Some(format!("write {one}")),
     }
 }
 
@@ -49,9 +47,9 @@ pub(super) fn whole(text: &str) -> Option<String> {
     let value: f64 = text.parse().ok()?;
     let whole = (value.fract() == 0.0 && value.abs() < 9.0e15).then(|| format!("{value:.0}"));
     match (whole, groups(text, '.')) {
-        (Some(whole), Some(grouped)) if whole != grouped => {
-            Some(format!("write {whole}, or {grouped} where the point groups digits"))
-        }
+        (Some(whole), Some(grouped)) if whole != grouped => Some(format!(
+            "write {whole}, or {grouped} where the point groups digits"
+        )),
         (whole, _) => whole.map(|whole| format!("write {whole}")),
     }
 }
@@ -71,14 +69,15 @@ impl Wanted {
             let types = place.types();
             types.contains(&"number") || types.contains(&"integer")
         });
-        let limit = |place: &View<'_>, names: [&str; 2]| names.iter().find_map(|name| place.number(name));
         Self {
             numbers: has("number"),
             lists: has("array"),
             limits: limits
                 .map(|place| {
-                    let low = limit(place, ["minimum", "exclusiveMinimum"]).unwrap_or(f64::NEG_INFINITY);
-                    let high = limit(place, ["maximum", "exclusiveMaximum"]).unwrap_or(f64::INFINITY);
+                    let above = place.number("exclusiveMinimum").map(f64::next_up);
+                    let below = place.number("exclusiveMaximum").map(f64::next_down);
+                    let low = place.number("minimum").or(above).unwrap_or(f64::NEG_INFINITY);
+                    let high = place.number("maximum").or(below).unwrap_or(f64::INFINITY);
                     (low, high)
                 })
                 .collect(),
@@ -96,7 +95,10 @@ impl Wanted {
 
     /// The largest value.
     fn most(&self) -> f64 {
-        self.limits.iter().map(|(_, high)| *high).fold(f64::NEG_INFINITY, f64::max)
+        self.limits
+            .iter()
+            .map(|(_, high)| *high)
+            .fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
@@ -110,7 +112,11 @@ fn is_not_finite(text: &str) -> bool {
 fn grouped(text: &str) -> Option<String> {
     let points = groups(text, '.').filter(|_| text.matches('.').count() > 1);
     points
-        .or_else(|| [',', ' ', '\''].into_iter().find_map(|separator| groups(text, separator)))
+        .or_else(|| {
+            [',', ' ', '\'']
+                .into_iter()
+                .find_map(|separator| groups(text, separator))
+        })
         .or_else(|| underscored(text))
 }
 
@@ -122,11 +128,15 @@ fn groups(text: &str, separator: char) -> Option<String> {
     };
     let (whole, fraction) = match separator {
         '.' => (unsigned, None),
-        _ => unsigned.split_once('.').map_or((unsigned, None), |(whole, rest)| (whole, Some(rest))),
+        _ => unsigned
+            .split_once('.')
+            .map_or((unsigned, None), |(whole, rest)| (whole, Some(rest))),
     };
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
     let mut parts = whole.split(separator);
-    let first = parts.next().filter(|first| digits(first) && first.len() <= 3 && !first.starts_with('0'))?;
+    let first = parts
+        .next()
+        .filter(|first| digits(first) && first.len() <= 3 && !first.starts_with('0'))?;
     let rest: Vec<&str> = parts.collect();
     let fits = !rest.is_empty() && rest.iter().all(|part| digits(part) && part.len() == 3);
     let fraction = match fraction {
@@ -138,22 +148,26 @@ fn groups(text: &str, separator: char) -> Option<String> {
     fits.then(|| format!("{sign}{first}{}{fraction}", rest.concat()))
 }
 
-/// True where a group of digits begins with 0, as no number of a list does.
-fn has_padded_group(text: &str) -> bool {
-    let mut groups = text.split(',').skip(1);
-    groups.any(|group| group.len() == 3 && group.starts_with('0') && group.bytes().all(|byte| byte.is_ascii_digit()))
-}
-
 fn underscored(text: &str) -> Option<String> {
     let digit = |letter: Option<char>| letter.is_some_and(|letter| letter.is_ascii_digit());
     let letters: Vec<char> = text.chars().collect();
     let between = |index: usize| {
-        digit(index.checked_sub(1).and_then(|before| letters.get(before)).copied())
-            && digit(letters.get(index + 1).copied())
+        digit(
+            index
+                .checked_sub(1)
+                .and_then(|before| letters.get(before))
+                .copied(),
+        ) && digit(letters.get(index + 1).copied())
     };
-    let mut marks = letters.iter().enumerate().filter(|(_, letter)| **letter == '_').peekable();
+    let mut marks = letters
+        .iter()
+        .enumerate()
+        .filter(|(_, letter)| **letter == '_')
+        .peekable();
     marks.peek()?;
-    marks.all(|(index, _)| between(index)).then(|| text.replace('_', ""))
+    marks
+        .all(|(index, _)| between(index))
+        .then(|| text.replace('_', ""))
 }
 
 /// The number with a point where it has a comma.
@@ -168,7 +182,9 @@ fn with_decimal_comma(text: &str) -> Option<String> {
 /// Several numbers with commas between them, each of which the key takes, as a list has them.
 fn list(text: &str, wanted: &Wanted) -> Option<String> {
     let items: Vec<&str> = text.split(',').map(str::trim).collect();
-    let fit = items.len() > 1 && items.iter().all(|item| wanted.fitting(item).is_some());
+    let is_padded = |item: &str| item.len() > 1 && item.starts_with('0') && !item.starts_with("0.");
+    let is_item = |item: &&str| wanted.fitting(item).is_some() && !is_padded(item);
+    let fit = items.len() > 1 && items.iter().all(is_item);
     fit.then(|| items.join(", "))
 }
 
@@ -224,9 +240,13 @@ mod tests {
             ("1,000,000", count(), "write 1000000"),
             ("1,000.5", number(), "write 1000.5"),
             ("0,125", number(), "write 0.125"),
-            ("1,234", number(), "write 1234, or 1.234 where the comma is a decimal point"),
+            ("1,234", number(), "write 1234 or 1.234"),
             ("1,2", count(), "for several values write a sweep, `grid: [1, 2]`"),
-            ("64,128,256", count(), "write 64128256 for one number, and for several values a sweep, `grid: [64, 128, 256]`"),
+            (
+                "64,128,256",
+                count(),
+                "for several values write a sweep, `grid: [64, 128, 256]`",
+            ),
         ];
         for (text, schema, expected) in cases {
             assert_eq!(said(text, &schema, None).as_deref(), Some(expected), "{text}");
@@ -236,15 +256,17 @@ mod tests {
     #[test]
     fn on_the_command_line_several_values_are_a_sweep() {
         let path = Some("protocol.steps");
-        let sweep = |list: &str| format!("for several values write `-S 'sweep.protocol.steps={{grid: [{list}]}}'`");
+        let sweep =
+            |list: &str| format!("for several values write `-S 'sweep.protocol.steps={{grid: [{list}]}}'`");
         assert_eq!(said("64,128,256", &count(), path), Some(sweep("64, 128, 256")));
         assert_eq!(said("1,2", &count(), path), Some(sweep("1, 2")));
         assert_eq!(said("0.1,0.2", &share(), path), Some(sweep("0.1, 0.2")));
         assert_eq!(said("10,000", &count(), path).unwrap(), "write 10000");
         assert_eq!(
-            said("0,5", &share(), path).unwrap(),
+            said("0,5", &number(), path).unwrap(),
             "write 0.5, or for several values `-S 'sweep.protocol.steps={grid: [0, 5]}'`"
         );
+        assert_eq!(said("0,99", &share(), path).unwrap(), "write 0.99");
         let lists = json!({ "anyOf": [count(), { "type": "array", "items": count() }] });
         assert_eq!(said("64,128", &lists, path).unwrap(), "write [64, 128]");
     }
@@ -274,7 +296,8 @@ mod tests {
     #[test]
     fn no_number_is_advised_that_may_not_be_meant() {
         let texts = [
-            "1 2", "1__000", "_1", "1/3", "10 steps", "5m", "10G", "2^10", "50 %", "1.2.3", "ten", "1,2,x", "1e", "-", "",
+            "1 2", "1__000", "_1", "1/3", "10 steps", "5m", "10G", "2^10", "50 %", "1.2.3", "ten", "1,2,x",
+            "1e", "-", "",
         ];
         for text in texts {
             assert_eq!(said(text, &number(), None), None, "{text}");
@@ -282,14 +305,20 @@ mod tests {
         assert_eq!(said("2k", &share(), None), None);
         assert_eq!(said("1,234", &share(), None), None);
         assert_eq!(said("-5k", &count(), None), None);
-        assert_eq!(said("1,000,000", &json!({ "type": "integer", "maximum": 100 }), None), None);
+        assert_eq!(
+            said("1,000,000", &json!({ "type": "integer", "maximum": 100 }), None),
+            None
+        );
     }
 
     #[test]
     fn a_point_may_group_digits_of_a_whole_number() {
         assert_eq!(whole("2.0").unwrap(), "write 2");
         assert_eq!(whole("1e6").unwrap(), "write 1000000");
-        assert_eq!(whole("10.000").unwrap(), "write 10, or 10000 where the point groups digits");
+        assert_eq!(
+            whole("10.000").unwrap(),
+            "write 10, or 10000 where the point groups digits"
+        );
         assert_eq!(whole("0.5"), None);
     }
 }

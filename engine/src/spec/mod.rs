@@ -24,6 +24,7 @@
 //! | `imported` | runs of other programs, which stand where agents stand |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
+//! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved` | a study with all defaults written out |
 //! | `confirms` | studies whose claims this one holds against other seeds |
 //! | `way` | from a folder to a file |
@@ -47,6 +48,7 @@ pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
+mod repeats;
 mod resolved;
 mod schedule;
 mod search;
@@ -68,10 +70,10 @@ pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
 pub use plugin_config::{load_config, read_config};
+pub use repeats::Repeats;
 pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
-pub use sweep::Repeats;
 pub use taking::Source;
 pub use way::{along, name_from, way};
 
