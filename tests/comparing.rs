@@ -55,15 +55,11 @@ fn json(bench: &Bench, arguments: &[&str]) -> Value {
 #[test]
 fn a_revision_is_no_option() {
     let bench = two_results();
-    let told = bench.run(&[
-        "compare",
-        "--output=x:before/results/small",
-        "after/results/small",
-    ]);
+    let told = bench.run(&["compare", "--output=x:before/results/small", "after/results"]);
     assert_eq!(told.code, 2, "{}", told.err);
     let told = bench.run(&[
         "compare",
-        "after/results/small",
+        "after/results",
         "--",
         "--output=x:before/results/small",
     ]);

@@ -111,7 +111,7 @@ fn note_foreign(path: &Path) {
     foreign.insert(path.to_owned());
 }
 
-/// From now on nothing is quoted: a worker process knows no study.
+/// From now on no cell is quoted: a worker process knows no study.
 pub(crate) fn quote_nothing() {
     ALL_FOREIGN.store(true, Ordering::Relaxed);
 }
@@ -119,9 +119,6 @@ pub(crate) fn quote_nothing() {
 /// True for a file that a study named and that lies outside its folder.
 #[must_use]
 pub fn is_foreign(path: &Path) -> bool {
-    if ALL_FOREIGN.load(Ordering::Relaxed) {
-        return true;
-    }
     let foreign = FOREIGN.read().unwrap_or_else(PoisonError::into_inner);
     !foreign.is_empty() && path.ancestors().any(|part| foreign.contains(part))
 }
@@ -133,7 +130,7 @@ const UNSAID: &str = "…";
 /// a foreign file.
 #[must_use]
 pub fn quoted(path: &Path, cell: &str) -> String {
-    if is_foreign(path) {
+    if is_foreign(path) || ALL_FOREIGN.load(Ordering::Relaxed) {
         UNSAID.into()
     } else {
         excerpt(cell)
