@@ -38,7 +38,9 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{Registry, input_file, limits::Limits, panics, patience, plain_text, reach, scheduler::hosts::Relay};
+use crate::{
+    Registry, input_file, limits::Limits, panics, patience, plain_text, reach, scheduler::hosts::Relay,
+};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{
     io::IsTerminal,

@@ -41,7 +41,11 @@ pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathB
         let outside = |_| PatternError::Outside(Outside { name: pattern.into() });
         reach.find(folder, fixed).map_err(outside)?;
     }
-    let found = Listing { pattern, looked_at: 0 }.files(folder)?;
+    let found = Listing {
+        pattern,
+        looked_at: 0,
+    }
+    .files(folder)?;
     for path in &found {
         let name = if is_absolute {
             path
@@ -123,7 +127,8 @@ impl Listing<'_> {
 
     fn entries(&mut self, folder: &Path) -> Result<Vec<String>, PatternError> {
         let is_here = folder.as_os_str().is_empty();
-        let entries = names(if is_here { Path::new(".") } else { folder }).map_err(PatternError::Unreadable)?;
+        let entries =
+            names(if is_here { Path::new(".") } else { folder }).map_err(PatternError::Unreadable)?;
         self.looked_at += entries.len();
         if self.looked_at > MOST_NAMES {
             return Err(PatternError::TooMany(self.pattern.into()));

@@ -140,7 +140,9 @@ impl Process {
                 // As in `sh: 1: exec: python9: not found`.
                 let why = last_words.lines().last().unwrap_or_default();
                 Err(match cannot(why.rsplit(": ").next().unwrap_or(why)) {
-                    Error::Config { key, problem } if code == NOT_FOUND => Error::Unavailable { key, problem },
+                    Error::Config { key, problem } if code == NOT_FOUND => {
+                        Error::Unavailable { key, problem }
+                    }
                     error => error,
                 })
             }
