@@ -281,5 +281,5 @@ fn verdicts_that_were_seen_of_one_store_count_as_seen_in_the_other() {
     bench.ok(&["merge", "two", "--into", "one"]);
     let united: Value =
         serde_json::from_slice(&fs::read(bench.path("one/looks/small.json")).unwrap()).unwrap();
-    assert_eq!(united, serde_json::json!({"verdicts": {"a": [3, 5], "b": [2]}}));
+    assert_eq!(united["verdicts"], serde_json::json!({"a": [3, 5], "b": [2]}));
 }
