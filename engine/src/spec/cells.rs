@@ -252,7 +252,7 @@ impl Sections<'_> {
         all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
     }
 
-    /// What is said of samples that came to the same setting.
+    /// A warning for samples that came to the same setting.
     pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
         self.dimensions
             .iter()
