@@ -6,28 +6,28 @@
 pub struct Lookalike {
     /// The letter.
     pub letter: char,
-    /// What it is called, with its article.
+    /// Its name, with the article.
     pub name: String,
-    /// What to write in its place; nothing where it is to be removed.
+    /// The letter to write in its place; `None` where it is to be removed.
     pub instead: Option<char>,
     /// Which place it has in the text, in characters from 0.
     pub index: usize,
 }
 
 impl Lookalike {
-    /// What stands here and what to write instead, as a clause.
+    /// Its name and the advice, as a clause.
     #[must_use]
     pub fn sentence(&self) -> String {
         format!("{} stands here: {}", self.named(), self.advice())
     }
 
-    /// What it is called, with its code point.
+    /// Its name with its code point.
     #[must_use]
     pub fn named(&self) -> String {
         format!("{} (U+{:04X})", self.name, u32::from(self.letter))
     }
 
-    /// What to write instead.
+    /// The advice, as a clause.
     #[must_use]
     pub fn advice(&self) -> String {
         match self.instead {

@@ -238,7 +238,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// What looks like a space or like nothing and is part of a text without quotes: at its ends, and within a key where
+    /// Refuses a letter that looks like a space or like nothing in a text without quotes: at its ends, and within a key where
     /// no script needs it.
     fn refuse_invisible(&mut self, text: &str, span: Span, is_key: bool) {
         let last = text.chars().count().saturating_sub(1);

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{Error, statistics::thinning, table::write_csv};
 
-/// What stands above the columns.
+/// The names of the columns.
 const HEADER: [&str; 9] = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"];
 
 /// The fields of a point from `x` on.

@@ -11,7 +11,7 @@ use super::{
 use std::{borrow::Cow, collections::BTreeMap, sync::OnceLock};
 use ttf_parser::Face;
 
-/// What stands for a letter that the font lacks.
+/// The letter that stands for one that the font lacks.
 const REPLACEMENT: char = '\u{fffd}';
 /// So many letters are named; more are counted.
 const MOST_NAMED: usize = 8;

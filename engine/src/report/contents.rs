@@ -32,7 +32,7 @@ pub struct Contents {
     pub figures: Vec<(String, Result<Chart, String>)>,
     /// Claims, a line for each environment and setting that they are held against.
     pub claims: Vec<ClaimLine>,
-    /// What is drawn otherwise than it is written, a sentence for each figure.
+    /// Figures that are drawn otherwise than they are written, a sentence for each.
     pub warnings: Vec<String>,
     /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
     /// is not known.

@@ -432,7 +432,7 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// What to write instead of a scalar of the wrong type; `option` is the path of a key that was given on the command line.
+/// The advice for a scalar of the wrong type; `option` is the path of a key that was given on the command line.
 fn advice(scalar: &Scalar, schema: &View<'_>, option: Option<&str>) -> Option<String> {
     let places = schema.alternatives();
     let wants = |name: &str| places.iter().any(|place| place.types().contains(&name));

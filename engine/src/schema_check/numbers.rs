@@ -1,10 +1,10 @@
-//! Advice on texts that stand where a number is wanted. What is advised is the number that was meant; where a text can be
+//! Advice on texts that stand where a number is wanted. The advice is the number that was meant; where a text can be
 //! read in two ways both are named, and where it is none that can be read nothing is.
 
 use super::View;
 use crate::{document::plain_number, lookalikes};
 
-/// What to write in place of `text`. `option` is the path of the key where it was given on the command line, as the value
+/// The advice for `text`. `option` is the path of the key where it was given on the command line, as the value
 /// of `--set`.
 pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Option<String> {
     let text = lookalikes::straightened(text.trim());
@@ -42,7 +42,7 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     }
 }
 
-/// What to write in place of a number with a fraction where a whole one is wanted.
+/// The advice for a number with a fraction where a whole one is wanted.
 pub(super) fn whole(text: &str) -> Option<String> {
     let value: f64 = text.parse().ok()?;
     let whole = (value.fract() == 0.0 && value.abs() < 9.0e15).then(|| format!("{value:.0}"));
@@ -54,7 +54,7 @@ pub(super) fn whole(text: &str) -> Option<String> {
     }
 }
 
-/// What a key takes.
+/// The numbers that a key takes.
 struct Wanted {
     numbers: bool,
     lists: bool,

@@ -288,7 +288,7 @@ impl Sections<'_> {
             .collect()
     }
 
-    /// What is said of samples that came to the same setting.
+    /// A warning for samples that came to the same setting.
     pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
         self.dimensions
             .iter()
