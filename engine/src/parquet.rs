@@ -2,7 +2,7 @@
 //!
 //! The same table always makes the same bytes.
 
-use crate::{Error, input_file::quoted_names};
+use crate::{Error, reach::quoted_names};
 use polars::prelude::{
     Column, DataFrame, DataType, Float64Type, Int64Type, IntoColumn, ListBuilderTrait,
     ListPrimitiveChunkedBuilder, PolarsError,
@@ -14,11 +14,7 @@ use polars_io::{
         write::{KeyValueMetadata, ParquetCompression, ParquetWriter},
     },
 };
-use std::{
-    io::Cursor,
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
-};
+use std::{io::Cursor, path::Path};
 
 /// What a column holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,18 +131,6 @@ pub(crate) fn encode(
     Ok(bytes)
 }
 
-/// What `read` gives. The reader may panic over a file that nobody wrote as it is: such a file is damaged.
-///
-/// # Errors
-/// [`Error::Damaged`] for a panic, and what `read` says.
-pub(crate) fn without_panic<T>(path: &Path, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    let damaged = |_| Error::Damaged {
-        path: path.to_path_buf(),
-        problem: "it is no Parquet file that can be read".into(),
-    };
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|panic| Err(damaged(panic)))
-}
-
 /// A file that was read. Its columns are asked for by name and kind; a cell that is empty is `None`.
 pub(crate) struct Table<'a> {
     frame: DataFrame,
@@ -161,6 +145,12 @@ impl<'a> Table<'a> {
     pub(crate) fn decode(bytes: Vec<u8>, path: &'a Path) -> Result<Self, Error> {
         let reader = ParquetReader::new(Cursor::new(bytes)).read_parallel(ParallelStrategy::None);
         let frame = reader.finish().map_err(|source| unreadable(path, &source))?;
+        let lengths = || frame.columns().iter().map(Column::len);
+        if let Some(other) = lengths().find(|length| *length != frame.height()) {
+            let problem = format!("its columns have {} and {other} rows", frame.height());
+            let path = path.to_path_buf();
+            return Err(Error::Damaged { path, problem });
+        }
         Ok(Self { frame, path })
     }
 
@@ -265,7 +255,10 @@ impl<'a> Table<'a> {
                 .into_iter()
                 .map(polars::prelude::PlSmallStr::as_str)
                 .collect();
-            wrong(None, format!("is missing; there are {}", quoted_names(known)))
+            wrong(
+                None,
+                format!("is missing; there are {}", quoted_names(self.path, known)),
+            )
         })?;
         let numbers = Some(column)
             .filter(|column| column.dtype().is_primitive_numeric())

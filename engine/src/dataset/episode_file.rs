@@ -5,7 +5,7 @@ use super::{
     layout::{Layout, length},
 };
 use crate::{
-    End, Error,
+    End, Error, panics,
     parquet::{self, Table, Values},
     world::fs,
 };
@@ -99,6 +99,10 @@ fn index(choice: f64, path: &Path) -> Result<i64, Error> {
 /// [`Error::File`] where it is missing, [`Error::Damaged`] where it is something else.
 pub(super) fn read(path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
+    panics::or_damaged(path, || decode(bytes, path, layout))
+}
+
+fn decode(bytes: Vec<u8>, path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
     let table = Table::decode(bytes, path)?;
     let n_seats = layout.seats().len();
     let mut actions = rows(&table, "actions", layout.makes_choices, n_seats, path)?;

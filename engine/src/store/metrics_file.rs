@@ -12,7 +12,7 @@
 //! The file's metadata holds `regimen.schema` (this table's version) and `regimen.trial` (the trial's id).
 
 use crate::{
-    Error, Recorder,
+    Error, Recorder, panics,
     parquet::{self, Table, Values},
     recorder::{Phase, Row},
     results::Results,
@@ -127,7 +127,7 @@ pub(super) fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error>
     };
     let whole = || rows(&Table::decode(bytes, path)?);
     let unknown = "a cell is empty, a phase is unknown, or there are more than 65535 names of metrics";
-    parquet::without_panic(path, whole)?.ok_or_else(|| damaged(unknown.into()))
+    panics::or_damaged(path, whole)?.ok_or_else(|| damaged(unknown.into()))
 }
 
 fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn a_reader_that_panics_has_a_damaged_file() {
         let read = || -> Result<(), Error> { panic!("as a reader of Parquet may") };
-        let refused = parquet::without_panic(Path::new("metrics.parquet"), read);
+        let refused = panics::or_damaged(Path::new("metrics.parquet"), read);
         assert!(matches!(refused, Err(Error::Damaged { .. })));
     }
 }

@@ -4,7 +4,7 @@ use super::atmosphere::Air;
 use super::solver::Held;
 use engine::{
     DataFile, Error, Rng,
-    input_file::{quoted, quoted_names},
+    reach::{quoted, quoted_names},
 };
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -262,7 +262,7 @@ impl Columns {
         let place = |name: &str| header.iter().position(|column| column == name);
         let needed = |name: &str| {
             place(name).ok_or_else(|| {
-                let known = quoted_names(header);
+                let known = quoted_names(file.path(), header);
                 let problem = format!("column `{name}` is missing; there are {known}");
                 wrong(file, Some(1), None, problem)
             })
@@ -297,7 +297,7 @@ impl Columns {
                     file,
                     line,
                     self.header.get(place),
-                    format!("`{}` is no number", quoted(cell)),
+                    format!("`{}` is no number", quoted(file.path(), cell)),
                 )
             })
         };

@@ -2,7 +2,8 @@
 
 use engine::{
     DataFile, Error, FileFormat,
-    input_file::{quoted, quoted_names},
+    panics::or_damaged,
+    reach::{quoted, quoted_names},
 };
 
 /// Told of every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
@@ -19,7 +20,7 @@ pub(super) fn read(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result
         FileFormat::Text | FileFormat::Binary => csv(file, names, row),
         FileFormat::Parquet => parquet(file, names, row),
         #[cfg(feature = "hdf5")]
-        FileFormat::Hdf5 => super::hdf5::read(file.path(), names, row),
+        FileFormat::Hdf5 => or_damaged(file.path(), || super::hdf5::read(file.path(), names, row)),
         #[cfg(not(feature = "hdf5"))]
         FileFormat::Hdf5 => Err(wrong(
             file,
@@ -43,7 +44,7 @@ fn csv(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> 
     let place = |name: &&str| {
         let found = header.iter().position(|column| column == *name);
         found.ok_or_else(|| {
-            let problem = format!("is missing; there are {}", quoted_names(&header));
+            let problem = format!("is missing; there are {}", quoted_names(file.path(), &header));
             wrong(file, Some(1), Some(name), problem)
         })
     };
@@ -65,7 +66,7 @@ fn csv(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> 
 fn parquet(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> {
     let columns = file.parquet_columns(names)?;
     let mut values = vec![0.0; names.len()];
-    for index in 0..columns[0].len() {
+    for index in 0..columns.first().map_or(0, Vec::len) {
         let line = index as u64 + 1;
         for ((value, column), name) in values.iter_mut().zip(&columns).zip(names) {
             *value = column[index];
@@ -83,7 +84,7 @@ fn no_number(file: &DataFile, line: u64, column: &str, cell: &str) -> Error {
         file,
         Some(line),
         Some(column),
-        format!("`{}` is no number", quoted(cell)),
+        format!("`{}` is no number", quoted(file.path(), cell)),
     )
 }
 

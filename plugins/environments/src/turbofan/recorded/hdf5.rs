@@ -9,7 +9,7 @@
 //! Files of gigabytes are read a piece of rows at a time. Rows are counted from 1, those for testing after the others.
 
 use super::files::Row;
-use engine::Error;
+use engine::{Error, reach::quoted_names};
 use hdf5_reader::{Dataset, Hdf5File, SliceInfo, SliceInfoElem};
 use std::path::Path;
 
@@ -54,7 +54,7 @@ fn places(path: &Path, file: &Hdf5File, names: &[&str]) -> Result<Vec<(usize, us
             .find(|(it, _)| it.trim_end_matches('\0').trim() == *name);
         found.map(|(_, place)| *place).ok_or_else(|| {
             let known: Vec<&str> = known.iter().map(|(it, _)| it.as_str()).collect();
-            let problem = format!("is missing; there are {}", known.join(", "));
+            let problem = format!("is missing; there are {}", quoted_names(path, known));
             wrong(path, None, name, problem)
         })
     };

@@ -5,6 +5,7 @@ use crate::turbofan::{
     samples::{self, SamplesConfig},
 };
 use engine::{Environment as _, random::stream};
+use rand::Rng as _;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,38 @@ fn every_format_says_the_same() {
             assert_eq!(mine.samples, yours.samples, "{format}");
         }
         assert_eq!(text.extremes, other.extremes, "{format}");
+    }
+}
+
+/// Whatever becomes of the bytes of a recording: it is read or refused, and never ends its reader.
+#[test]
+fn a_damaged_recording_is_read_or_refused() {
+    engine::panics::print_no_caught_ones();
+    let dir = tempfile::tempdir().unwrap();
+    for format in ["csv", "parquet", "h5"] {
+        let whole = std::fs::read(fixture(format)).unwrap();
+        let path = dir.path().join("damaged").with_extension(format);
+        let (mut random, mut refused) = (stream(&["damage", format]), 0);
+        for _ in 0..200 {
+            let mut bytes = whole.clone();
+            // What a file says of itself stands at its ends, where damage does most.
+            let ends = bytes.len().min(600);
+            let near = random.random_range(0..ends);
+            let place = match random.random_range(0..3) {
+                0 => near,
+                1 => bytes.len() - 1 - near,
+                _ => random.random_range(0..bytes.len()),
+            };
+            match random.random_range(0..4) {
+                0 => bytes.truncate(place),
+                1 => bytes[place] ^= 1 << random.random_range(0..8),
+                2 => bytes.insert(place, random.random()),
+                _ => bytes[place] = random.random(),
+            }
+            std::fs::write(&path, bytes).unwrap();
+            refused += usize::from(read(&given(&path)).is_err());
+        }
+        assert!(refused > 20, "{format}: {refused} of 200");
     }
 }
 
