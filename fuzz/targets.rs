@@ -68,7 +68,7 @@ fn read(text: &str) -> Result<Study, String> {
     // Nothing lies in this folder, so that a study names no file of this machine by chance.
     let nowhere = Path::new("/nowhere");
     spec::load_text(text, "study.yaml", nowhere, &registry, &Options::default())
-        .map_err(|problems| render_first(&problems, false))
+        .map_err(|problems| render_first(&problems))
 }
 
 fn ids(study: &Study) -> Vec<String> {

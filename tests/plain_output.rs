@@ -69,3 +69,40 @@ fn control_characters_of_a_study_are_refused_and_reach_no_terminal() {
     let told = bench.run(&["check", "no\u{1b}[2Jthing.yaml"]);
     assert!(told.code == 2 && !told.err.contains('\u{1b}'), "{:?}", told.err);
 }
+
+/// What others say of a failure is short and colours nothing, wherever it is shown.
+#[test]
+fn a_long_error_with_codes_for_the_terminal_is_told_briefly_and_plainly() {
+    let bench = Bench::new();
+    bench.write("study.yaml", &crate::end_states::study("{ how: shout }"));
+    let commands: [&[&str]; 5] = [
+        &["run", "study.yaml", "-j", "1"],
+        &["status", "study.yaml"],
+        &["watch", "study.yaml", "--once"],
+        &["plan", "study.yaml"],
+        &["report", "study.yaml"],
+    ];
+    for arguments in commands {
+        let told = bench.run_misused(arguments);
+        let said = told.out + &told.err;
+        let is_foreign =
+            |letter: char| letter.is_control() && !"\n\t".contains(letter) || letter == '\u{202e}';
+        assert!(!said.contains(is_foreign), "{arguments:?}: {said:?}");
+        assert!(said.len() < 20_000, "{arguments:?}: {}", said.len());
+    }
+    let told = bench.run_misused(&["status", "study.yaml"]);
+    assert!(told.out.contains("boom"), "{}", told.out);
+    let report = std::fs::read_to_string(bench.path("results/misbehaving/report.md")).unwrap();
+    assert!(report.len() < 20_000, "{}", report.len());
+}
+
+#[test]
+fn marks_that_turn_the_direction_of_a_text_are_refused_in_a_study() {
+    let bench = Bench::new();
+    bench.write(
+        "small.yaml",
+        &STUDY.replace("made for this test", "\"made \\u202e for this test\""),
+    );
+    let told = bench.run(&["check", "small.yaml"]);
+    assert!(told.code == 2 && told.err.contains("U+202E"), "{}", told.err);
+}

@@ -3,8 +3,12 @@
 //! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came
 //! from.
 
+use crate::{
+    plain_text::{coloured, is_unprintable, printable},
+    reach,
+};
 use serde::Serialize;
-use std::fmt::Write;
+use std::{fmt::Write, path::Path};
 use unicode_width::UnicodeWidthChar;
 
 /// A stretch of characters on one line of one source.
@@ -33,6 +37,8 @@ struct Source {
     /// Where each line begins.
     starts: Vec<usize>,
     numbered: bool,
+    /// True where messages quote nothing of it.
+    is_foreign: bool,
 }
 
 impl Source {
@@ -47,9 +53,13 @@ impl Source {
 }
 
 impl Sources {
-    /// Adds a file under the name that messages show; returns its index.
+    /// Adds a file under the name that messages show, its path; returns its index. Of one that is not the study's no
+    /// text is kept.
     pub fn add_file(&mut self, name: &str, text: &str) -> usize {
-        self.add(name, text, true)
+        let is_foreign = reach::is_foreign(Path::new(name));
+        let index = self.add(name, if is_foreign { "" } else { text }, true);
+        self.sources[index].is_foreign = is_foreign;
+        index
     }
 
     /// Adds one option of the command line, as it was typed (`--set protocol.steps=1000`); returns its index.
@@ -64,6 +74,7 @@ impl Sources {
             starts: std::iter::once(0).chain(behind).collect(),
             text: text.into(),
             numbered,
+            is_foreign: false,
         });
         self.sources.len() - 1
     }
@@ -71,12 +82,12 @@ impl Sources {
     /// An error at `span`; `path` is the dotted path of the key, empty for the whole file.
     #[must_use]
     pub fn error(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
-        let (message, path) = (shortened(&message.into(), 2000), shortened(path, 500));
         let place = self.place(span);
+        let (message, path) = (place.said(&message.into(), 2000), shortened(path, 500));
         Diagnostic {
             severity: Severity::Error,
             message,
-            path,
+            path: if place.is_foreign { String::new() } else { path },
             place,
             about: None,
             help: None,
@@ -104,6 +115,7 @@ impl Sources {
             text,
             left_out,
             source: span.source,
+            is_foreign: source.is_some_and(|source| source.is_foreign),
         }
     }
 }
@@ -139,6 +151,19 @@ pub struct Place {
     numbered: bool,
     #[serde(skip)]
     source: usize,
+    #[serde(skip)]
+    is_foreign: bool,
+}
+
+impl Place {
+    /// The beginning of a text about what stands here; without words of a file that is not the study's.
+    fn said(&self, text: &str, longest: usize) -> String {
+        if self.is_foreign {
+            shortened(&reach::without_words(text), longest)
+        } else {
+            shortened(text, longest)
+        }
+    }
 }
 
 /// Whether a study can be run as it is.
@@ -183,10 +208,8 @@ impl Diagnostic {
     /// The same diagnostic with advice.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
-        Self {
-            help: Some(shortened(&help.into(), 5000)),
-            ..self
-        }
+        let help = Some(self.place.said(&help.into(), 5000));
+        Self { help, ..self }
     }
 
     /// The same diagnostic with what the key means; nothing where that is empty.
@@ -201,7 +224,7 @@ impl Diagnostic {
     /// The same diagnostic with one more place.
     #[must_use]
     pub fn note(mut self, remark: impl Into<String>, place: Place) -> Self {
-        self.notes.push((remark.into(), place));
+        self.notes.push((place.said(&remark.into(), 2000), place));
         self
     }
 
@@ -230,9 +253,9 @@ pub const SHOWN: usize = 50;
 
 /// The first diagnostics as text, and how many more there are.
 #[must_use]
-pub fn render_first(diagnostics: &[Diagnostic], colour: bool) -> String {
+pub fn render_first(diagnostics: &[Diagnostic]) -> String {
     let (shown, more) = diagnostics.split_at(diagnostics.len().min(SHOWN));
-    let mut text = render(shown, colour);
+    let mut text = render(shown, false);
     if !more.is_empty() {
         let _ = writeln!(text, "\nand {} more messages, which are not shown", more.len());
     }
@@ -242,11 +265,8 @@ pub fn render_first(diagnostics: &[Diagnostic], colour: bool) -> String {
 /// All diagnostics as text for a terminal or a log, separated by empty lines.
 #[must_use]
 pub fn render(diagnostics: &[Diagnostic], colour: bool) -> String {
-    diagnostics
-        .iter()
-        .map(|diagnostic| one(diagnostic, Paint { colour }))
-        .collect::<Vec<_>>()
-        .join("\n")
+    let text = diagnostics.iter().map(one).collect::<Vec<_>>().join("\n");
+    if colour { coloured(&text) } else { text }
 }
 
 /// All diagnostics for programs.
@@ -256,38 +276,7 @@ pub fn to_json(diagnostics: &[Diagnostic]) -> serde_json::Value {
     serde_json::to_value(diagnostics).unwrap_or_default()
 }
 
-#[derive(Clone, Copy)]
-struct Paint {
-    colour: bool,
-}
-
-impl Paint {
-    fn with(self, code: &str, text: &str) -> String {
-        if self.colour {
-            format!("\x1b[{code}m{text}\x1b[0m")
-        } else {
-            text.into()
-        }
-    }
-
-    fn red(self, text: &str) -> String {
-        self.with("1;31", text)
-    }
-
-    fn yellow(self, text: &str) -> String {
-        self.with("1;33", text)
-    }
-
-    fn blue(self, text: &str) -> String {
-        self.with("1;34", text)
-    }
-
-    fn bold(self, text: &str) -> String {
-        self.with("1", text)
-    }
-}
-
-fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
+fn one(diagnostic: &Diagnostic) -> String {
     let places = std::iter::once(&diagnostic.place).chain(diagnostic.notes.iter().map(|(_, place)| place));
     let gutter = places
         .map(|place| {
@@ -300,11 +289,11 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
         .max()
         .unwrap_or(1);
     let severity = match diagnostic.severity {
-        Severity::Error => paint.red("error"),
-        Severity::Warning => paint.yellow("warning"),
+        Severity::Error => "error",
+        Severity::Warning => "warning",
     };
-    let mut out = format!("{severity}: {}\n", paint.bold(&printable(&diagnostic.message)));
-    excerpt(&mut out, &diagnostic.place, gutter, '^', paint);
+    let mut out = format!("{severity}: {}\n", printable(&diagnostic.message));
+    excerpt(&mut out, &diagnostic.place, gutter, '^');
     let margin = " ".repeat(gutter);
     let lines = [
         (
@@ -315,22 +304,11 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
         ("help", diagnostic.help.clone()),
     ];
     for (word, text) in lines.into_iter().filter_map(|(word, text)| Some((word, text?))) {
-        line(
-            &mut out,
-            &format!(
-                "{margin} {} {}: {}",
-                paint.blue("="),
-                paint.bold(word),
-                printable(&text)
-            ),
-        );
+        line(&mut out, &format!("{margin} = {word}: {}", printable(&text)));
     }
     for (remark, place) in &diagnostic.notes {
-        line(
-            &mut out,
-            &format!("{}: {}", paint.blue("note"), printable(remark)),
-        );
-        excerpt(&mut out, place, gutter, '-', paint);
+        line(&mut out, &format!("note: {}", printable(remark)));
+        excerpt(&mut out, place, gutter, '-');
     }
     out
 }
@@ -338,11 +316,11 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
 /// Longest part of a line that is shown, and how much of it stands in front of the place.
 const WINDOW: (usize, usize) = (150, 60);
 
-fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Paint) {
+fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char) {
     let margin = " ".repeat(gutter);
     if place.line == 0 {
         let file = printable(&place.file);
-        return line(out, &format!("{margin}{} {file}", paint.blue("-->")));
+        return line(out, &format!("{margin}--> {file}"));
     }
     let number = if place.numbered {
         place.line.to_string()
@@ -352,19 +330,16 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Pa
     let position = if place.numbered {
         format!("{}:{}:{}", printable(&place.file), place.line, place.column)
     } else {
-        printable(&place.file)
+        printable(&place.file).into_owned()
     };
-    line(out, &format!("{margin}{} {position}", paint.blue("-->")));
-    line(out, &format!("{margin} {}", paint.blue("|")));
+    line(out, &format!("{margin}--> {position}"));
+    if place.is_foreign {
+        let why = "its text is not shown: the file lies outside the study's folder";
+        return line(out, &format!("{margin} = {why}"));
+    }
+    line(out, &format!("{margin} |"));
     let (shown, before) = window(place);
-    line(
-        out,
-        &format!(
-            "{} {} {shown}",
-            paint.blue(&format!("{number:>gutter$}")),
-            paint.blue("|")
-        ),
-    );
+    line(out, &format!("{number:>gutter$} | {shown}"));
     let indent: String = shown
         .chars()
         .take(before)
@@ -379,22 +354,14 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Pa
         .map(columns)
         .sum();
     let marks: String = std::iter::repeat_n(mark, width.max(1)).collect();
-    line(
-        out,
-        &format!(
-            "{margin} {} {indent}{}{}",
-            paint.blue("|"),
-            " ".repeat(beyond),
-            paint.red(&marks)
-        ),
-    );
+    line(out, &format!("{margin} | {indent}{}{marks}", " ".repeat(beyond)));
 }
 
 /// The line around the place, and how many of its characters stand in front of the place.
 fn window(place: &Place) -> (String, usize) {
     let visible = |letter: char| match letter {
         '\t' => '→',
-        letter if letter.is_control() => '\u{fffd}',
+        letter if is_unprintable(letter) => '\u{fffd}',
         letter => letter,
     };
     let before = place.column.saturating_sub(1 + place.left_out);
@@ -432,19 +399,6 @@ pub fn shortened(word: &str, longest: usize) -> String {
         Some((end, _)) => format!("{}…", &word[..end]),
         None => word.into(),
     }
-}
-
-/// Names in messages come from the file: control characters in them are not passed to the terminal.
-fn printable(text: &str) -> String {
-    text.chars()
-        .map(|letter| {
-            if letter.is_control() && letter != '\n' {
-                '\u{fffd}'
-            } else {
-                letter
-            }
-        })
-        .collect()
 }
 
 fn line(out: &mut String, text: &str) {

@@ -1,11 +1,25 @@
-//! Text from outside as people see it: nothing that a terminal acts on, and nothing that no document may hold.
+//! Text from outside as people see it: nothing that a terminal acts on, nothing that turns the order of letters round, and
+//! nothing that no document may hold.
+//!
+//! All that this program prints goes through [`message`] or [`printable`], whoever wrote it; colours are put on last
+//! ([`coloured`]), so that none comes from a text. What others say of a failure is cut where it is taken in ([`brief`]).
 
+use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 
-/// True for characters that are no text: those that control a terminal, and those that XML does not know.
+/// True for characters that are no text: those that control a terminal, those that change the direction of what stands
+/// around them, and those that XML does not know.
 #[must_use]
 pub fn is_unprintable(letter: char) -> bool {
-    letter.is_control() && !matches!(letter, '\n' | '\t') || matches!(letter, '\u{fffe}' | '\u{ffff}')
+    letter.is_control() && !matches!(letter, '\n' | '\t')
+        || is_direction(letter)
+        || matches!(letter, '\u{fffe}' | '\u{ffff}')
+}
+
+/// Marks, embeddings, overrides and isolates of Unicode's bidirectional algorithm: with them a text reads otherwise than it
+/// is. Letters of languages that are written from right to left need none.
+fn is_direction(letter: char) -> bool {
+    matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 /// The text with a sign in the place of every character that is none.
@@ -18,32 +32,113 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// As [`printable`]; codes that colour what follows stay, and whatever else a terminal obeys does not.
+/// Longest line of a message, in characters.
+const LONGEST_LINE: usize = 4000;
+/// Most lines of a message.
+const MOST_LINES: usize = 2000;
+/// Longest text that others say of a failure, in characters.
+const LONGEST_BRIEF: usize = 1000;
+
+/// A message for a terminal: printable, and of a length that somebody reads.
 #[must_use]
-pub fn for_terminal(text: &str) -> Cow<'_, str> {
-    if !text.contains('\u{1b}') {
+pub fn message(text: &str) -> Cow<'_, str> {
+    let is_short = text.len() <= LONGEST_LINE || text.lines().all(|line| line.len() <= LONGEST_LINE);
+    if is_short && text.lines().nth(MOST_LINES).is_none() {
         return printable(text);
     }
-    let mut pieces = text.split('\u{1b}');
-    let mut out = printable(pieces.next().unwrap_or_default()).into_owned();
-    for piece in pieces {
-        out.push(if is_colour(piece) { '\u{1b}' } else { '\u{fffd}' });
-        out.push_str(&printable(piece));
+    let mut shown: Vec<Cow<'_, str>> = text
+        .lines()
+        .take(MOST_LINES)
+        .map(|line| cut(line, LONGEST_LINE))
+        .collect();
+    if let Some(more @ 1..) = text.lines().count().checked_sub(MOST_LINES) {
+        shown.push(format!("… and {more} more lines").into());
     }
-    Cow::Owned(out)
+    Cow::Owned(printable(&shown.join("\n")).into_owned())
 }
 
-/// True where a text begins with what an escape character makes a colour of.
-fn is_colour(text: &str) -> bool {
-    let digits = text
-        .strip_prefix('[')
-        .map(|rest| rest.trim_start_matches(|letter: char| letter.is_ascii_digit() || letter == ';'));
-    digits.is_some_and(|rest| rest.starts_with('m'))
+/// The beginning of a line with so many characters, of which the last says that there is more.
+fn cut(line: &str, longest: usize) -> Cow<'_, str> {
+    match line.char_indices().nth(longest) {
+        Some(_) => {
+            let kept: String = line.chars().take(longest - 1).collect();
+            Cow::Owned(kept + "…")
+        }
+        None => Cow::Borrowed(line),
+    }
 }
+
+/// What somebody else says of a failure, as it is kept and shown: one line, printable, not long.
+#[must_use]
+pub fn brief(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    cut(&printable(&line), LONGEST_BRIEF).into_owned()
+}
+
+/// Reads a text as [`brief`] keeps it: who stored it may have been another program.
+///
+/// # Errors
+/// Where there is no text.
+pub fn read_brief<'de, D: Deserializer<'de>>(reader: D) -> Result<String, D::Error> {
+    Ok(brief(&String::deserialize(reader)?))
+}
+
+/// A message with colours: severities, the ways to places, and the marks under them.
+#[must_use]
+pub fn coloured(message: &str) -> String {
+    let lines: Vec<String> = message.split('\n').map(coloured_line).collect();
+    lines.join("\n")
+}
+
+fn coloured_line(line: &str) -> String {
+    let with = |code: &str, text: &str| match text {
+        "" => String::new(),
+        text => format!("\u{1b}[{code}m{text}\u{1b}[0m"),
+    };
+    for (word, code) in [("error", RED), ("warning", YELLOW), ("note", BLUE)] {
+        if let Some(rest) = line.strip_prefix(word).filter(|rest| rest.starts_with(": ")) {
+            let (colon, said) = rest.split_at(2);
+            let said = if word == "note" {
+                said.to_owned()
+            } else {
+                with(BOLD, said)
+            };
+            return format!("{}{colon}{said}", with(code, word));
+        }
+    }
+    let inner = line.trim_start();
+    let margin = &line[..line.len() - inner.len()];
+    if let Some(place) = inner.strip_prefix("--> ") {
+        return format!("{margin}{} {place}", with(BLUE, "-->"));
+    }
+    if let Some((word, said)) = inner.strip_prefix("= ").and_then(|rest| rest.split_once(": ")) {
+        return format!("{margin}{} {}: {said}", with(BLUE, "="), with(BOLD, word));
+    }
+    let number = inner.trim_start_matches(|letter: char| letter.is_ascii_digit());
+    if let Some(shown) = number.trim_start().strip_prefix('|') {
+        let gutter = &line[..line.len() - shown.len()];
+        let marks = shown.trim_start();
+        let is_marked = !marks.is_empty() && marks.trim_end_matches(['^', '-']).is_empty();
+        let blank = &shown[..shown.len() - marks.len()];
+        let shown = if is_marked {
+            format!("{blank}{}", with(RED, marks))
+        } else {
+            shown.to_owned()
+        };
+        return with(BLUE, gutter) + &shown;
+    }
+    line.to_owned()
+}
+
+const RED: &str = "1;31";
+const YELLOW: &str = "1;33";
+const BLUE: &str = "1;34";
+const BOLD: &str = "1";
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn what_is_no_text_is_replaced_by_a_sign() {
@@ -52,12 +147,58 @@ mod tests {
             printable("a\u{1b}[2Jb\u{0}\u{9b}\u{ffff}"),
             "a\u{fffd}[2Jb\u{fffd}\u{fffd}\u{fffd}"
         );
+        assert_eq!(printable("a\u{202e}b\u{2066}c"), "a\u{fffd}b\u{fffd}c");
+        assert_eq!(printable("שלום 1"), "שלום 1");
     }
 
     #[test]
-    fn of_what_a_terminal_obeys_colours_stay() {
-        let text = "\u{1b}[1;31merror\u{1b}[0m: \u{1b}[2J\u{1b}]0;title\u{7}";
-        let expected = "\u{1b}[1;31merror\u{1b}[0m: \u{fffd}[2J\u{fffd}]0;title\u{fffd}";
-        assert_eq!(for_terminal(text), expected);
+    fn colours_are_this_programs_own() {
+        let text = "error: \u{1b}[31mred\u{1b}[0m is no number\n --> a.yaml:3:5\n  |\n3 | a: red\n  |    ^^^\n  = help: \
+                    write a number";
+        let shown = coloured(&message(text));
+        assert!(
+            shown.starts_with("\u{1b}[1;31merror\u{1b}[0m: \u{1b}[1m\u{fffd}[31mred"),
+            "{shown:?}"
+        );
+        for piece in [
+            "\u{1b}[1;34m-->\u{1b}[0m a.yaml",
+            "\u{1b}[1;34m3 |\u{1b}[0m a: red",
+            "\u{1b}[1;31m^^^\u{1b}[0m",
+        ] {
+            assert!(shown.contains(piece), "{shown:?}");
+        }
+        assert!(
+            shown.contains("\u{1b}[1mhelp\u{1b}[0m: write a number"),
+            "{shown:?}"
+        );
+        assert_eq!(coloured("3 trials ended"), "3 trials ended");
+    }
+
+    #[test]
+    fn what_nobody_reads_to_its_end_is_cut() {
+        let long = message(&"z".repeat(100_000)).into_owned();
+        assert_eq!((long.chars().count(), long.ends_with("z…")), (LONGEST_LINE, true));
+        let many = message(&"z\n".repeat(100_000)).into_owned();
+        assert!(many.ends_with("… and 98000 more lines"));
+        let said = brief(&format!("boom\n\u{1b}[31m  {}", "z".repeat(100_000)));
+        assert_eq!(said.chars().count(), LONGEST_BRIEF);
+        assert!(said.starts_with("boom \u{fffd}[31m zzz"), "{said}");
+        assert_eq!(brief(&said), said);
+    }
+
+    proptest! {
+        #[test]
+        fn no_message_has_a_character_that_a_terminal_acts_on(text in "(?s).*", wild in any::<Vec<char>>()) {
+            let text = text + &wild.into_iter().collect::<String>();
+            for shown in [message(&text).into_owned(), brief(&text)] {
+                prop_assert!(!shown.contains(|letter: char| letter.is_control() && !"\n\t".contains(letter)));
+            }
+            // Colours apart, a coloured message is the message.
+            let plain = message(&text);
+            let without = [RED, YELLOW, BLUE, BOLD, "0"].iter().fold(coloured(&plain), |text, code| {
+                text.replace(&format!("\u{1b}[{code}m"), "")
+            });
+            prop_assert_eq!(without, plain.into_owned());
+        }
     }
 }

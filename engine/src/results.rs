@@ -8,6 +8,7 @@ use crate::{
     Metric, PerEpisode,
     drawing::Drawings,
     imported::Origin,
+    plain_text::read_brief,
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
     store::is_missing,
@@ -144,6 +145,7 @@ pub struct TrialEnd {
     /// How it ended.
     pub state: EndState,
     /// Why, for everything but `ok`; one line.
+    #[serde(deserialize_with = "read_brief")]
     pub reason: String,
     /// Wall-clock time it took.
     pub wall_s: f64,

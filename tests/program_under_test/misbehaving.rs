@@ -19,6 +19,8 @@ enum How {
     Nothing,
     /// An error is returned.
     Fail,
+    /// An error is returned that is long and colours what a terminal shows.
+    Shout,
     /// The code panics.
     Panic,
     /// The process aborts.
@@ -126,6 +128,10 @@ fn misbehave(how: How) -> Result<(), Error> {
         How::Fail => Err(Error::Model {
             model: "test",
             problem: "it fails as asked".into(),
+        }),
+        How::Shout => Err(Error::Model {
+            model: "test",
+            problem: format!("boom \u{1b}[31mred\u{202e} {}", "z".repeat(100_000)),
         }),
         How::Panic => panic!("it panics as asked"),
         How::Abort => std::process::abort(),

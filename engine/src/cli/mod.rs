@@ -38,7 +38,7 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{Registry, input_file, limits::Limits, plain_text::for_terminal, scheduler::hosts::Relay};
+use crate::{Registry, input_file, limits::Limits, panics, plain_text, reach, scheduler::hosts::Relay};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{
     io::IsTerminal,
@@ -416,6 +416,7 @@ enum Verb {
 /// self-test computes.
 #[must_use]
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
+    panics::print_no_caught_ones();
     let Command { verb, common } = parse(registry);
     common.input_mb.into_iter().for_each(input_file::allow);
     let answered = answer(registry, selftest, verb, &common);
@@ -492,6 +493,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
 }
 
 fn serve(registry: &Registry) -> Result<u8, Failure> {
+    reach::quote_nothing();
     crate::scheduler::serve(
         registry,
         std::io::BufReader::new(std::io::stdin()),
@@ -534,7 +536,11 @@ static UNSAID: OnceLock<String> = OnceLock::new();
 /// Standard output is for results.
 fn say(text: &str) {
     use std::io::Write;
-    let written = writeln!(std::io::stdout(), "{}", for_terminal(text.trim_end_matches('\n')));
+    let written = writeln!(
+        std::io::stdout(),
+        "{}",
+        plain_text::printable(text.trim_end_matches('\n'))
+    );
     // A reader that closed the pipe (`| head`) has what it wanted.
     if let Some(error) = written
         .err()
@@ -559,8 +565,18 @@ fn if_said(code: u8) -> Result<u8, Failure> {
 fn complain(text: &str) {
     use std::io::Write;
     // One write a message: programs that share a log do not mix their lines.
-    let message = format!("{}\n", for_terminal(text.trim_end_matches('\n')));
+    let message = format!("{}\n", shown(text.trim_end_matches('\n')));
     let _ = std::io::stderr().write_all(message.as_bytes());
+}
+
+/// A message as a terminal gets it.
+fn shown(text: &str) -> String {
+    let message = plain_text::message(text);
+    if colour() {
+        plain_text::coloured(&message)
+    } else {
+        message.into_owned()
+    }
 }
 
 /// Colour on a terminal, unless `NO_COLOR` is set.

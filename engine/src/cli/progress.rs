@@ -3,10 +3,10 @@
 //! Bars take the terminal's width: titles are cut where it is narrow. No time is estimated before anything was
 //! done, and what a resumed trial did before does not count into its rate.
 
-use super::complain;
+use super::{complain, shown};
 use crate::{
     count::count,
-    plain_text::for_terminal,
+    plain_text::printable,
     report::duration,
     results::{EndState, TrialEnd},
     scheduler::{Event, Task},
@@ -93,7 +93,7 @@ impl<'a> Progress<'a> {
         bars.fresh.insert(slot);
         if let Some(bar) = bars.slots.get(slot) {
             bar.reset();
-            bar.set_message(self.tasks[trial].trial.title());
+            bar.set_message(printable(&self.tasks[trial].trial.title()).into_owned());
         }
     }
 
@@ -225,7 +225,7 @@ impl<'a> Progress<'a> {
     pub(super) fn line(&self, text: &str) {
         match &self.bars {
             // A terminal that cannot show the line still has the bars.
-            Some(bars) => drop(bars.all.println(for_terminal(text))),
+            Some(bars) => drop(bars.all.println(shown(text))),
             None => complain(text),
         }
     }

@@ -1,6 +1,6 @@
 //! `regimen rollout`: one environment, given actions, an agent or a stored trial, one CSV file.
 
-use super::{BAD_SPEC, Common, Failure, OK, colour, complain, one_trial, settings};
+use super::{BAD_SPEC, Common, Failure, OK, complain, one_trial, settings};
 use crate::{
     Agent, Environment, Registry, diagnostic,
     product::Taken,
@@ -134,7 +134,7 @@ fn named_agent(
         .as_ref()
         .filter(|part| part.plugin == name && options.agent_config.is_none())
     {
-        Some(part) => (*part.config).clone(),
+        Some(part) => part.config.whole().into_owned(),
         None => config(name, &entry.about, options.agent_config.as_deref())?,
     };
     let mut agent = build(entry, &config, environment, options)?;
@@ -230,9 +230,9 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
     let part = spec::load_config(name, about, path).map_err(|problems| Failure {
         code: BAD_SPEC,
-        text: diagnostic::render_first(&problems, colour()),
+        text: diagnostic::render_first(&problems),
     })?;
-    Ok((*part.config).clone())
+    Ok(part.config.whole().into_owned())
 }
 
 fn untrained(name: &str) -> Failure {

@@ -1,7 +1,7 @@
 //! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
 //! running elsewhere come to the same settings.
 
-use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, colour, complain, run, study::Planned};
+use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, run, study::Planned};
 use crate::{
     Registry, diagnostic, report,
     results::{SearchResult, TrialResult},
@@ -37,7 +37,7 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
         grown = true;
         one.study = spec::load(&one.path, registry, &options).map_err(|problems| Failure {
             code: BAD_SPEC,
-            text: diagnostic::render_first(&problems, colour()),
+            text: diagnostic::render_first(&problems),
         })?;
         one.options = options;
         let wanted = std::mem::take(&mut one.wanted);
