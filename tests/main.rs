@@ -60,6 +60,7 @@ mod shrunk;
 mod signals;
 mod slurm;
 mod ssh;
+mod stays_inside;
 mod suites;
 mod third_party;
 mod verifying;

@@ -9,15 +9,14 @@
 use crate::{
     Error,
     input_file::{self, Use},
-    parquet, store,
-    world::fs::File,
+    panics, parquet, store,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
     borrow::Cow,
-    io::{self, Read as _, Seek as _},
+    io::{self, Read},
     path::{Path, PathBuf},
     string::FromUtf8Error,
     sync::Arc,
@@ -74,7 +73,7 @@ impl FileFormat {
     }
 }
 
-fn first_bytes(file: &mut File) -> io::Result<Vec<u8>> {
+fn first_bytes(file: &mut impl Read) -> io::Result<Vec<u8>> {
     let mut first = Vec::new();
     file.take(4096).read_to_end(&mut first)?;
     Ok(first)
@@ -160,7 +159,7 @@ impl DataFile {
             let path = self.path.clone();
             return Err(Error::DataFileChanged { path });
         }
-        parquet::without_panic(&self.path, || {
+        panics::or_damaged(&self.path, || {
             let table = parquet::Table::decode(bytes, &self.path)?;
             names.iter().map(|name| table.numbers(name)).collect()
         })
@@ -257,7 +256,8 @@ fn content(path: &Path, expected: &str) -> Result<Option<String>, Error> {
         unchanged(store::digest(&bytes))?;
         return as_text(bytes).map(Some).map_err(of_file());
     }
-    let digest = file.rewind().and_then(|()| store::digest_of_file(file));
+    // The hash is that of the same opened file.
+    let digest = store::digest_of_file(first.chain(file));
     unchanged(digest.map_err(of_file())?)?;
     Ok(None)
 }

@@ -1,6 +1,10 @@
 //! Every way in which the engine can fail below the spec, as one enum.
 
-use std::path::{Path, PathBuf};
+use crate::reach;
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
 
 /// An error of the engine or of a plugin.
 #[derive(Debug, thiserror::Error)]
@@ -124,11 +128,17 @@ pub enum Error {
     /// A dataset was to be made of an environment without seats.
     #[error("a dataset holds what seats saw and did; this environment has none")]
     NoSeats,
+    /// A plugin stopped without an answer.
+    #[error("it stopped with `{said}`, which is a mistake of its code")]
+    Panicked {
+        /// What it said, and where in the source code.
+        said: String,
+    },
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,
     /// A file that a person gave is not what it should be.
-    #[error("`{}`{}: {problem}", path.display(), place(*line, column.as_deref()))]
+    #[error("`{}`{}: {}", path.display(), place(*line, column.as_deref()), said(path, problem))]
     Input {
         /// The file.
         path: PathBuf,
@@ -150,7 +160,7 @@ pub enum Error {
         problem: String,
     },
     /// A stored file is not what it should be.
-    #[error("`{}` is damaged: {problem}", path.display())]
+    #[error("`{}` is damaged: {}", path.display(), said(path, problem))]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -194,6 +204,15 @@ pub enum Error {
 fn place(line: Option<u64>, column: Option<&str>) -> String {
     let line = line.map_or(String::new(), |line| format!(", line {line}"));
     line + &column.map_or(String::new(), |column| format!(", column `{column}`"))
+}
+
+/// A problem with a file, without words of one that is not the study's.
+fn said<'a>(path: &Path, problem: &'a str) -> Cow<'a, str> {
+    if reach::is_foreign(path) {
+        Cow::Owned(reach::without_words(problem))
+    } else {
+        Cow::Borrowed(problem)
+    }
 }
 
 impl Error {

@@ -6,7 +6,7 @@
 
 use crate::world::fs::{self, File};
 use std::{
-    io::{self, ErrorKind, Read as _},
+    io::{self, ErrorKind, Read as _, Take},
     path::Path,
     sync::atomic::{AtomicU64, Ordering},
 };
@@ -51,20 +51,25 @@ pub fn asked() -> Option<u64> {
     Some(ASKED_MB.load(Ordering::Relaxed)).filter(|megabytes| *megabytes > 0)
 }
 
-/// Opens a file to be read.
+/// A file that is read up to a length.
+pub type Opened = Take<File>;
+
+/// Opens a file to be read. One that says it holds nothing is not read: what the system makes as it is read (`/proc`)
+/// says so, and may never end.
 ///
 /// # Errors
 /// Where it cannot be opened, is no regular file, or is too large; the message says what helps.
-pub fn open(path: &Path, of: Use) -> io::Result<File> {
+pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
     let named = fs::metadata(path)?;
     is_regular(named.is_file(), named.is_dir())?;
     let file = File::open(path)?;
     let data = file.metadata()?;
     is_regular(data.is_file(), data.is_dir())?;
-    if data.len() > of.largest_mb() * MEGABYTE {
+    let largest = of.largest_mb() * MEGABYTE;
+    if data.len() > largest {
         return Err(too_large(data.len(), of));
     }
-    Ok(file)
+    Ok(file.take(if data.len() == 0 { 0 } else { largest + 1 }))
 }
 
 /// What a file holds.
@@ -79,10 +84,10 @@ pub fn read(path: &Path, of: Use) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 /// Where it cannot be read, or is too large.
-pub(crate) fn rest(file: File, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
+pub(crate) fn rest(mut file: Opened, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
     let largest = of.largest_mb() * MEGABYTE;
-    file.take((largest + 1).saturating_sub(read.len() as u64))
-        .read_to_end(&mut read)?;
+    file.set_limit(file.limit().min((largest + 1).saturating_sub(read.len() as u64)));
+    file.read_to_end(&mut read)?;
     if read.len() as u64 > largest {
         return Err(too_large(read.len() as u64, of));
     }
@@ -104,30 +109,6 @@ fn too_large(size: u64, of: Use) -> io::Error {
     let message =
         format!("it has {has} MB, and no more than {largest} MB are read: `--input-mb {has}` allows more");
     io::Error::new(ErrorKind::FileTooLarge, message)
-}
-
-/// A piece of what a file holds, for a message: short, and nothing that a terminal acts on.
-#[must_use]
-pub fn quoted(cell: &str) -> String {
-    const LONGEST: usize = 20;
-    let mut shown: String = cell
-        .chars()
-        .take(LONGEST)
-        .filter(|letter| !letter.is_control())
-        .collect();
-    if cell.chars().nth(LONGEST).is_some() {
-        shown.push('…');
-    }
-    shown
-}
-
-/// Names of columns, for a message: the first ones.
-#[must_use]
-pub fn quoted_names<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    const MOST: usize = 12;
-    let all: Vec<String> = names.into_iter().take(MOST + 1).map(quoted).collect();
-    let more = if all.len() > MOST { ", …" } else { "" };
-    all[..all.len().min(MOST)].join(", ") + more
 }
 
 #[cfg(test)]
@@ -154,6 +135,16 @@ mod tests {
     }
 
     #[test]
+    fn what_the_system_makes_as_it_is_read_is_not_waited_for() {
+        // It holds the messages of the kernel, and a reader waits for the next one.
+        for path in ["/proc/kmsg", "/proc/self/status"].map(Path::new) {
+            if let Ok(bytes) = read(path, Use::Text) {
+                assert!(bytes.is_empty(), "{}", path.display());
+            }
+        }
+    }
+
+    #[test]
     fn what_is_too_large_is_refused_before_it_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("large");
@@ -167,13 +158,5 @@ mod tests {
         }
         fs::write(&path, "all of it").unwrap();
         assert_eq!(read(&path, Use::Study).unwrap(), b"all of it");
-    }
-
-    #[test]
-    fn little_of_a_foreign_file_is_quoted() {
-        assert_eq!(quoted("root:x:0:0:root:/root:/bin/bash"), "root:x:0:0:root:/roo…");
-        assert_eq!(quoted("\u{1b}[31m1.5"), "[31m1.5");
-        assert_eq!(quoted_names(["a", "b"]), "a, b");
-        assert!(quoted_names(vec!["a"; 100]).ends_with("a, …"));
     }
 }

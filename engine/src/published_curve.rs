@@ -1,9 +1,9 @@
 //! Curves that others published: CSV files with a step and a value in each row.
 
 use crate::{
-    input_file::{self, Use},
+    input_file::{self, Opened, Use},
+    reach::{self, Outside, Reach},
     statistics::estimators,
-    world::fs::File,
 };
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use schemars::JsonSchema;
@@ -38,6 +38,9 @@ pub struct PublishedCurve {
     /// Column that tells separate runs apart; all rows are one run where absent.
     #[serde(default)]
     pub by: Option<String>,
+    /// Set where the file lies where those of the study do not; it is not read then.
+    #[serde(skip)]
+    pub outside: Option<Outside>,
 }
 
 /// One run of a curve.
@@ -60,6 +63,9 @@ pub enum PublishedCurveError {
         /// What the system or the reader said.
         problem: String,
     },
+    /// The file lies where those of the study do not.
+    #[error(transparent)]
+    Outside(Outside),
     /// The first line does not name a column.
     #[error("`{}` has no column `{column}`", file.display())]
     NoColumn {
@@ -113,6 +119,9 @@ impl PublishedCurve {
     /// A file or column that is missing, fields that hold no number, no row that is meant, and a step that a
     /// run has twice.
     pub fn runs(&self) -> Result<Vec<Run>, PublishedCurveError> {
+        if let Some(outside) = &self.outside {
+            return Err(PublishedCurveError::Outside(outside.clone()));
+        }
         let mut reader = open(&self.file)?;
         let header = reader
             .headers()
@@ -148,9 +157,12 @@ impl PublishedCurve {
             .collect())
     }
 
-    /// Seeks the file from `folder`.
+    /// Seeks the file from `folder`, that of a study.
     pub fn seek_from(&mut self, folder: &Path) {
-        self.file = folder.join(&self.file);
+        match Reach::of(folder).find(folder, &self.file.to_string_lossy()) {
+            Ok(path) => self.file = path,
+            Err(outside) => self.outside = Some(outside),
+        }
     }
 
     fn wanted(&self) -> String {
@@ -211,7 +223,7 @@ impl<'a> Columns<'a> {
                 .ok_or_else(|| PublishedCurveError::NoColumn {
                     file: curve.file.clone(),
                     column: column.clone(),
-                    known: header.iter().map(String::from).collect(),
+                    known: known_columns(&curve.file, header),
                 })
         };
         Ok(Self {
@@ -250,7 +262,7 @@ impl Row<'_> {
             file: self.curve.file.clone(),
             line: self.line(),
             column: column.clone(),
-            text: text.into(),
+            text: reach::quoted(&self.curve.file, text),
             expected,
         };
         let (step, value) = (self.field(columns.step), self.field(columns.value));
@@ -305,9 +317,15 @@ fn whole(text: &str) -> Option<u64> {
     text.parse().ok().or_else(|| text.parse().ok().and_then(of_float))
 }
 
-fn open(file: &Path) -> Result<Reader<File>, PublishedCurveError> {
+fn open(file: &Path) -> Result<Reader<Opened>, PublishedCurveError> {
     let opened = input_file::open(file, Use::Text).map_err(|error| unreadable(file, &error))?;
     Ok(ReaderBuilder::new().trim(Trim::All).from_reader(opened))
+}
+
+/// Names of columns, none of a file that is not the study's.
+fn known_columns(file: &Path, header: &StringRecord) -> Vec<String> {
+    let names = header.iter().filter(|_| !reach::is_foreign(file));
+    names.map(String::from).collect()
 }
 
 fn unreadable(file: &Path, problem: &impl std::fmt::Display) -> PublishedCurveError {

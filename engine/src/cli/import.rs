@@ -4,7 +4,7 @@ use super::{BAD_SPEC, Common, Failure, Format, OK, complain, export::Whole, say}
 use crate::{
     Error,
     imported::{Found, ImportedText, Patterns, columns, read},
-    spec::{section_yaml, way},
+    spec::{name_from, section_yaml},
     store::{self, write_durably},
     world::fs,
 };
@@ -123,7 +123,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
     };
     let from = named
         .iter()
-        .map(|path| way(folder, path).display().to_string())
+        .map(|path| name_from(folder, path).display().to_string())
         .collect();
     let text = options.text(from);
     match common.format {

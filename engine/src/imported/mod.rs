@@ -13,7 +13,7 @@ mod mapping;
 mod pattern;
 
 pub use mapping::{ImportedText, Mapping, Patterns};
-pub use pattern::matching;
+pub use pattern::{PatternError, matching};
 
 use crate::{
     Error, Phase,

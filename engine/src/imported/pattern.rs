@@ -1,14 +1,59 @@
 //! Files by patterns in which `*` stands for any part of one name.
 
-use crate::{Error, store::names, world::fs};
+use crate::{
+    Error,
+    reach::{Outside, Reach},
+    store::names,
+    world::fs,
+};
 use std::path::{Component, Path, PathBuf};
 
-/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches.
+/// Most names that are looked at for one pattern: a pattern is for a folder of runs, and not for a disk.
+const MOST_NAMES: usize = 200_000;
+
+/// Why the files of a pattern cannot be listed.
+#[derive(Debug, thiserror::Error)]
+pub enum PatternError {
+    /// It, or a link that it leads to, leads out of the study's folder and project.
+    #[error(transparent)]
+    Outside(Outside),
+    /// A folder on the way cannot be read.
+    #[error(transparent)]
+    Unreadable(Error),
+    /// Its folders have too many names.
+    #[error("more than {MOST_NAMES} names would be looked at for `{0}`: name the folder of the runs")]
+    TooMany(String),
+}
+
+/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches. A study's
+/// files lie within `reach`.
 ///
 /// # Errors
-/// [`Error::File`] where a folder on the way cannot be read.
-pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
-    let mut found = vec![folder.to_owned()];
+/// [`PatternError`].
+pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
+    // Nothing is listed before it is known that a study may name it.
+    let fixed = pattern.split('*').next().unwrap_or_default();
+    let fixed = fixed.rsplit_once('/').map_or(".", |(folder, _)| folder);
+    let is_absolute = Path::new(pattern).is_absolute();
+    if !is_absolute {
+        let outside = |_| PatternError::Outside(Outside { name: pattern.into() });
+        reach.find(folder, fixed).map_err(outside)?;
+    }
+    let found = listed(folder, pattern)?;
+    for path in &found {
+        let name = if is_absolute {
+            path
+        } else {
+            path.strip_prefix(folder).unwrap_or(path)
+        };
+        let name = name.to_string_lossy();
+        reach.find(folder, &name).map_err(PatternError::Outside)?;
+    }
+    Ok(found)
+}
+
+fn listed(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
+    let (mut found, mut looked_at) = (vec![folder.to_owned()], 0);
     for part in Path::new(pattern).components() {
         let name = part.as_os_str().to_string_lossy().into_owned();
         let is_pattern = matches!(part, Component::Normal(_)) && name.contains('*');
@@ -27,7 +72,12 @@ pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
                 path
             };
             let hidden = |entry: &String| entry.starts_with('.') && !name.starts_with('.');
-            let entries = names(listed)?
+            let entries = names(listed).map_err(PatternError::Unreadable)?;
+            looked_at += entries.len();
+            if looked_at > MOST_NAMES {
+                return Err(PatternError::TooMany(pattern.into()));
+            }
+            let entries = entries
                 .into_iter()
                 .filter(|entry| !hidden(entry) && fits(&name, entry));
             below.extend(entries.map(|entry| path.join(entry)));
@@ -89,7 +139,7 @@ mod tests {
             std::fs::write(path, "").unwrap();
         }
         let found = |pattern: &str| -> Vec<String> {
-            let found = matching(dir.path(), pattern).unwrap();
+            let found = matching(&Reach::of(dir.path()), dir.path(), pattern).unwrap();
             found
                 .iter()
                 .map(|path| path.strip_prefix(dir.path()).unwrap().display().to_string())

@@ -6,6 +6,7 @@ use crate::{
     data_file::hash_of,
     diagnostic::{Diagnostic, Sources, Span},
     document::{Kind, Node},
+    reach::{Outside, Reach},
     registry::About,
     schema_check::{At, Checker, View},
     trial::Part,
@@ -32,10 +33,50 @@ pub struct Plugin<'a> {
 }
 
 /// Reads data files once and remembers their hashes.
+#[derive(Clone)]
 pub struct Files<'a> {
     folder: &'a Path,
-    /// What each holds, or why it cannot be read.
-    hashes: BTreeMap<PathBuf, Result<String, String>>,
+    reach: Reach,
+    /// Where each lies and the hash of what it holds, or why it cannot be used, by its name.
+    known: BTreeMap<String, Result<(PathBuf, String), Unusable>>,
+}
+
+/// Why a data file cannot be used.
+#[derive(Debug, Clone)]
+enum Unusable {
+    Outside(Outside),
+    Absent,
+    Unreadable(String),
+}
+
+impl Unusable {
+    fn of(error: &Error) -> Self {
+        match error {
+            Error::File { source, .. } if source.kind() == ErrorKind::NotFound => Self::Absent,
+            Error::File { source, .. } => Self::Unreadable(source.to_string()),
+            other => Self::Unreadable(other.to_string()),
+        }
+    }
+
+    /// What is wrong with the file that `text` names.
+    fn message(&self, text: &str) -> String {
+        match self {
+            Self::Outside(outside) => outside.to_string(),
+            Self::Absent => format!("there is no data file `{text}`"),
+            Self::Unreadable(why) => format!("the data file `{text}` cannot be read: {why}"),
+        }
+    }
+
+    fn help(&self, text: &str, folder: &Path) -> String {
+        let path = folder.join(text);
+        match self {
+            Self::Outside(_) => Outside::HELP.into(),
+            _ => format!(
+                "files are sought from the folder of the study: `{}`",
+                path.display()
+            ),
+        }
+    }
 }
 
 impl<'a> Files<'a> {
@@ -44,25 +85,23 @@ impl<'a> Files<'a> {
     pub fn new(folder: &'a Path) -> Self {
         Self {
             folder,
-            hashes: BTreeMap::new(),
+            reach: Reach::of(folder),
+            known: BTreeMap::new(),
         }
     }
 
-    fn hash(&mut self, path: &Path) -> Result<String, String> {
-        if !self.hashes.contains_key(path) {
-            self.hashes
-                .insert(path.into(), hash_of(path).map_err(|error| why(&error)));
+    /// The path of a file by its name in the study, and the hash of what it holds.
+    fn find(&mut self, text: &str) -> Result<(PathBuf, String), Unusable> {
+        if let Some(known) = self.known.get(text) {
+            return known.clone();
         }
-        self.hashes[path].clone()
-    }
-}
-
-/// Why a data file cannot be read; empty where there is none.
-fn why(error: &Error) -> String {
-    match error {
-        Error::File { source, .. } if source.kind() == ErrorKind::NotFound => String::new(),
-        Error::File { source, .. } => source.to_string(),
-        other => other.to_string(),
+        let path = self.reach.find(self.folder, text).map_err(Unusable::Outside);
+        let found = path.and_then(|path| {
+            let hash = hash_of(&path).map_err(|error| Unusable::of(&error))?;
+            Ok((path, hash))
+        });
+        self.known.insert(text.into(), found.clone());
+        found
     }
 }
 
@@ -86,15 +125,13 @@ pub fn resolve(
         (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, given, &error, sources))?;
     let mut hashes = BTreeMap::new();
     let absent = name_files(&mut config, "", files, &mut hashes);
-    if let Some((pointer, path)) = absent {
+    if let Some((pointer, text, why)) = absent {
         let key = pointer.trim_start_matches('/').replace('/', ".");
         if let Some(span) = locate(given, &key) {
-            return Err(vec![in_a_word(plugin, &key, &path, span, sources)]);
+            let (message, help) = (why.message(&text), why.help(&text, files.folder));
+            return Err(vec![in_a_word(plugin, &key, (message, help), span, sources)]);
         }
-        let message = format!(
-            "the data file `{}` that `{key}` names by default cannot be read",
-            path.display()
-        );
+        let message = format!("the data file `{text}` that `{key}` names by default cannot be read");
         return Err(vec![
             sources
                 .error(plugin.span, &plugin.at, message)
@@ -109,14 +146,16 @@ pub fn resolve(
 }
 
 /// A file that does not stand under a key `file`, but is part of a word, as in `tank.py:make`.
-fn in_a_word(plugin: &Plugin<'_>, key: &str, path: &Path, span: Span, sources: &Sources) -> Diagnostic {
+fn in_a_word(
+    plugin: &Plugin<'_>,
+    key: &str,
+    (problem, help): (String, String),
+    span: Span,
+    sources: &Sources,
+) -> Diagnostic {
     let key = key.trim_end_matches(".file");
-    let message = format!("`{key}` names a file that cannot be read");
+    let message = format!("`{key}` names a file that cannot be read: {problem}");
     let at = format!("{}.{key}", plugin.at);
-    let help = format!(
-        "files are sought from the folder of the study: `{}`",
-        path.display()
-    );
     sources.error(span, &at, message).help(help)
 }
 
@@ -205,16 +244,8 @@ fn missing_files(
                     .filter(|text| entry.key == "file" && !text.is_empty())
                 {
                     Some(text) => {
-                        let path = files.folder.join(text);
-                        if let Err(why) = files.hash(&path) {
-                            let message = match why.as_str() {
-                                "" => format!("there is no data file `{text}`"),
-                                why => format!("the data file `{text}` cannot be read: {why}"),
-                            };
-                            let help = format!(
-                                "files are sought from the folder of the study: `{}`",
-                                path.display()
-                            );
+                        if let Err(why) = files.find(text) {
+                            let (message, help) = (why.message(text), why.help(text, files.folder));
                             found.push(sources.error(entry.value.span, &below, message).help(help));
                         }
                     }
@@ -227,20 +258,20 @@ fn missing_files(
 }
 
 /// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by JSON
-/// pointer. Returns the first that does not exist.
+/// pointer. Returns the first that cannot be used, with its name and why.
 fn name_files(
     value: &mut Value,
     at: &str,
     files: &mut Files<'_>,
     hashes: &mut BTreeMap<String, String>,
-) -> Option<(String, PathBuf)> {
+) -> Option<(String, String, Unusable)> {
     let below = |key: &str| format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
     match value {
         Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
             Value::String(text) if key == "file" && !text.is_empty() => {
-                let path = files.folder.join(&*text);
-                let Ok(hash) = files.hash(&path) else {
-                    return Some((below(key), path));
+                let (path, hash) = match files.find(text) {
+                    Ok(found) => found,
+                    Err(why) => return Some((below(key), text.clone(), why)),
                 };
                 *text = path.display().to_string();
                 hashes.insert(below(key), hash);

@@ -9,6 +9,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span},
     document::{self, Node},
     input_file,
+    reach::{Outside, Reach},
     table::TableSpec,
     trial::Part,
 };
@@ -95,8 +96,17 @@ impl<'a> Reader<'a> {
             loaded: Vec::new(),
         };
         let mut found = Vec::new();
+        let reach = Reach::of(&study.folder);
         for (name, span) in named.iter().take(MOST + 1) {
-            if let Err(problem) = reader.load(&study.folder.join(name)) {
+            let path = match reach.find(&study.folder, name) {
+                Ok(path) => path,
+                Err(outside) => {
+                    let error = sources.error(*span, "confirms", outside.to_string());
+                    found.push(error.help(Outside::HELP));
+                    continue;
+                }
+            };
+            if let Err(problem) = reader.load(&path) {
                 let message =
                     format!("the study `{name}`, which this one confirms, cannot be taken: {problem}");
                 let help =
@@ -128,11 +138,14 @@ impl<'a> Reader<'a> {
             return Err(format!("{MOST} are the most, with those that they confirm"));
         }
         let (study, root) = load(path, self.registry)?;
-        let folder = study.folder.clone();
+        let (folder, reach) = (study.folder.clone(), Reach::of(&study.folder));
         self.loaded.push((file, study));
         include::named(&root, "confirms")
             .iter()
-            .try_for_each(|(name, _)| self.load(&folder.join(name)))
+            .try_for_each(|(name, _)| {
+                let path = reach.find(&folder, name).map_err(|outside| outside.to_string())?;
+                self.load(&path)
+            })
     }
 }
 

@@ -5,7 +5,8 @@ use crate::{
     Metric,
     diagnostic::{Diagnostic, Span, suggest},
     document::{Entry, Kind, Node},
-    imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, matching, read},
+    imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, PatternError, matching, read},
+    reach::{Outside, Reach},
 };
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -220,8 +221,9 @@ impl Reader<'_> {
     fn files(&mut self, text: &ImportedText, node: &Node, at: &str) -> Option<Vec<PathBuf>> {
         let (span, at) = (span_of(node, "from"), format!("{at}.from"));
         let mut files: Vec<PathBuf> = Vec::new();
+        let reach = Reach::of(self.sections.folder);
         for pattern in text.from.all() {
-            match matching(self.sections.folder, pattern) {
+            match matching(&reach, self.sections.folder, pattern) {
                 Ok(found) if found.is_empty() => {
                     let message = format!(
                         "there is no file `{}`",
@@ -232,7 +234,12 @@ impl Reader<'_> {
                 }
                 Ok(found) => files.extend(found),
                 Err(error) => {
-                    self.say(span, &at, error.to_string(), "");
+                    let help = if matches!(error, PatternError::Outside(_)) {
+                        Outside::HELP
+                    } else {
+                        ""
+                    };
+                    self.say(span, &at, error.to_string(), help);
                     return None;
                 }
             }

@@ -2,12 +2,13 @@
 
 use super::{
     lay::lay,
-    way::{along, way},
+    way::{along, name_from, way},
 };
 use crate::{
     diagnostic::{Diagnostic, Sources, Span},
     document::{self, Entry, Kind, Node},
     input_file,
+    reach::{Outside, Reach},
     schema_check::View,
 };
 use serde_json::Value;
@@ -37,6 +38,7 @@ pub fn read(
 ) -> Result<Included, Vec<Diagnostic>> {
     let mut reader = Reader {
         study: file.parent().unwrap_or(Path::new("")),
+        reach: Reach::of(file.parent().unwrap_or(Path::new(""))),
         schema: View::new(schema, schema),
         sources,
         open: vec![along(Path::new(""), file)],
@@ -55,6 +57,8 @@ pub fn read(
 struct Reader<'a> {
     /// Folder of the study.
     study: &'a Path,
+    /// Where its files lie.
+    reach: Reach,
     schema: View<'a>,
     sources: &'a mut Sources,
     /// The files around the one that is being read, which it must not include.
@@ -79,7 +83,11 @@ impl Reader<'_> {
 
     /// The sections of one file, which may include others itself.
     fn file(&mut self, name: &str, span: Span, folder: &Path) -> Result<Node, Vec<Diagnostic>> {
-        let path = folder.join(name);
+        let found = self.reach_from(folder).find(folder, name);
+        let path = found.map_err(|outside| {
+            let error = self.sources.error(span, "include", outside.to_string());
+            vec![error.help(Outside::HELP)]
+        })?;
         self.admit(name, span, &path)?;
         let shown = path.display().to_string();
         let bytes = input_file::read(&path, input_file::Use::Study).map_err(|error| {
@@ -97,6 +105,15 @@ impl Reader<'_> {
         self.open.pop();
         forget(&mut node, &["study", "include", "confirms"]);
         Ok(node)
+    }
+
+    /// Where files lie that are named in a file of `folder`: those of the study, or of what was named absolutely.
+    fn reach_from(&self, folder: &Path) -> Reach {
+        if self.reach.holds(folder) {
+            self.reach.clone()
+        } else {
+            Reach::of(folder)
+        }
     }
 
     /// Refuses a file that is being read already, and the one after the last that may be read.
@@ -136,7 +153,13 @@ impl Reader<'_> {
             };
             for Entry { key, value, .. } in entries {
                 let names_files = if key == "imported" { "from" } else { "file" };
-                relocate(value, key, names_files, (folder, self.study));
+                relocate(
+                    value,
+                    key,
+                    names_files,
+                    (folder, self.study),
+                    &self.reach_from(folder),
+                );
             }
         }
         Ok(root)
@@ -161,18 +184,22 @@ fn forget(node: &mut Node, keys: &[&str]) {
 }
 
 /// Names files, which stand under a key and in lists for it, as seen from another folder.
-fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &Path)) {
+fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &Path), reach: &Reach) {
     let is_file = key.rsplit('.').next() == Some(names_files);
     match &mut node.kind {
         Kind::Scalar(_) => {
             if let Some(text) = node.as_str().filter(|text| is_file && !text.is_empty()) {
-                let path = way(to, &from.join(text)).display().to_string();
-                *node = Node::scalar(node.span, path.into());
+                // A name that leads out stays relative, and is refused where its file is read.
+                let path = match reach.find(from, text) {
+                    Ok(path) => name_from(to, &path),
+                    Err(_) => way(to, &from.join(text)),
+                };
+                *node = Node::scalar(node.span, path.display().to_string().into());
             }
         }
         Kind::Sequence(items) => items
             .iter_mut()
-            .for_each(|item| relocate(item, key, names_files, (from, to))),
+            .for_each(|item| relocate(item, key, names_files, (from, to), reach)),
         Kind::Mapping(entries) => {
             for Entry {
                 key: below, value, ..
@@ -180,7 +207,7 @@ fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &
             {
                 let is_list_of_files = is_file && !matches!(value.kind, Kind::Scalar(_));
                 let key = if is_list_of_files { key } else { below };
-                relocate(value, key, names_files, (from, to));
+                relocate(value, key, names_files, (from, to), reach);
             }
         }
     }

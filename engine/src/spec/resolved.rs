@@ -151,7 +151,7 @@ pub fn sections(
             .and_then(|plugin| config::resolve(&plugin, &named.config, &mut files, sections.sources).ok());
         // A config that is complete only with a sweep or an override stays as it is written.
         json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(),
-            |part| (*part.config).clone()) })
+            |part| part.config.whole().into_owned()) })
     };
     let mut parts = |list: &[Named], target: fn(usize) -> Target| {
         let pairs = list

@@ -1,6 +1,7 @@
 //! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved
 //! together.
 
+use crate::reach::Reach;
 use std::{
     ffi::OsString,
     path::{Component, Path, PathBuf},
@@ -13,6 +14,17 @@ pub fn way(from: &Path, to: &Path) -> PathBuf {
     let shared = from.iter().zip(&to).take_while(|(one, two)| one == two).count();
     let up = std::iter::repeat_n("..".into(), from.len() - shared);
     up.chain(to[shared..].iter().cloned()).collect()
+}
+
+/// The name of a file in a study of `folder`: the way to it, or its absolute path where that would lead out of the folder
+/// and its project.
+#[must_use]
+pub fn name_from(folder: &Path, to: &Path) -> PathBuf {
+    if Reach::of(folder).holds(to) {
+        way(folder, to)
+    } else {
+        along(Path::new(""), to)
+    }
 }
 
 /// Where a way leads from a folder.

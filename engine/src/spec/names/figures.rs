@@ -29,14 +29,8 @@ impl Names<'_> {
         let all = self.all();
         let mut known = self.traced(&all);
         known.extend(self.recorded(&all));
-        known.extend(
-            self.world
-                .agents
-                .iter()
-                .chain(&self.world.environments)
-                .chain(&self.world.settings)
-                .cloned(),
-        );
+        known.extend(self.world.agents.iter().chain(&self.world.environments).cloned());
+        known.extend(self.world.settings.iter().map(|setting| setting.to_string()));
         for entry in labels
             .node
             .entries()

@@ -5,6 +5,7 @@ use crate::{
     diagnostic::suggest,
     document::Node,
     published_curve::{PublishedCurve, PublishedCurveError},
+    reach::Outside,
     world::fs,
 };
 
@@ -85,6 +86,9 @@ impl Names<'_> {
                     error.to_string(),
                     suggest(column, known.iter().map(String::as_str)),
                 );
+            }
+            PublishedCurveError::Outside(_) => {
+                self.say(place.value("file"), error.to_string(), Outside::HELP)
             }
             PublishedCurveError::NoRow { .. } => self.say(place.value("where"), error.to_string(), ""),
             PublishedCurveError::StepTwice { .. } if curve.by.is_none() => {

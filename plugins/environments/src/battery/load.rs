@@ -1,6 +1,6 @@
 //! The load that the pack must carry.
 
-use engine::{DataFile, Error, Rng, input_file::quoted};
+use engine::{DataFile, Error, Rng, reach::quoted};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -170,8 +170,9 @@ fn rows(file: &DataFile) -> Result<Vec<(f64, Demand)>, Error> {
         let record = record.map_err(|source| problem(source.to_string()))?;
         let unfit = |what: String| problem(format!("line {}: {what}", line_of(&record, &text)));
         let time_s =
-            number(&record, time_column).map_err(|text| unfit(format!("t_s `{text}` is no number")))?;
-        let value = number(&record, value_column).map_err(|text| unfit(format!("`{text}` is no number")))?;
+            number(file, &record, time_column).map_err(|text| unfit(format!("t_s `{text}` is no number")))?;
+        let value =
+            number(file, &record, value_column).map_err(|text| unfit(format!("`{text}` is no number")))?;
         if rows.last().is_some_and(|(before_s, _)| *before_s >= time_s) {
             return Err(unfit(format!(
                 "t_s {time_s} does not lie after the row before it"
@@ -199,12 +200,12 @@ fn line_of(record: &csv::StringRecord, text: &str) -> usize {
 }
 
 /// The finite number in `column`, or the text that is none.
-fn number(record: &csv::StringRecord, column: usize) -> Result<f64, String> {
+fn number(file: &DataFile, record: &csv::StringRecord, column: usize) -> Result<f64, String> {
     let text = record.get(column).unwrap_or_default();
     text.parse()
         .ok()
         .filter(|value: &f64| value.is_finite())
-        .ok_or_else(|| quoted(text))
+        .ok_or_else(|| quoted(file.path(), text))
 }
 
 #[cfg(test)]
