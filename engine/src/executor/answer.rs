@@ -3,7 +3,7 @@
 use super::Error;
 use crate::world::{
     clock,
-    process::{Child, Command, ExitStatus, Stdio},
+    process::{Child, Command, ExitStatus, Stdio, end_group},
 };
 use std::{
     io::Read,
@@ -40,10 +40,10 @@ impl Stop {
 }
 
 /// What a command printed, and how it ended.
-pub(super) struct Answer {
-    pub(super) status: ExitStatus,
-    pub(super) out: Vec<u8>,
-    pub(super) err: Vec<u8>,
+pub(crate) struct Answer {
+    pub(crate) status: ExitStatus,
+    pub(crate) out: Vec<u8>,
+    pub(crate) err: Vec<u8>,
 }
 
 /// Runs a command to its end. One that takes longer than `limit`, or is under way when `stop` is asked for, is
@@ -57,10 +57,23 @@ pub(super) fn ask(
     limit: Duration,
     stop: &Stop,
 ) -> Result<Answer, Error> {
+    tell(program, command.stdin(Stdio::null()), limit, stop)
+}
+
+/// As [`ask`], of a command whose input is set.
+///
+/// # Errors
+/// As [`ask`].
+pub(crate) fn tell(
+    program: &'static str,
+    command: &mut Command,
+    limit: Duration,
+    stop: &Stop,
+) -> Result<Answer, Error> {
     let missing = |source| Error::NoProgram { program, source };
     // In a group of its own: Ctrl-C is for this program, which says what follows, and whatever the command
     // starts can be ended with it.
-    command.stdin(Stdio::null()).process_group(0);
+    command.process_group(0);
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(missing)?;
     let (out, err) = (heard(child.stdout.take()), heard(child.stderr.take()));
@@ -143,13 +156,9 @@ impl Patience {
     }
 }
 
-/// Ends a command and what it started; what cannot be ended is left to itself.
+/// Ends a command and what it started.
 fn end(child: &mut Child) {
-    let group = format!("-{}", child.id());
-    let mut kill = Command::new("kill");
-    kill.args(["-KILL", "--", &group]).stdin(Stdio::null());
-    let _ = kill.stdout(Stdio::null()).stderr(Stdio::null()).status();
-    let _ = child.kill();
+    end_group(child);
     let _ = child.wait();
 }
 

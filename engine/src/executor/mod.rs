@@ -29,6 +29,7 @@ mod submission;
 mod work;
 
 pub use answer::Stop;
+pub(crate) use answer::tell;
 pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
 pub use follow::{Outcome, Patience, Watch, describe};
 pub use kind::{Kind, LOCAL, Options, Way, all, find};

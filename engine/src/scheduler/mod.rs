@@ -13,6 +13,7 @@ pub mod hosts;
 mod process;
 mod queue;
 mod readiness;
+mod silence;
 mod slot;
 mod watch;
 mod worker;

@@ -1,6 +1,7 @@
 //! Runs trials in a worker process, which the slot that talks to it and the thread that watches it share.
 
 use super::{
+    silence::{Listened, Silence},
     slot::{Answer, Runner},
     worker::{Message, Reply, Request},
 };
@@ -10,7 +11,7 @@ use crate::{
     results::EndState,
     world::{
         clock, fs,
-        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio, end_group},
     },
 };
 use std::{
@@ -24,7 +25,7 @@ use std::{
 pub(super) struct Worker<'a> {
     program: &'a Path,
     process: &'a Shared,
-    replies: Option<BufReader<ChildStdout>>,
+    replies: Option<Replies>,
 }
 
 impl<'a> Worker<'a> {
@@ -51,7 +52,7 @@ impl Runner for Worker<'_> {
         })?;
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
-            None => self.process.start(&mut worker(self.program))?,
+            None => self.process.start(&mut worker(self.program), None)?,
         };
         self.process.begin(&message, limits);
         let Some(reply) = listen(&mut replies, progress) else {
@@ -88,7 +89,7 @@ fn worker(program: &Path) -> Command {
 }
 
 /// Passes on what the process says, until its last word; `None` where it died without one.
-fn listen(replies: &mut BufReader<ChildStdout>, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
+fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
     loop {
         let mut line = String::new();
         if replies.read_line(&mut line).unwrap_or(0) == 0 {
@@ -103,6 +104,16 @@ fn listen(replies: &mut BufReader<ChildStdout>, progress: &mut dyn FnMut(u64, u6
     }
 }
 
+/// What a process says.
+pub(super) type Replies = BufReader<Listened<ChildStdout>>;
+
+/// How long an idle process may take to leave once its input has ended.
+const LEAVES_WITHIN: Duration = Duration::from_secs(5);
+/// How long a process may be silent that was told to stop, where silence counts.
+const STOPS_WITHIN: Duration = Duration::from_secs(10);
+/// The longest piece that is written at once: a process that takes one in is not silent.
+const PIECE: usize = 1 << 16;
+
 /// The process of one slot, where it has one.
 #[derive(Default)]
 pub(super) struct Shared {
@@ -111,7 +122,11 @@ pub(super) struct Shared {
 
 struct Process {
     child: Child,
-    requests: ChildStdin,
+    /// Whoever writes holds it, and not the whole process: one that takes nothing in can still be ended.
+    requests: Arc<Mutex<ChildStdin>>,
+    silence: Silence,
+    /// The process counts as lost where it is silent for so long while something is waited for.
+    patience: Option<Duration>,
     busy: Option<Busy>,
 }
 
@@ -124,8 +139,9 @@ struct Busy {
 }
 
 impl Shared {
-    /// Starts a process; what it says is read from what is given back.
-    pub(super) fn start(&self, command: &mut Command) -> Result<BufReader<ChildStdout>, Error> {
+    /// Starts a process; what it says is read from what is given back. One that is silent for longer than `patience`
+    /// while something is waited for is ended with all that it started: its group is its own.
+    pub(super) fn start(&self, command: &mut Command, patience: Option<Duration>) -> Result<Replies, Error> {
         let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = piped.spawn().map_err(|source| Error::Worker {
             problem: format!(
@@ -138,27 +154,37 @@ impl Shared {
                 problem: "its pipes are missing".into(),
             });
         };
+        let silence = Silence::default();
         *self.lock() = Some(Process {
             child,
-            requests,
+            requests: Arc::new(Mutex::new(requests)),
+            silence: silence.clone(),
+            patience,
             busy: None,
         });
-        Ok(BufReader::new(replies))
+        let pipe = replies;
+        Ok(BufReader::new(Listened { pipe, silence }))
     }
 
     /// Sends bytes to an idle process. One that takes none in holds up nobody but its slot.
     pub(super) fn write(&self, bytes: &[u8]) -> io::Result<()> {
-        match self.lock().as_mut() {
-            Some(process) => process.requests.write_all(bytes),
-            None => Err(io::ErrorKind::BrokenPipe.into()),
-        }
+        let process = self
+            .lock()
+            .as_ref()
+            .map(|it| (Arc::clone(&it.requests), it.silence.clone()));
+        let Some((requests, silence)) = process else {
+            return Err(io::ErrorKind::BrokenPipe.into());
+        };
+        let mut requests = requests.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pieces = bytes.chunks(PIECE);
+        pieces.try_for_each(|piece| silence.during(|| requests.write_all(piece)))
     }
 
     /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its
     /// answer is read.
     pub(super) fn begin(&self, message: &str, limits: &Arc<Limits>) {
+        let _ = self.write(format!("{message}\n").as_bytes());
         if let Some(process) = self.lock().as_mut() {
-            let _ = writeln!(process.requests, "{message}");
             let limits = Arc::clone(limits);
             process.busy = Some(Busy {
                 since: clock::now(),
@@ -184,7 +210,8 @@ impl Shared {
 
     /// Takes in a process that has ended: its exit status and the limit for which it was ended.
     pub(super) fn bury(&self) -> (Option<ExitStatus>, Option<(EndState, String)>) {
-        match self.lock().take() {
+        let process = self.lock().take();
+        match process {
             Some(Process { mut child, busy, .. }) => {
                 // It closed its output; one that still lives is of no use.
                 let _ = child.kill();
@@ -194,33 +221,54 @@ impl Shared {
         }
     }
 
-    /// Lets an idle process leave: the end of its input tells it to.
+    /// Lets an idle process leave: the end of its input tells it to. One that does not is ended.
     pub(super) fn dismiss(&self) {
-        if let Some(Process {
+        let process = self.lock().take();
+        let Some(Process {
             mut child, requests, ..
-        }) = self.lock().take()
-        {
-            drop(requests);
-            let _ = child.wait();
+        }) = process
+        else {
+            return;
+        };
+        drop(requests);
+        let asked = clock::now();
+        while matches!(child.try_wait(), Ok(None)) {
+            if clock::since(asked) > LEAVES_WITHIN {
+                let _ = child.kill();
+                let _ = child.wait();
+                return;
+            }
+            clock::sleep(Duration::from_millis(2));
         }
     }
 
-    /// Tells a busy process, once, to save a checkpoint and stop.
+    /// Tells a busy process, once, to save a checkpoint and stop. From then on a silent one is waited for less long.
     pub(super) fn ask_to_stop(&self) {
         if let Some(Process {
             requests,
+            patience,
             busy: Some(busy),
             ..
         }) = self.look().as_deref_mut().and_then(Option::as_mut)
-            && !std::mem::replace(&mut busy.told_to_stop, true)
+            && !busy.told_to_stop
             && let Ok(text) = serde_json::to_string(&Message::Stop)
+            && let Ok(mut requests) = requests.try_lock()
         {
             let _ = writeln!(requests, "{text}");
+            *patience = patience.map(|patience| patience.min(STOPS_WITHIN));
+            busy.told_to_stop = true;
         }
     }
 
-    /// Ends a process that is over a limit.
+    /// Ends a process that is over a limit, or silent for longer than it may.
     pub(super) fn hold_limits(&self) {
+        if let Some(process) = self.look().as_deref_mut().and_then(Option::as_mut)
+            && let Some(patience) = process.patience
+            && process.silence.lasts().is_some_and(|silent| silent > patience)
+        {
+            end_group(&mut process.child);
+            process.patience = None;
+        }
         if let Some(Process {
             child,
             busy: Some(busy),
@@ -233,6 +281,13 @@ impl Shared {
                 let _ = child.kill();
             }
         }
+    }
+
+    /// True where the process was ended because it was silent.
+    pub(super) fn fell_silent(&self) -> bool {
+        self.lock()
+            .as_ref()
+            .is_some_and(|process| process.patience.is_none())
     }
 
     /// The process, unless its slot is talking to it: whoever watches all of them looks again.
@@ -317,5 +372,63 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
             EndState::Killed,
             format!("the worker process left with exit code {}", code.unwrap_or(-1)),
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A process with a pipe each way that says nothing, and what it started holds its pipes.
+    fn silent(shared: &Shared, patience: Duration) -> Replies {
+        use std::os::unix::process::CommandExt as _;
+        let mut command = Command::new("sh");
+        command.args(["-c", "sleep 600 & sleep 600"]).process_group(0);
+        shared.start(&mut command, Some(patience)).unwrap()
+    }
+
+    #[test]
+    fn who_says_nothing_for_longer_than_it_may_is_ended_and_its_reader_goes_on() {
+        let shared = Shared::default();
+        let mut replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| replies.read_line(&mut String::new()));
+            while !reader.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert_eq!(reader.join().unwrap().unwrap(), 0);
+        });
+        assert!(shared.fell_silent() && clock::since(begun) >= Duration::from_millis(300));
+        shared.bury();
+    }
+
+    #[test]
+    fn who_takes_nothing_in_is_ended_too() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(|| shared.write(&vec![0; 1 << 24]));
+            while !writer.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert!(writer.join().unwrap().is_err());
+        });
+        shared.bury();
+    }
+
+    #[test]
+    fn one_that_is_not_waited_for_may_be_silent() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(10));
+        clock::sleep(Duration::from_millis(50));
+        shared.hold_limits();
+        assert!(!shared.fell_silent());
+        shared.bury();
     }
 }

@@ -1,7 +1,8 @@
 //! The inside of a worker process: one request a line, one trial a request.
 
 use crate::{
-    Error, Registry,
+    Error, Registry, panics,
+    plain_text::brief,
     results::{EndState, TrialEnd},
     store::{RunningTrial, Store},
     trial::Trial,
@@ -10,7 +11,6 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::{
     io::{BufRead, Write},
-    panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::{
         Arc,
@@ -183,7 +183,7 @@ fn attempt(
     fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop)).until(request.until);
-    let outcome = catch_unwind(AssertUnwindSafe(|| {
+    let outcome = panics::caught(|| {
         trial.key.run_after(
             registry,
             &|taken| store.product(taken),
@@ -191,7 +191,7 @@ fn attempt(
             &mut progress,
             &mut keeper,
         )
-    }));
+    });
     let wall_s = keeper.wall_s();
     let (state, reason) = match outcome {
         Ok(Ok(record)) => {
@@ -202,11 +202,11 @@ fn attempt(
         Ok(Err(error @ (Error::Stopped | Error::Store { .. } | Error::Source { .. }))) => return Err(error),
         Ok(Err(error @ Error::NotFinite { .. })) => (EndState::Nan, error.to_string()),
         Ok(Err(error)) => (EndState::Failed, error.to_string()),
-        Err(panic) => (EndState::Panicked, message(&*panic)),
+        Err(said) => (EndState::Panicked, said),
     };
     let end = TrialEnd {
         state,
-        reason: one_line(&reason),
+        reason: brief(&reason),
         wall_s,
         decision_s: None,
         digest: String::new(),
@@ -223,14 +223,4 @@ fn say(replies: &mut impl Write, reply: &Reply) -> Result<(), Error> {
     writeln!(replies, "{line}")
         .and_then(|()| replies.flush())
         .map_err(|source| broken(source.to_string()))
-}
-
-fn message(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "a panic without a message".into())
-}
-
-fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

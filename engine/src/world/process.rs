@@ -66,6 +66,15 @@ pub fn look(pid: u32) -> Look {
     }
 }
 
+/// Ends a process that leads a group of its own, with what it started; what cannot be ended is left to itself.
+pub fn end_group(child: &mut Child) {
+    let group = format!("-{}", child.id());
+    let mut kill = Command::new("kill");
+    kill.args(["-KILL", "--", &group]).stdin(Stdio::null());
+    let _ = kill.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let _ = child.kill();
+}
+
 /// A number that nobody can guess, for names that nobody else takes; it is in no result.
 #[expect(
     clippy::disallowed_methods,

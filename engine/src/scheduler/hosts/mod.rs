@@ -20,7 +20,7 @@ pub(super) use remote::Remote;
 
 use crate::{
     Error,
-    executor::{Access, quoted},
+    executor::{Access, Stop, quoted, tell},
     input_file, store,
     world::{
         fs::File,
@@ -73,6 +73,11 @@ const ALWAYS: [&str; 4] = [
     "ServerAliveInterval=10",
     "ServerAliveCountMax=3",
 ];
+
+/// How long a host may take to say what it is.
+const LOOKED_AT_WITHIN: Duration = Duration::from_secs(60);
+/// How long the program may be on its way to a host.
+const BROUGHT_WITHIN: Duration = Duration::from_secs(900);
 
 impl Host {
     /// Worker processes that run there.
@@ -168,7 +173,7 @@ impl Asked<'_> {
              if test -x {name}; then echo there; else echo absent; fi",
             name = self.name
         );
-        let said = self.run(host, &look, Stdio::null())?;
+        let said = self.run(host, &look, Stdio::null(), LOOKED_AT_WITHIN)?;
         let lines: Vec<&str> = said.lines().map(str::trim).rev().collect();
         let [has, cores, system, ..] = lines[..] else {
             return Err(format!("it said `{}`", said.trim()));
@@ -200,7 +205,8 @@ impl Asked<'_> {
         let line = format!(
             "cd {folder} && cat > .{name}.$$.tmp && chmod 755 .{name}.$$.tmp && mv .{name}.$$.tmp {name}"
         );
-        self.run(host, &line, Stdio::from(program)).map(drop)
+        self.run(host, &line, Stdio::from(program), BROUGHT_WITHIN)
+            .map(drop)
     }
 
     /// The line that starts the far side, in the folder that stands for the one in which the run was started.
@@ -216,23 +222,19 @@ impl Asked<'_> {
         )
     }
 
-    /// Runs a line there; what it said on standard output.
-    fn run(&self, host: &str, line: &str, input: Stdio) -> Result<String, String> {
+    /// Runs a line there within a time; what it said on standard output.
+    fn run(&self, host: &str, line: &str, input: Stdio, limit: Duration) -> Result<String, String> {
         let shell = self.shell(host);
         let mut command = Command::new(&shell[0]);
-        let output = command
-            .args(&shell[1..])
-            .arg(in_shell(line))
-            .stdin(input)
-            .output()
-            .map_err(|error| format!("cannot start `{}`: {error}", shell[0].to_string_lossy()))?;
+        command.args(&shell[1..]).arg(in_shell(line)).stdin(input);
+        let answer = tell("ssh", &mut command, limit, &Stop::default()).map_err(|error| error.to_string())?;
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
-        if output.status.success() {
-            return Ok(text(&output.stdout));
+        if answer.status.success() {
+            return Ok(text(&answer.out));
         }
-        let said = text(&output.stderr);
+        let said = text(&answer.err);
         Err(if said.is_empty() {
-            format!("`ssh` ended with {}", output.status)
+            format!("`ssh` ended with {}", answer.status)
         } else {
             said.lines().last().unwrap_or_default().to_owned()
         })

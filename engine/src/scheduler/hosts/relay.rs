@@ -4,7 +4,7 @@
 //! programs on the host, those of an earlier connection that broke among them, may work in the same store: a trial is
 //! run under its lease here too.
 
-use super::wire::{FromHost, Order, StudyFile, ToHost, broken, hear, say};
+use super::wire::{ALIVE_EVERY, FromHost, Order, StudyFile, ToHost, broken, hear, say};
 use crate::{
     Build, Error, build,
     limits::Limits,
@@ -14,13 +14,13 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Claim, Leases, Manifest, Store, is_missing, read_bytes, write_durably},
+    store::{self, Claim, Leases, Manifest, NotTaken, Parcel, Store, is_missing, read_bytes, write_durably},
     world::{clock, fs},
 };
 use std::{
-    io::{BufRead, Write},
+    io::{self, BufRead, Write},
     path::{Path, PathBuf},
-    sync::{Arc, mpsc},
+    sync::{Arc, Mutex, PoisonError, mpsc},
     time::Duration,
 };
 
@@ -34,6 +34,38 @@ pub struct Relay {
     lease_expiry: Duration,
     program: PathBuf,
     process: Arc<Shared>,
+}
+
+/// What is said to the other side. A word and the files behind it are said in one breath.
+#[derive(Clone)]
+struct Output(Arc<Mutex<Box<dyn Write + Send>>>);
+
+impl Output {
+    fn say(&self, word: &FromHost) -> io::Result<()> {
+        self.say_with(word, "", None)
+    }
+
+    /// Says how a trial ended, with what it left.
+    fn say_with(&self, word: &FromHost, id: &str, files: Option<&Parcel>) -> io::Result<()> {
+        let mut output = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        say(&mut *output, word)?;
+        if let Some(files) = files {
+            say(&mut *output, &FromHost::Trial(Manifest::of(id, files)))?;
+            files.iter().try_for_each(|(_, bytes)| output.write_all(bytes))?;
+        }
+        output.flush()
+    }
+
+    /// Says from now on that this process runs. A thread of its own says it: an other side that takes nothing in holds
+    /// up nothing else.
+    fn stay_alive(&self) {
+        let output = self.clone();
+        std::thread::spawn(move || {
+            while output.say(&FromHost::Alive).is_ok() {
+                clock::sleep(ALIVE_EVERY);
+            }
+        });
+    }
 }
 
 /// A message with the files that followed it.
@@ -71,10 +103,13 @@ impl Relay {
         &self,
         build: Option<&Build>,
         input: impl BufRead + Send + 'static,
-        mut output: impl Write,
+        output: impl Write + Send + 'static,
     ) -> Result<(), Error> {
-        say(&mut output, &FromHost::Ready(build::version(build))).map_err(broken)?;
-        output.flush().map_err(broken)?;
+        let output = Output(Arc::new(Mutex::new(Box::new(output))));
+        output
+            .say(&FromHost::Ready(build::version(build)))
+            .map_err(broken)?;
+        output.stay_alive();
         let (sender, heard) = mpsc::channel();
         let process = Arc::clone(&self.process);
         std::thread::spawn(move || {
@@ -84,8 +119,7 @@ impl Relay {
         self.watch();
         let mut runner = Worker::new(&self.program, &self.process);
         while let Ok(message) = heard.recv() {
-            self.answer(message, &mut runner, &mut output)?;
-            output.flush().map_err(broken)?;
+            self.answer(message, &mut runner, &output)?;
         }
         Ok(())
     }
@@ -108,24 +142,24 @@ impl Relay {
         });
     }
 
-    fn answer(&self, message: Heard, runner: &mut Worker<'_>, output: &mut impl Write) -> Result<(), Error> {
+    fn answer(&self, message: Heard, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
         let done = match message {
             Heard::Has(trial) => {
                 let end = self.store.sound(&trial).ok().flatten();
                 let has = end.is_some_and(|file| !is_missing(Some(&file.end)));
-                return say(output, &FromHost::Has(has)).map_err(broken);
+                return output.say(&FromHost::Has(has)).map_err(broken);
             }
             Heard::Run(order) => return self.run(*order, runner, output),
             Heard::Trial(trial, files) => self.take_in(&trial, &files),
             Heard::File(file, bytes) => keep(&file, &bytes),
             Heard::Arrived(trial) => match self.remove(&trial) {
-                Ok(()) => return say(output, &FromHost::Removed).map_err(broken),
+                Ok(()) => return output.say(&FromHost::Removed).map_err(broken),
                 refused => refused,
             },
         };
         match done {
             Ok(()) => Ok(()),
-            Err(error) => say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+            Err(error) => output.say(&FromHost::Refused(error.to_string())).map_err(broken),
         }
     }
 
@@ -136,7 +170,10 @@ impl Relay {
         };
         let outcome = self.store.take_in(trial, files);
         self.leases.release(trial)?;
-        outcome
+        outcome.map_err(|error| match error {
+            NotTaken::Here(error) => error,
+            damaged => broken(damaged),
+        })
     }
 
     /// Removes a trial that nobody needs here. Checkpoints and rows of others stay.
@@ -151,15 +188,15 @@ impl Relay {
         outcome
     }
 
-    fn run(&self, order: Order, runner: &mut Worker<'_>, output: &mut impl Write) -> Result<(), Error> {
+    fn run(&self, order: Order, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
         let id = order.request.trial.id.clone();
         match self.leases.claim(&id) {
             Ok(Claim::Mine) => {}
             Ok(Claim::Held(owner)) => {
                 let who = format!("process {} on {}", owner.pid, owner.host);
-                return say(output, &FromHost::Held(who)).map_err(broken);
+                return output.say(&FromHost::Held(who)).map_err(broken);
             }
-            Err(error) => return say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+            Err(error) => return output.say(&FromHost::Refused(error.to_string())).map_err(broken),
         }
         let answer = self.under_lease(order, runner, output);
         let told = self.tell(&id, answer, output);
@@ -167,12 +204,7 @@ impl Relay {
         told
     }
 
-    fn under_lease(
-        &self,
-        order: Order,
-        runner: &mut Worker<'_>,
-        output: &mut impl Write,
-    ) -> Result<Answer, Error> {
+    fn under_lease(&self, order: Order, runner: &mut Worker<'_>, output: &Output) -> Result<Answer, Error> {
         // The connection may have broken before the end could be told. A failure is tried again, as it was asked.
         let stored = self.store.sound(&order.request.trial.id).ok().flatten();
         if let Some(file) = stored.filter(|file| file.end.state == EndState::Ok) {
@@ -184,13 +216,12 @@ impl Relay {
         };
         let mut progress = |done, total| {
             // The other side hears it, or it is gone, which the end of the input tells.
-            let _ =
-                say(output, &FromHost::Said(Reply::Progress { done, total })).and_then(|()| output.flush());
+            let _ = output.say(&FromHost::Said(Reply::Progress { done, total }));
         };
         runner.run(request, &Arc::<Limits>::new(order.limits), &mut progress)
     }
 
-    fn tell(&self, id: &str, answer: Result<Answer, Error>, output: &mut impl Write) -> Result<(), Error> {
+    fn tell(&self, id: &str, answer: Result<Answer, Error>, output: &Output) -> Result<(), Error> {
         let has_ended = matches!(&answer, Ok(Answer::Said(Reply::Ended { .. })));
         let line = match answer {
             Ok(Answer::Said(Reply::StoreRefused { problem })) => FromHost::Refused(problem),
@@ -213,16 +244,8 @@ impl Relay {
             Ok(None)
         };
         match files {
-            Ok(files) => {
-                say(output, &line).map_err(broken)?;
-                let Some(files) = files else { return Ok(()) };
-                say(output, &FromHost::Trial(Manifest::of(id, &files))).map_err(broken)?;
-                files
-                    .iter()
-                    .try_for_each(|(_, bytes)| output.write_all(bytes))
-                    .map_err(broken)
-            }
-            Err(error) => say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+            Ok(files) => output.say_with(&line, id, files.as_ref()).map_err(broken),
+            Err(error) => output.say(&FromHost::Refused(error.to_string())).map_err(broken),
         }
     }
 }

@@ -2,31 +2,26 @@
 
 use super::{
     Host,
-    wire::{FromHost, Order, StudyFile, ToHost, hear, say},
+    wire::{FromHost, Order, SILENT_FOR, StudyFile, ToHost, hear, say},
 };
 use crate::{
     Error, input_file,
     limits::Limits,
     scheduler::{
-        process::Shared,
+        process::{Replies, Shared},
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Manifest, Store},
-    world::process::ChildStdout,
+    store::{self, Manifest, NotTaken, Store},
 };
-use std::{
-    io::{self, BufReader},
-    path::Path,
-    sync::Arc,
-};
+use std::{io, path::Path, sync::Arc};
 
 /// Runs the trials of one slot on a host. A connection that breaks is made again when the next trial comes.
 pub(in crate::scheduler) struct Remote<'a> {
     host: &'a Host,
     store: &'a Store,
     process: &'a Shared,
-    replies: Option<BufReader<ChildStdout>>,
+    replies: Option<Replies>,
 }
 
 /// Why a trial did not run.
@@ -95,19 +90,19 @@ impl<'a> Remote<'a> {
     }
 
     /// Waits until the host has removed what has arrived: a connection that ends before leaves it there.
-    fn clear_away(&self, id: String, replies: &mut BufReader<ChildStdout>) -> Result<(), Trouble> {
+    fn clear_away(&self, id: String, replies: &mut Replies) -> Result<(), Trouble> {
         self.send(&ToHost::Arrived(id))?;
-        match hear(replies)? {
+        match heard(replies)? {
             Some(FromHost::Removed) => Ok(()),
             other => Err(unexpected(other)),
         }
     }
 
-    fn connect(&self) -> Result<BufReader<ChildStdout>, Trouble> {
+    fn connect(&self) -> Result<Replies, Trouble> {
         let mut command = self.host.relay();
-        let started = self.process.start(&mut command);
+        let started = self.process.start(&mut command, Some(SILENT_FOR));
         let mut replies = started.map_err(|error| Trouble::There(error.to_string()))?;
-        match hear(&mut replies)? {
+        match heard(&mut replies)? {
             Some(FromHost::Ready(program)) if program == self.host.program => Ok(replies),
             Some(FromHost::Ready(program)) => Err(Trouble::There(format!(
                 "it has the program {program}, and this is {}",
@@ -120,9 +115,9 @@ impl<'a> Remote<'a> {
     }
 
     /// Brings a trial to the host, from which the next one takes.
-    fn bring(&self, source: &str, replies: &mut BufReader<ChildStdout>) -> Result<(), Trouble> {
+    fn bring(&self, source: &str, replies: &mut Replies) -> Result<(), Trouble> {
         self.send(&ToHost::Has(source.to_owned()))?;
-        match hear(replies)? {
+        match heard(replies)? {
             Some(FromHost::Has(true)) => return Ok(()),
             Some(FromHost::Has(false)) => {}
             other => return Err(unexpected(other)),
@@ -156,14 +151,14 @@ impl<'a> Remote<'a> {
     fn listen(
         &self,
         id: &str,
-        replies: &mut BufReader<ChildStdout>,
+        replies: &mut Replies,
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<Answer, Trouble> {
         loop {
-            match hear(replies)? {
+            match heard(replies)? {
                 Some(FromHost::Said(Reply::Progress { done, total })) => progress(done, total),
                 Some(FromHost::Said(Reply::Ended { end })) => {
-                    let manifest = match hear(replies)? {
+                    let manifest = match heard(replies)? {
                         Some(FromHost::Trial(manifest)) if manifest.trial == id => manifest,
                         other => return Err(unexpected(other)),
                     };
@@ -191,10 +186,10 @@ impl<'a> Remote<'a> {
     /// What arrived damaged is the way's fault; what cannot be written is this side's.
     fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
         self.store.take_in(id, files).map_err(|error| match error {
-            Error::Damaged { problem, .. } => {
+            NotTaken::Damaged(problem) => {
                 Trouble::There(format!("what arrived is not what was acknowledged: {problem}"))
             }
-            error => Trouble::Here(error),
+            NotTaken::Here(error) => Trouble::Here(error),
         })
     }
 
@@ -216,9 +211,15 @@ impl Runner for Remote<'_> {
             Ok(answer) => Ok(answer),
             Err(trouble) => {
                 self.replies = None;
+                let fell_silent = self.process.fell_silent();
                 self.process.bury();
                 match trouble {
                     Trouble::Here(error) => Err(error),
+                    Trouble::There(_) if fell_silent => Ok(Answer::Lost(format!(
+                        "{}: nothing was heard from it for {} s",
+                        self.host.name,
+                        SILENT_FOR.as_secs()
+                    ))),
                     Trouble::There(problem) => Ok(Answer::Lost(format!("{}: {problem}", self.host.name))),
                 }
             }
@@ -228,6 +229,16 @@ impl Runner for Remote<'_> {
     fn dismiss(&mut self) {
         self.replies = None;
         self.process.dismiss();
+    }
+}
+
+/// The next word that is more than a sign of life.
+fn heard(replies: &mut Replies) -> io::Result<Option<FromHost>> {
+    loop {
+        match hear(replies)? {
+            Some(FromHost::Alive) => {}
+            word => return Ok(word),
+        }
     }
 }
 

@@ -9,7 +9,10 @@ use crate::{
     store::Manifest,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::io::{self, BufRead, Write};
+use std::{
+    io::{self, BufRead, Write},
+    time::Duration,
+};
 
 /// A line to a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -56,7 +59,14 @@ pub(super) enum FromHost {
     Removed,
     /// What was asked cannot be done there.
     Refused(String),
+    /// Nothing new: the program there runs.
+    Alive,
 }
+
+/// Time between two words of a program on a host that has nothing to say.
+pub(super) const ALIVE_EVERY: Duration = Duration::from_secs(2);
+/// A host that says nothing for so long while something is waited for is lost, as `ssh` counts it.
+pub(super) const SILENT_FOR: Duration = Duration::from_secs(30);
 
 /// What is to be run.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -1,0 +1,44 @@
+//! How long the other side of a connection lets this one wait: for its next byte, or to take one in.
+
+use crate::world::clock;
+use std::{
+    io::{self, Read},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// Since when something is waited for; `None` while nothing is. Who waits and who watches share it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Silence(Arc<Mutex<Option<Instant>>>);
+
+impl Silence {
+    /// For how long the other side has been silent.
+    pub(super) fn lasts(&self) -> Option<Duration> {
+        let since = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        since.map(clock::since)
+    }
+
+    /// Does what may have to wait for the other side.
+    pub(super) fn during<T>(&self, act: impl FnOnce() -> T) -> T {
+        self.set(Some(clock::now()));
+        let outcome = act();
+        self.set(None);
+        outcome
+    }
+
+    fn set(&self, since: Option<Instant>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = since;
+    }
+}
+
+/// A pipe whose reader can be watched while it waits.
+pub(super) struct Listened<R> {
+    pub(super) pipe: R,
+    pub(super) silence: Silence,
+}
+
+impl<R: Read> Read for Listened<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.silence.during(|| self.pipe.read(buffer))
+    }
+}
