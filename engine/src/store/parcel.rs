@@ -45,11 +45,16 @@ impl Store {
     /// Takes in what [`parcel`](Self::parcel) gave on another machine. The caller holds the trial's lease.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where it is not what was acknowledged there, and where this store cannot be written.
-    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<(), Error> {
+    /// [`NotTaken`].
+    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<(), NotTaken> {
         let made = tempfile::Builder::new().prefix("regimen-parcel-").tempdir();
         let dir = made.map_err(Error::file("make a folder in", &std::env::temp_dir()))?;
-        let arrived = Self::at(dir.path());
+        let unpacked = self.unpack(id, parcel, dir.path());
+        unpacked.map_err(|error| NotTaken::of(error, dir.path()))
+    }
+
+    fn unpack(&self, id: &str, parcel: &[(String, Vec<u8>)], dir: &Path) -> Result<(), Error> {
+        let arrived = Self::at(dir);
         let folder = arrived.folder(id);
         for (name, bytes) in parcel {
             let path = folder.join(name);
@@ -63,6 +68,30 @@ impl Store {
         let unfinished = || damaged(&folder, "the trial has not ended");
         let file = arrived.sound(id)?.ok_or_else(unfinished)?;
         Merge::new(self, None)?.bring_under_own_lease(id, &arrived, &file)
+    }
+}
+
+/// Why a parcel was not taken in.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum NotTaken {
+    /// It is not what was acknowledged on the other machine, for this reason.
+    #[error("it is not what was acknowledged: {0}")]
+    Damaged(String),
+    /// This store cannot be written, or has something else of this trial.
+    #[error(transparent)]
+    Here(#[from] Error),
+}
+
+impl NotTaken {
+    /// An error that is about the unpacked files is about the parcel: those are gone when it is told.
+    fn of(error: Error, unpacked: &Path) -> Self {
+        match error {
+            Error::Damaged { path, problem } if path.starts_with(unpacked) => {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                Self::Damaged(format!("`{name}`: {problem}"))
+            }
+            other => Self::Here(other),
+        }
     }
 }
 
@@ -195,7 +224,7 @@ mod tests {
             changed(|parcel| parcel[0].0 = "../metrics.parquet".into()),
         ];
         for error in wrong {
-            assert!(matches!(error, Error::Damaged { .. }), "{error}");
+            assert!(matches!(error, NotTaken::Damaged(_)), "{error}");
         }
         // Of another trial, under this one's name.
         assert!(here.take_in("00000000000000000000000000000000", &parcel).is_err());

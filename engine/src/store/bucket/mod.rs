@@ -5,11 +5,13 @@
 //!                            bytes, the acknowledgement last
 //!          leases/<id>       who computes a trial now
 //!          owners/<token>    a number that a living process counts up
+//!          aside/<id>-<hash> an object that was to be a trial and is damaged
 //! ```
 //!
 //! Every machine works in a store of its own, in an ordinary folder, and brings each trial that has ended into the
 //! bucket; what is in the bucket and not in the folder is fetched and held against its acknowledgement before it is
-//! believed. An object appears whole or not at all, so that a trial in the bucket has ended.
+//! believed. An object appears whole or not at all, so that a trial in the bucket has ended. An object that is damaged
+//! concerns its trial alone: the trial counts as missing, and who computes it sets the object aside first.
 
 mod lease;
 mod objects;
@@ -19,9 +21,9 @@ mod service;
 
 pub(crate) use lease::BucketLeases;
 
-use super::{Announcement, Claim, Leases, Parcel, Store, index, is_missing, parcel};
+use super::{Announcement, Claim, Leases, NotTaken, Parcel, Store, index, is_missing, parcel, seal};
 use crate::{Error, results::TrialEnd};
-use objects::{Objects, When};
+use objects::{Object, Objects, When};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 /// Whoever fetches a trial for longer than this counts as gone, where nobody can see it.
@@ -62,29 +64,41 @@ impl Bucket {
         Ok(ids.map(str::to_owned).collect())
     }
 
-    /// Takes a trial that is in the bucket into a store; false where it is not in the bucket, or is there with the end
-    /// after which it is to be tried again here.
-    pub(crate) fn fetch(&self, store: &Store, id: &str) -> Result<bool, Error> {
-        let doing = || format!("fetch trial {id} from");
-        let found = self.objects.get(&format!("trials/{id}"));
-        let Some(object) = found.map_err(|problem| self.error(&doing(), problem))? else {
-            return Ok(false);
+    /// Takes a trial that is in the bucket into a store.
+    fn fetch(&self, store: &Store, id: &str) -> Result<Fetch, Error> {
+        let found = self.objects.get(&key(id));
+        let found = found.map_err(|problem| self.error(&format!("fetch trial {id} from"), problem))?;
+        let Some(object) = found else {
+            return Ok(Fetch::Nothing);
         };
-        let files = parcel::from_bytes(id, &object.bytes).map_err(|problem| self.error(&doing(), problem))?;
+        let files = match parcel::from_bytes(id, &object.bytes) {
+            Ok(files) => files,
+            Err(problem) => return Ok(Fetch::Damaged { object, problem }),
+        };
         let earlier = store.earlier(id);
         if earlier.is_some() && end_in(&files) == earlier {
-            return Ok(false);
+            return Ok(Fetch::Nothing);
         }
-        store.take_in(id, &files)?;
-        Ok(true)
+        match store.take_in(id, &files) {
+            Ok(()) => Ok(Fetch::Taken),
+            Err(NotTaken::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
+            Err(NotTaken::Here(error)) => Err(error),
+        }
     }
 
-    /// As [`fetch`](Self::fetch), for a trial that may have ended here already.
+    /// Fetches a trial that is to be computed here, unless it has ended here already. The caller holds its lease in the
+    /// bucket: a damaged object is set aside there.
     pub(crate) fn fetch_missing(&self, store: &Store, id: &str) -> Result<(), Error> {
-        if store.lacks(id) {
-            self.fetch(store, id)?;
+        if !store.lacks(id) {
+            return Ok(());
         }
-        Ok(())
+        let Fetch::Damaged { object, .. } = self.fetch(store, id)? else {
+            return Ok(());
+        };
+        let aside = format!("aside/{id}-{}", &seal::hash(&object.bytes)[..16]);
+        let moved = self.objects.put(&aside, &object.bytes, When::Always);
+        let moved = moved.and_then(|_| self.objects.delete(&key(id)));
+        moved.map_err(|problem| self.error(&format!("set trial {id} aside in"), problem))
     }
 
     /// Brings a trial of a store into the bucket; nothing where it has not ended.
@@ -93,7 +107,7 @@ impl Bucket {
             return Ok(());
         };
         let bytes = parcel::to_bytes(id, &files);
-        let put = self.objects.put(&format!("trials/{id}"), &bytes, When::Always);
+        let put = self.objects.put(&key(id), &bytes, When::Always);
         put.map(drop)
             .map_err(|problem| self.error(&format!("bring trial {id} into"), problem))
     }
@@ -105,6 +119,30 @@ impl Bucket {
             problem,
         }
     }
+}
+
+/// What became of a trial that was to be fetched.
+enum Fetch {
+    /// It is in the store now.
+    Taken,
+    /// It is not in the bucket, or is there with the end after which it is to be tried again here.
+    Nothing,
+    /// The object of its name is something else, for this reason.
+    Damaged { object: Object, problem: String },
+}
+
+/// What fetching came to.
+#[derive(Debug, Default)]
+pub struct Fetched {
+    /// How many trials are in the store now that were not there before.
+    pub taken: usize,
+    /// What cannot be used of the bucket, in sentences; the trials of these objects are missing.
+    pub damaged: Vec<String>,
+}
+
+/// The object of a trial.
+fn key(id: &str) -> String {
+    format!("trials/{id}")
 }
 
 /// How the trial of a parcel ended; `None` where that cannot be read.
@@ -125,27 +163,37 @@ impl Store {
         self.bucket.as_ref()
     }
 
-    /// Fetches those of the trials that are shared and not here; how many. Nothing without a bucket.
+    /// Fetches those of the trials that are shared and not here. Nothing without a bucket.
     ///
     /// # Errors
     /// [`Error::Bucket`] where the bucket cannot be read, and what leases and taking a trial in say.
-    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
-        let Some(bucket) = &self.bucket else { return Ok(0) };
+    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<Fetched, Error> {
+        let mut fetched = Fetched::default();
+        let Some(bucket) = &self.bucket else {
+            return Ok(fetched);
+        };
         let shared = bucket.trials()?;
         let wanted: Vec<&str> = ids
             .into_iter()
             .filter(|id| shared.contains(*id) && self.lacks(id))
             .collect();
         if wanted.is_empty() {
-            return Ok(0);
+            return Ok(fetched);
         }
-        let (leases, mut fetched) = (Leases::open(self, FETCHED_WITHIN)?, 0);
+        let leases = Leases::open(self, FETCHED_WITHIN)?;
         for id in wanted {
             // What another program here computes will be here without it.
             if leases.claim(id)? == Claim::Mine {
                 let outcome = bucket.fetch(self, id);
                 leases.release(id)?;
-                fetched += usize::from(outcome?);
+                match outcome? {
+                    Fetch::Taken => fetched.taken += 1,
+                    Fetch::Nothing => {}
+                    Fetch::Damaged { problem, .. } => {
+                        let object = format!("{}/{}", bucket.address.trim_end_matches('/'), key(id));
+                        fetched.damaged.push(format!("`{object}` is damaged: {problem}"));
+                    }
+                }
             }
         }
         Ok(fetched)
@@ -194,12 +242,16 @@ mod tests {
         let (_dir, _, [one, two]) = two_machines();
         let trial = trial(4, 0);
         let ids = || [trial.id.as_str(), "00000000000000000000000000000000"];
-        assert_eq!((one.bring(ids()).unwrap(), two.fetch(ids()).unwrap()), (0, 0));
+        assert_eq!(
+            (one.bring(ids()).unwrap(), two.fetch(ids()).unwrap().taken),
+            (0, 0)
+        );
         let mut record = Recorder::default();
         record.add(Phase::Final, 10, 0, 0, "return", 3.5);
         one.finish(&trial, &record, 1.0).unwrap();
         assert_eq!((one.bring(ids()).unwrap(), one.bring(ids()).unwrap()), (1, 0));
-        assert_eq!((two.fetch(ids()).unwrap(), two.fetch(ids()).unwrap()), (1, 0));
+        let fetched = || two.fetch(ids()).unwrap().taken;
+        assert_eq!((fetched(), fetched()), (1, 0));
         assert_eq!(two.end(&trial.id).unwrap().unwrap().state, EndState::Ok);
         assert_eq!(two.parcel(&trial.id).unwrap(), one.parcel(&trial.id).unwrap());
     }
@@ -215,14 +267,34 @@ mod tests {
         let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 9;
         bytes[place] ^= 1;
         bucket.objects.put(&key, &bytes, When::Always).unwrap();
-        assert!(two.fetch([trial.id.as_str()]).is_err());
-        bucket.objects.put(&key, &bytes[..place], When::Always).unwrap();
-        let cut_off = two.fetch([trial.id.as_str()]).unwrap_err().to_string();
+        // A trial beside it is fetched all the same.
+        let beside = crate::store::specimen::trial(4, 1);
+        one.finish(&beside, &Recorder::default(), 1.0).unwrap();
+        one.bring([beside.id.as_str()]).unwrap();
+        let ids = || [trial.id.as_str(), beside.id.as_str()];
+        let fetched = two.fetch(ids()).unwrap();
+        assert_eq!((fetched.taken, fetched.damaged.len()), (1, 1));
+        let named = format!("`s3://pretended/{key}` is damaged");
+        assert!(fetched.damaged[0].starts_with(&named), "{:?}", fetched.damaged);
         assert!(
-            cut_off.contains("s3://pretended") && cut_off.contains(&trial.id),
-            "{cut_off}"
+            !fetched.damaged[0].contains("regimen-parcel"),
+            "{:?}",
+            fetched.damaged
+        );
+        bucket.objects.put(&key, &bytes[..place], When::Always).unwrap();
+        let cut_off = two.fetch(ids()).unwrap();
+        assert!(
+            cut_off.taken == 0 && cut_off.damaged[0].contains(&key),
+            "{cut_off:?}"
         );
         assert!(two.end(&trial.id).unwrap().is_none());
+        // Who computes it keeps what was there, and brings it anew.
+        bucket.fetch_missing(&two, &trial.id).unwrap();
+        assert_eq!(bucket.objects.list("aside/").unwrap().len(), 1);
+        assert!(bucket.objects.get(&key).unwrap().is_none());
+        two.finish(&trial, &Recorder::default(), 1.0).unwrap();
+        assert_eq!(two.bring(ids()).unwrap(), 1);
+        assert!(two.fetch(ids()).unwrap().damaged.is_empty());
     }
 
     #[test]
@@ -239,13 +311,13 @@ mod tests {
         };
         one.acknowledge(&trial, &failed(1.0)).unwrap();
         one.bring(ids).unwrap();
-        assert_eq!(two.fetch(ids).unwrap(), 1);
+        assert_eq!(two.fetch(ids).unwrap().taken, 1);
         two.try_again(&trial.id).unwrap();
-        assert_eq!(two.fetch(ids).unwrap(), 0);
+        assert_eq!(two.fetch(ids).unwrap().taken, 0);
         assert!(two.end(&trial.id).unwrap().is_none());
         one.acknowledge(&trial, &failed(2.0)).unwrap();
         bucket.bring(&one, &trial.id).unwrap();
-        assert_eq!(two.fetch(ids).unwrap(), 1);
+        assert_eq!(two.fetch(ids).unwrap().taken, 1);
         assert_eq!(two.end(&trial.id).unwrap().unwrap().wall_s, 2.0);
     }
 
@@ -254,7 +326,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::at(dir.path());
         assert_eq!(
-            (store.fetch(["ab"]).unwrap(), store.bring(["ab"]).unwrap()),
+            (store.fetch(["ab"]).unwrap().taken, store.bring(["ab"]).unwrap()),
             (0, 0)
         );
     }
