@@ -70,6 +70,12 @@ fn many_mistakes_on_a_long_line_are_counted_and_the_first_are_shown() {
     let unknown: String = (0..30_000).map(|key| format!("unknown_{key}: 1\n")).collect();
     let told = check(&format!("{STUDY}{unknown}"), &[]);
     assert!(told.code == 2 && told.err.len() < 200_000, "{}", told.err.len());
+    assert!(
+        told.err
+            .contains("the study has 29980 more unknown keys from here on"),
+        "{}",
+        told.err
+    );
     let told = check(&format!("{STUDY}{}: 1\n", "k".repeat(1_000_000)), &[]);
     assert!(told.code == 2 && told.err.len() < 10_000, "{}", told.err.len());
 }

@@ -2,19 +2,28 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 /// Swept keys with their values, in the order of the sweep; none without a sweep. Its display is `key=value`
 /// words.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Setting(Vec<(String, Value)>);
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Vec<(String, Value)>", into = "Vec<(String, Value)>")]
+pub struct Setting(Arc<[(Arc<str>, Value)]>);
+
+impl Default for Setting {
+    fn default() -> Self {
+        Self::from_iter([])
+    }
+}
 
 impl Setting {
     /// The point with these keys and values, in this order.
     #[must_use]
     pub fn new(values: Vec<(String, Value)>) -> Self {
-        Self(values)
+        values
+            .into_iter()
+            .map(|(key, value)| (key.into(), value))
+            .collect()
     }
 
     /// True without a sweep.
@@ -41,13 +50,30 @@ impl Setting {
     /// The same point without a key.
     #[must_use]
     pub fn without(&self, key: &str) -> Self {
-        Self(
-            self.0
-                .iter()
-                .filter(|(name, _)| !is_called(name, key))
-                .cloned()
-                .collect(),
-        )
+        self.0
+            .iter()
+            .filter(|(name, _)| !is_called(name, key))
+            .cloned()
+            .collect()
+    }
+}
+
+impl FromIterator<(Arc<str>, Value)> for Setting {
+    fn from_iter<T: IntoIterator<Item = (Arc<str>, Value)>>(values: T) -> Self {
+        Self(values.into_iter().collect())
+    }
+}
+
+impl From<Vec<(String, Value)>> for Setting {
+    fn from(values: Vec<(String, Value)>) -> Self {
+        Self::new(values)
+    }
+}
+
+impl From<Setting> for Vec<(String, Value)> {
+    fn from(setting: Setting) -> Self {
+        let own = |(key, value): &(Arc<str>, Value)| (key.to_string(), value.clone());
+        setting.0.iter().map(own).collect()
     }
 }
 

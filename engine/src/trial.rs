@@ -4,6 +4,7 @@
 use crate::{
     Agent, Error, Interface, Keeper, Recorder, Registry,
     cast::{Seating, Team},
+    complete_config::CompleteConfig,
     data_file,
     product::{FindProduct, Taken, no_product},
     protocol::Run,
@@ -23,8 +24,7 @@ pub struct Part {
     /// Version of the plugin's code.
     pub version: u32,
     /// Config with every default filled in; the trials of a plan share it.
-    #[serde(with = "shared")]
-    pub config: Arc<Value>,
+    pub config: CompleteConfig,
     /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers,
     /// its path does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -47,7 +47,7 @@ impl Part {
         Self {
             plugin: plugin.into(),
             version,
-            config: Arc::new(config),
+            config: config.into(),
             files,
             products,
             of_machine: Vec::new(),
@@ -77,7 +77,7 @@ impl Part {
             return self.id();
         }
         let mut happening = self.clone();
-        if let Value::Object(config) = Arc::make_mut(&mut happening.config) {
+        if let Value::Object(config) = happening.config.make_mut() {
             looking.for_each(|key| drop(config.remove(key)));
         }
         happening.id()
@@ -88,9 +88,9 @@ impl Part {
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
         if self.files.is_empty() && self.products.is_empty() && self.of_machine.is_empty() {
-            return Cow::Borrowed(&self.config);
+            return self.config.whole();
         }
-        let mut config = (*self.config).clone();
+        let mut config = self.config.whole().into_owned();
         if let Some(keys) = config.as_object_mut() {
             keys.retain(|key, _| !self.of_machine.contains(key));
         }
@@ -116,7 +116,7 @@ impl Part {
         if self.files.is_empty() && self.products.is_empty() {
             return Ok(Cow::Borrowed(&self.config));
         }
-        let mut config = (*self.config).clone();
+        let mut config = self.config.whole().into_owned();
         for (key, content) in &self.files {
             let named = config.pointer_mut(key).filter(|value| value.is_string());
             let named = named

@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, absent,
-    colour, complain, cost, looks,
+    complain, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     Registry,
+    complete_config::CompleteConfig,
     count::{count, either},
     diagnostic,
     plan::{self, Estimate, Novelty, Plan, Wanted},
@@ -88,10 +89,7 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
         }
     }
     if !problems.is_empty() {
-        return Err(Failure {
-            code: BAD_SPEC,
-            text: problems.join("\n"),
-        });
+        return Err(refused(&problems));
     }
     if let Some(text) = absent::unknown_names(&planned, &selection.only) {
         return Err(Failure {
@@ -104,18 +102,29 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
         .iter()
         .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
     {
-        return Err(Failure {
-            code: NOTHING_SELECTED,
-            text: "no trial matches what was selected".into(),
-        });
+        return Err(nothing_selected());
     }
     Ok(planned)
 }
 
+fn refused(problems: &[String]) -> Failure {
+    Failure {
+        code: BAD_SPEC,
+        text: problems.join("\n"),
+    }
+}
+
+fn nothing_selected() -> Failure {
+    Failure {
+        code: NOTHING_SELECTED,
+        text: "no trial matches what was selected".into(),
+    }
+}
+
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
     let options = options(selection);
-    let study = spec::load(path, registry, &options)
-        .map_err(|problems| diagnostic::render_first(&problems, colour()))?;
+    let study =
+        spec::load(path, registry, &options).map_err(|problems| diagnostic::render_first(&problems))?;
     let plan = Plan {
         study: study.name.clone(),
         title: study.title.clone(),
@@ -172,13 +181,20 @@ pub(super) fn load_with_looks(
 
 /// Takes a study as far as the stored results ask for, and those that other machines share.
 fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Failure> {
+    let mut said = BTreeSet::new();
     loop {
         let planned = one.plan.trials.len();
         let fetched = store.fetch(one.plan.trials.iter().map(|trial| trial.id.as_str()))?;
+        for damage in fetched.damaged {
+            let text = format!("warning: {damage}; its trial counts as missing, and `run` computes it again");
+            if said.insert(damage) {
+                complain(&text);
+            }
+        }
         searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
         // Without anything new there is nothing that could ask for more.
-        if fetched == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
+        if fetched.taken == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
             return Ok(());
         }
     }
@@ -186,8 +202,12 @@ fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Fai
 
 /// Says what can be run and is probably not meant.
 pub(super) fn warn(planned: &[Planned]) {
-    for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-        complain(&diagnostic::render_first(&one.study.warnings, colour()));
+    planned.iter().for_each(|one| warn_of(&one.study));
+}
+
+fn warn_of(study: &Study) {
+    if !study.warnings.is_empty() {
+        complain(&diagnostic::render_first(&study.warnings));
     }
 }
 
@@ -202,12 +222,12 @@ fn options(selection: &Selection) -> spec::Options {
 
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
 pub(super) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
-    let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
+    let mut known: Option<(&CompleteConfig, u64)> = None;
     let mut costs = Vec::with_capacity(plan.trials.len());
     for trial in &plan.trials {
         let config = &trial.key.protocol.config;
         let steps = match known {
-            Some((same, steps)) if Arc::ptr_eq(same, config) => steps,
+            Some((same, steps)) if same.is_same(config) => steps,
             _ => total_steps(registry, &trial.key).unwrap_or(0),
         };
         known = Some((config, steps));
@@ -228,14 +248,34 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    let planned = load(registry, selection)?;
-    warn(&planned);
-    for one in planned {
-        let Planned { study, plan, .. } = one;
+    let (mut checked, mut problems) = (Vec::new(), Vec::new());
+    // What is selected of studies has to be planned; of whole ones the trials are only counted.
+    if selection.only.is_empty() {
+        for path in &selection.specs {
+            match spec::load(path, registry, &options(selection)) {
+                Ok(study) => checked.push((study.n_trials(), study)),
+                Err(found) => problems.push(diagnostic::render_first(&found)),
+            }
+        }
+    } else {
+        let planned = load(registry, selection)?.into_iter();
+        checked.extend(planned.map(|one| (one.plan.trials.len(), one.study)));
+    }
+    if !problems.is_empty() {
+        return Err(refused(&problems));
+    }
+    if checked
+        .iter()
+        .all(|(trials, study)| *trials == 0 && study.searches.is_empty())
+    {
+        return Err(nothing_selected());
+    }
+    checked.iter().for_each(|(_, study)| warn_of(study));
+    for (trials, study) in checked {
         say(&format!(
             "{}: ok, {}, {}, {}, {}",
             study.name,
-            count(plan.trials.len(), "trial"),
+            count(trials, "trial"),
             count(study.tables.len(), "table"),
             count(study.figures.len(), "figure"),
             count(study.claims.len(), "claim")

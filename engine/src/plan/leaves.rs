@@ -1,7 +1,7 @@
 //! Parts taken apart into leaves: the values of a config by dotted path. Equal parts and equal values become
 //! equal numbers, so that many parts are compared quickly.
 
-use crate::trial::Part;
+use crate::{complete_config::CompleteConfig, trial::Part};
 use serde_json::{Value, json};
 use std::{
     cmp::Ordering,
@@ -67,7 +67,7 @@ pub struct Catalogue {
     parts: Vec<Arc<Leaves>>,
     index: HashMap<Arc<Leaves>, PartIndex>,
     /// The trials of a plan share configs, which are then recognised by their address.
-    shared: HashMap<*const Value, (Arc<Value>, PartIndex)>,
+    shared: HashMap<usize, (CompleteConfig, PartIndex)>,
     texts: HashMap<String, usize>,
     by_number: Vec<String>,
 }
@@ -75,7 +75,7 @@ pub struct Catalogue {
 impl Catalogue {
     /// The number of a part.
     pub fn index(&mut self, part: &Part) -> PartIndex {
-        let address = Arc::as_ptr(&part.config);
+        let address = part.config.address();
         let known = self.shared.get(&address).map(|(_, index)| *index);
         if let Some(index) = known.filter(|index| {
             let leaves = &self.parts[index.0];
@@ -97,7 +97,7 @@ impl Catalogue {
             self.parts.push(leaves);
         }
         // The config is kept, so that no other can come to lie at its address.
-        self.shared.insert(address, (Arc::clone(&part.config), index));
+        self.shared.insert(address, (part.config.clone(), index));
         index
     }
 

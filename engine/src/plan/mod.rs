@@ -57,6 +57,18 @@ impl Study {
         self.plan_with(&Wanted::new())
     }
 
+    /// How many trials [`plan`](Self::plan) has; most studies need not make them for that.
+    #[must_use]
+    pub fn n_trials(&self) -> usize {
+        if self.design.is_some() || !self.plays.is_empty() {
+            return self.plan().trials.len();
+        }
+        let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
+        let of_cell =
+            |(index, seeds): (usize, &Vec<u64>)| if waiting.contains(&index) { 0 } else { seeds.len() };
+        seeds.iter().enumerate().map(of_cell).sum()
+    }
+
     /// The trials where some combinations have come to a later look. Those of a look follow those of the one
     /// before, so that a plan that grows keeps the order of what it had.
     #[must_use]
@@ -257,7 +269,7 @@ impl Study {
         TrialCell {
             environment,
             agent,
-            setting: cell.setting.clone(),
+            setting: cell.setting.to_string(),
             point: cell.point.clone(),
             purpose,
         }

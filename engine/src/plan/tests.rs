@@ -67,7 +67,7 @@ fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -
 
 fn edited(part: fn(&mut TrialKey) -> &mut Part, pointer: &str, value: Value) -> TrialKey {
     let mut key = key();
-    let config = Arc::make_mut(&mut part(&mut key).config);
+    let config = part(&mut key).config.make_mut();
     *config.pointer_mut(pointer).unwrap() = value;
     key
 }

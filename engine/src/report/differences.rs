@@ -6,12 +6,13 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
+    complete_config::CompleteConfig,
     results::{Results, TrialResult},
     trial::Part,
     trial::Purpose,
 };
 use serde_json::{Map, Value};
-use std::{collections::BTreeSet, path::Path, sync::Arc};
+use std::{collections::BTreeSet, path::Path};
 
 /// Values of one key that are written out; of more, the first ones and their number.
 const MOST_VALUES: usize = 6;
@@ -95,7 +96,7 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
     let all = kind != Kind::Protocol || !results.trials.iter().any(learns);
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
     // The trials of a plan share their configs, and neighbours mostly have the same one.
-    let mut last: Option<(&str, &str, &str, &Arc<Value>)> = None;
+    let mut last: Option<(&str, &str, &str, &CompleteConfig)> = None;
     for trial in results
         .trials
         .iter()
@@ -108,8 +109,8 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
             trial.trial.cell.setting.as_str(),
             &part.config,
         );
-        let same = |(user, environment, setting, config): (&str, &str, &str, &Arc<Value>)| {
-            (user, environment, setting) == (place.0, place.1, place.2) && Arc::ptr_eq(config, place.3)
+        let same = |(user, environment, setting, config): (&str, &str, &str, &CompleteConfig)| {
+            (user, environment, setting) == (place.0, place.1, place.2) && config.is_same(place.3)
         };
         if !last.is_some_and(same) {
             note(
@@ -151,7 +152,7 @@ fn note<'a>(plugins: &mut Vec<Plugin<'a>>, plugin: &'a str, user: &'a str, varia
 
 /// The config with data files named without their folders, by the content that determines numbers.
 fn shown(part: &Part) -> Value {
-    let mut config = (*part.config).clone();
+    let mut config = part.config.whole().into_owned();
     for (pointer, content) in &part.files {
         if let Some(path) = config.pointer_mut(pointer) {
             let file = path
@@ -338,6 +339,7 @@ mod tests {
     use super::*;
     use crate::{cast::Seating, report::synthetic::trial};
     use serde_json::json;
+    use std::sync::Arc;
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());

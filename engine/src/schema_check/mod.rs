@@ -11,7 +11,7 @@ pub use view::View;
 
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, nearest, suggest},
-    document::{Kind, MOST_MISTAKES, Node, Scalar},
+    document::{Entry, Kind, MOST_MISTAKES, Node, Scalar},
 };
 use serde_json::Value;
 use view::quoted;
@@ -20,6 +20,8 @@ use view::quoted;
 pub const SLUG: &str = "^[a-z0-9][a-z0-9._-]*$";
 /// Pattern of the names of environments and agents, which begin dotted paths.
 pub const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+/// So many unknown keys of a mapping are named; of more it is said how many there are.
+const MOST_UNKNOWN: usize = 20;
 /// Most characters of a name; names of files are made of several.
 const LONGEST_NAME: usize = 100;
 
@@ -169,11 +171,17 @@ impl<'a> Checker<'a> {
 
     fn mapping(&mut self, node: &Node, at: &At, place: &View<'_>) {
         let kind = place.get("x-kind").and_then(Value::as_str).unwrap_or("key");
+        let mut unknown: Vec<&Entry> = Vec::new();
         for entry in node.entries() {
             let below = at.below(entry.key_span, &entry.key);
             match place.property(&entry.key) {
                 Some(schema) => self.check(&entry.value, &below, &schema),
+                None if unknown.len() >= MOST_UNKNOWN => {
+                    unknown.push(entry);
+                    continue;
+                }
                 None => {
+                    unknown.push(entry);
                     let error = self.sources.error(
                         entry.key_span,
                         &below.path,
@@ -185,6 +193,16 @@ impl<'a> Checker<'a> {
             }
             self.key_name(&entry.key, &below, place);
         }
+        if let Some(next) = unknown.get(MOST_UNKNOWN) {
+            let message = format!(
+                "{} has {} more unknown {kind}s from here on",
+                at.in_words(),
+                unknown.len() - MOST_UNKNOWN
+            );
+            self.found
+                .push(self.sources.error(next.key_span, &at.path, message));
+        }
+        unknown.truncate(MOST_UNKNOWN);
         self.size(node, at, place, kind);
         let required = place
             .get("required")
@@ -196,11 +214,6 @@ impl<'a> Checker<'a> {
             .filter(|key| node.get(key).is_none())
         {
             let missing = place.property(key);
-            let written = node
-                .entries()
-                .iter()
-                .map(|entry| entry.key.as_str())
-                .collect::<Vec<_>>();
             let error = self.sources.error(
                 at.key,
                 &at.path,
@@ -209,9 +222,7 @@ impl<'a> Checker<'a> {
             let error =
                 error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
             // A required key that was mistyped is reported as unknown already.
-            let mistyped = written
-                .iter()
-                .any(|name| place.property(name).is_none() && nearest(name, &[key]).is_some());
+            let mistyped = unknown.iter().any(|entry| nearest(&entry.key, &[key]).is_some());
             if !mistyped {
                 self.found.push(error);
             }

@@ -3,6 +3,7 @@
 
 use super::{
     config::{self, Files, Plugin},
+    grid::{self, Grid},
     overrides::Override,
     path::{self, Target},
     schedule::Stretch,
@@ -13,6 +14,7 @@ use super::{
 };
 use crate::{
     Registry, cast,
+    complete_config::CompleteConfig,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
     schema_check::View,
@@ -31,7 +33,7 @@ pub struct Cell {
     /// What it is in the study.
     pub place: Place,
     /// The point of the sweep, as `key=value` words.
-    pub setting: String,
+    pub setting: Arc<str>,
     /// The same with the values themselves.
     pub point: Setting,
     /// Environment, agent and protocol.
@@ -141,11 +143,31 @@ impl Sections<'_> {
                 Target::Agent(agent),
                 Target::Protocol,
             ];
-            for points in self.points(&targets) {
-                match known.cell(environment, agent, &points) {
-                    Ok(cell) => cells.push(cell),
-                    Err(errors) => found.extend(errors),
+            let [one, two, three] = match known.grids(targets, (environment, agent)) {
+                Ok(grids) => grids,
+                Err(errors) => {
+                    found.extend(errors);
+                    continue;
                 }
+            };
+            let dimensions = self.concerned(&targets);
+            let count = dimensions.iter().map(|(_, count)| count).product();
+            let words = self.words(&targets);
+            cells.reserve(count);
+            for place in 0..count {
+                let points = grid::points(&dimensions, place);
+                let parts = [one.at(&points), two.at(&points), three.at(&points)];
+                let [Some(one), Some(two), Some(three)] = parts.map(|part| part.cloned()) else {
+                    continue;
+                };
+                let point = self.setting(&words, &points);
+                cells.push(Cell {
+                    place: Place::Combination(environment, agent),
+                    setting: point.to_string().into(),
+                    point,
+                    parts: [one, two, three],
+                    sources: Vec::new(),
+                });
             }
         }
         for (index, entry) in self.written.prepared.iter().enumerate() {
@@ -252,23 +274,12 @@ impl Sections<'_> {
         all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
     }
 
-    /// Every combination of points of the dimensions that concern these targets; the first dimension changes
-    /// slowest.
-    fn points(&self, targets: &[Target]) -> Vec<Vec<(usize, usize)>> {
-        let mut points = vec![Vec::new()];
-        for (index, dimension) in self
-            .dimensions
-            .iter()
-            .enumerate()
-            .filter(|(_, it)| it.concerns(targets))
-        {
-            let longer = |head: Vec<(usize, usize)>| {
-                (0..dimension.n_points())
-                    .map(move |point| head.iter().copied().chain([(index, point)]).collect())
-            };
-            points = points.into_iter().flat_map(longer).collect();
-        }
-        points
+    /// The dimensions that concern these targets, by their places, with how many points each has.
+    pub(super) fn concerned(&self, targets: &[Target]) -> Vec<(usize, usize)> {
+        let all = self.dimensions.iter().enumerate();
+        all.filter(|(_, it)| it.concerns(targets))
+            .map(|(index, it)| (index, it.n_points()))
+            .collect()
     }
 
     /// The config of a part with overrides and swept values written into it.
@@ -307,29 +318,60 @@ impl Sections<'_> {
         config
     }
 
+    /// Makes the complete config of a part.
+    pub(super) fn resolve(&self, given: Given, files: &mut Files<'_>) -> Result<Resolved, Vec<Diagnostic>> {
+        let config = self.assigned(&given);
+        let Some(plugin) = self.plugin(given.target) else {
+            return Err(Vec::new());
+        };
+        let mut part = config::resolve(&plugin, &config, files, self.sources)?;
+        if !given.training {
+            let entry = &self.registry.protocols[plugin.name];
+            let config = (entry.without_training)(&part.config).map_err(|error| {
+                let message = format!("`{}` has no form without training: {error}", plugin.name);
+                vec![self.sources.error(plugin.span, &plugin.at, message)]
+            })?;
+            part.config = config.into();
+        }
+        Ok(Resolved {
+            id: part.id(),
+            part: part.into(),
+            given,
+        })
+    }
+
     /// The setting that was chosen for an agent: the search and its place there.
     pub(super) fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
         let search = self.searches.iter().position(|it| it.agent == agent)?;
         Some((search, self.searches[search].chosen?))
     }
 
-    /// The point of the sweep.
-    fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> Setting {
-        let keys = points
-            .iter()
-            .flat_map(|(index, point)| self.dimensions[*index].keys.iter().map(move |key| (key, *point)));
-        let keys: Vec<_> = keys
-            .filter(|(key, _)| targets.contains(&key.path.target))
+    /// The swept keys of these targets, each with its dimension and the word that it has in settings.
+    fn words(&self, targets: &[Target]) -> Vec<(usize, &SweptKey<'_>, Arc<str>)> {
+        let of_dimension = |(index, dimension): (usize, &'_ Dimension<'_>)| {
+            (0..dimension.keys.len())
+                .map(move |place| (index, place))
+                .collect::<Vec<_>>()
+        };
+        let all = self.dimensions.iter().enumerate().flat_map(of_dimension);
+        let keys: Vec<(usize, &SweptKey<'_>)> = all
+            .map(|(index, place)| (index, &self.dimensions[index].keys[place]))
+            .filter(|(_, key)| targets.contains(&key.path.target))
             .collect();
-        let values =
-            |(key, point): &(&SweptKey<'_>, usize)| (key.text.clone(), key.values[*point].to_value());
-        let values: Vec<(String, Value)> = keys.iter().map(values).collect();
-        named(
-            values
-                .iter()
-                .map(|(text, value)| (text.as_str(), value.clone()))
-                .collect(),
-        )
+        let words = words(&keys.iter().map(|(_, key)| key.text.as_str()).collect::<Vec<_>>());
+        keys.into_iter()
+            .zip(words)
+            .map(|((index, key), word)| (index, key, word))
+            .collect()
+    }
+
+    /// The point of the sweep.
+    fn setting(&self, words: &[(usize, &SweptKey<'_>, Arc<str>)], points: &[(usize, usize)]) -> Setting {
+        let value = |(index, key, word): &(usize, &SweptKey<'_>, Arc<str>)| {
+            let (_, point) = points.iter().find(|(dimension, _)| dimension == index)?;
+            Some((Arc::clone(word), key.values[*point].to_value()))
+        };
+        words.iter().filter_map(value).collect()
     }
 
     /// The plugin of a part.
@@ -363,24 +405,22 @@ impl Sections<'_> {
     }
 }
 
-/// The setting with these values. A key is written with its last word, or as a whole where that is not unique.
-fn named(values: Vec<(&str, Value)>) -> Setting {
+/// How keys are written in a setting: each with its last word, or as a whole where that is not unique.
+fn words(keys: &[&str]) -> Vec<Arc<str>> {
     let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
-    let texts: Vec<&str> = values.iter().map(|(text, _)| *text).collect();
-    let name = |text: &str| {
-        let unique = texts.iter().filter(|other| last(other) == last(text)).count() == 1;
-        if unique { last(text) } else { text.to_string() }
+    let word = |text: &&str| {
+        let is_unique = keys.iter().filter(|other| last(other) == last(text)).count() == 1;
+        if is_unique {
+            last(text).into()
+        } else {
+            Arc::from(*text)
+        }
     };
-    Setting::new(
-        values
-            .into_iter()
-            .map(|(text, value)| (name(text), value))
-            .collect(),
-    )
+    keys.iter().map(word).collect()
 }
 
 /// The complete config of the protocol with which settings are compared.
-pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<Arc<Value>> {
+pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
     let mut known = Known::new(sections);
     let targets = [
         Target::Environment(searched.environment),
@@ -390,16 +430,18 @@ pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<A
     let parts = known
         .parts(targets, (searched.environment, searched.agent), &[], None)
         .ok()?;
-    Some(Arc::clone(&parts[2].part.config))
+    Some(parts[2].part.config.clone())
 }
 
-type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
+pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
 
 /// Parts that were resolved already: a part is resolved once, however many cells share it.
 pub(super) struct Known<'a> {
     pub(super) sections: &'a Sections<'a>,
     pub(super) files: Files<'a>,
     parts: BTreeMap<Given, Outcome>,
+    /// By what is given at the first point.
+    grids: BTreeMap<Given, Arc<Grid>>,
 }
 
 impl<'a> Known<'a> {
@@ -408,30 +450,35 @@ impl<'a> Known<'a> {
             sections,
             files: Files::new(sections.folder),
             parts: BTreeMap::new(),
+            grids: BTreeMap::new(),
         }
     }
 
-    fn cell(
+    /// The parts of an environment and an agent at every point of the sweep.
+    fn grids(
         &mut self,
-        environment: usize,
-        agent: usize,
-        points: &[(usize, usize)],
-    ) -> Result<Cell, Vec<Diagnostic>> {
-        let targets = [
-            Target::Environment(environment),
-            Target::Agent(agent),
-            Target::Protocol,
-        ];
-        let parts = self.parts(targets, (environment, agent), points, self.sections.chosen(agent))?;
-        let point = self.sections.setting(&targets, points);
-        let (place, setting) = (Place::Combination(environment, agent), point.to_string());
-        Ok(Cell {
-            place,
-            setting,
-            point,
-            parts,
-            sources: Vec::new(),
-        })
+        targets: [Target; 3],
+        pair: (usize, usize),
+    ) -> Result<[Arc<Grid>; 3], Vec<Diagnostic>> {
+        let mut mistakes = Vec::new();
+        let chosen = self.sections.chosen(pair.1);
+        let grids = [0, 1, 2].map(|place| {
+            let dimensions = self.sections.concerned(&targets[place..=place]);
+            let first: Vec<(usize, usize)> = dimensions.iter().map(|(index, _)| (*index, 0)).collect();
+            let given = self.given(targets, pair, &first, chosen, place);
+            let grid = self.grids.get(&given).cloned().unwrap_or_else(|| {
+                let grid = Arc::new(Grid::resolve(self, &given, dimensions));
+                self.grids.insert(given, Arc::clone(&grid));
+                grid
+            });
+            mistakes.extend(grid.mistakes.iter().cloned());
+            grid
+        });
+        if mistakes.is_empty() {
+            Ok(grids)
+        } else {
+            Err(mistakes)
+        }
     }
 
     /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from
@@ -462,7 +509,7 @@ impl<'a> Known<'a> {
         };
         let (environment, agent) = (index_of(targets[0]), index_of(targets[1]));
         let parts = self.parts(targets, (environment, agent), &[], self.sections.chosen(agent))?;
-        let (setting, point) = (String::new(), Setting::default());
+        let (setting, point) = ("".into(), Setting::default());
         Ok(Cell {
             place: Place::Prepared(index),
             setting,
@@ -485,7 +532,7 @@ impl<'a> Known<'a> {
         let point = self.point(search, place);
         Ok(Cell {
             place: Place::Tried(search),
-            setting: point.to_string(),
+            setting: point.to_string().into(),
             point,
             parts,
             sources: Vec::new(),
@@ -495,24 +542,39 @@ impl<'a> Known<'a> {
     /// A setting of a search, with its keys as they are written.
     pub(super) fn point(&self, search: usize, place: usize) -> Setting {
         let searched = &self.sections.searches[search];
-        named(
-            searched
-                .search
-                .keys
-                .iter()
-                .zip(&searched.points[place])
-                .map(|((text, _), value)| (text.as_str(), value.to_value()))
-                .collect(),
-        )
+        let keys: Vec<&str> = searched
+            .search
+            .keys
+            .iter()
+            .map(|(text, _)| text.as_str())
+            .collect();
+        let values = searched.points[place].iter().map(Node::to_value);
+        words(&keys).into_iter().zip(values).collect()
     }
 
     pub(super) fn parts(
         &mut self,
         targets: [Target; 3],
-        (environment, agent): (usize, usize),
+        pair: (usize, usize),
         points: &[(usize, usize)],
         tried: Option<(usize, usize)>,
     ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
+        let [one, two, three] = [0, 1, 2].map(|place| {
+            let given = self.given(targets, pair, points, tried, place);
+            self.part(given)
+        });
+        Ok([one?, two?, three?])
+    }
+
+    /// What is given for one of the parts of a pair, at a point of the sweep.
+    fn given(
+        &self,
+        targets: [Target; 3],
+        (environment, agent): (usize, usize),
+        points: &[(usize, usize)],
+        tried: Option<(usize, usize)>,
+        place: usize,
+    ) -> Given {
         let plugin = self.sections.written.plugin(targets[1]);
         let learns = self
             .sections
@@ -523,56 +585,31 @@ impl<'a> Known<'a> {
         let of_setting =
             |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
         let stretch = tried.and_then(of_setting);
-        let [one, two, three] = [0, 1, 2].map(|place| {
-            let target = targets[place];
-            let overrides = self.sections.overrides.iter().enumerate();
-            let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
-            let overrides = overrides
-                .filter(|(_, it)| applies(it))
-                .map(|(index, _)| index)
-                .collect();
-            let concerned =
-                |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
-            let points = points.iter().filter(concerned).copied().collect();
-            self.part(Given {
-                target,
-                overrides,
-                points,
-                tried: tried.filter(|_| target == Target::Agent(agent)),
-                stretch: stretch.filter(|_| target == Target::Protocol),
-                training: learns || place < 2,
-            })
-        });
-        Ok([one?, two?, three?])
+        let target = targets[place];
+        let overrides = self.sections.overrides.iter().enumerate();
+        let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
+        let overrides = overrides
+            .filter(|(_, it)| applies(it))
+            .map(|(index, _)| index)
+            .collect();
+        let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
+        Given {
+            target,
+            overrides,
+            points: points.iter().filter(concerned).copied().collect(),
+            tried: tried.filter(|_| target == Target::Agent(agent)),
+            stretch: stretch.filter(|_| target == Target::Protocol),
+            training: learns || place < 2,
+        }
     }
 
-    fn part(&mut self, given: Given) -> Outcome {
+    pub(super) fn part(&mut self, given: Given) -> Outcome {
         if let Some(known) = self.parts.get(&given) {
             return known.clone();
         }
-        let outcome = self.resolve(given.clone());
+        let resolved = self.sections.resolve(given.clone(), &mut self.files);
+        let outcome = resolved.map(Arc::new);
         self.parts.insert(given, outcome.clone());
         outcome
-    }
-
-    fn resolve(&mut self, given: Given) -> Outcome {
-        let config = self.sections.assigned(&given);
-        let Some(plugin) = self.sections.plugin(given.target) else {
-            return Err(Vec::new());
-        };
-        let mut part = config::resolve(&plugin, &config, &mut self.files, self.sections.sources)?;
-        if !given.training {
-            let entry = &self.sections.registry.protocols[plugin.name];
-            let config = (entry.without_training)(&part.config).map_err(|error| {
-                let message = format!("`{}` has no form without training: {error}", plugin.name);
-                vec![self.sections.sources.error(plugin.span, &plugin.at, message)]
-            })?;
-            part.config = Arc::new(config);
-        }
-        Ok(Arc::new(Resolved {
-            id: part.id(),
-            part: part.into(),
-            given,
-        }))
     }
 }

@@ -6,6 +6,7 @@ use crate::{
     document::{Entry, Kind, Node},
     schema_check::View,
 };
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The key that takes blocks.
 pub const TAKE: &str = "<<";
@@ -17,7 +18,7 @@ pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
         |mine: &[Entry], theirs: &[Entry]| !place.is_some_and(one_of_several) || same_keys(mine, theirs);
     match (&mut under.kind, over.kind) {
         (Kind::Mapping(mine), Kind::Mapping(theirs)) if merges(mine, &theirs) => {
-            theirs.into_iter().for_each(|entry| lay_entry(mine, entry, place));
+            lay_entries(mine, theirs, place);
             under.span = over.span;
         }
         (_, kind) => {
@@ -29,24 +30,30 @@ pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
     }
 }
 
-fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
-    let below = place.and_then(|place| below(place, &entry.key));
-    let has_blocks = mine.iter().any(|known| known.key == TAKE);
-    // What a block has under the key comes later, and is taken away then.
-    if !has_blocks
-        && takes_away(&entry.value, below.as_ref())
-        && mine.iter().any(|known| known.key == entry.key)
-    {
-        mine.retain(|known| known.key != entry.key);
-        return;
+/// Lays entries over others, each found by its key at once: a study may have very many.
+fn lay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_>>) {
+    let mut all: Vec<Option<Entry>> = std::mem::take(mine).into_iter().map(Some).collect();
+    let mut places: BTreeMap<String, usize> = BTreeMap::new();
+    for (place, entry) in all.iter().flatten().enumerate() {
+        places.entry(entry.key.clone()).or_insert(place);
     }
-    match mine.iter_mut().find(|known| known.key == entry.key) {
-        Some(known) => {
+    for entry in theirs {
+        let Some(&at) = places.get(&entry.key) else {
+            places.insert(entry.key.clone(), all.len());
+            all.push(Some(entry));
+            continue;
+        };
+        let below = place.and_then(|place| below(place, &entry.key));
+        // What a block has under the key comes later, and is taken away then.
+        if !places.contains_key(TAKE) && takes_away(&entry.value, below.as_ref()) {
+            places.remove(&entry.key);
+            all[at] = None;
+        } else if let Some(known) = &mut all[at] {
             known.key_span = entry.key_span;
             lay(&mut known.value, entry.value, below.as_ref());
         }
-        None => mine.push(entry),
     }
+    *mine = all.into_iter().flatten().collect();
 }
 
 /// Takes away the keys that have no value where some is wanted.
@@ -83,10 +90,8 @@ fn one_of_several(place: &View<'_>) -> bool {
 }
 
 fn same_keys(mine: &[Entry], theirs: &[Entry]) -> bool {
-    mine.len() == theirs.len()
-        && mine
-            .iter()
-            .all(|one| theirs.iter().any(|other| other.key == one.key))
+    let keys = |entries: &[Entry]| -> BTreeSet<String> { entries.iter().map(|it| it.key.clone()).collect() };
+    mine.len() == theirs.len() && keys(mine) == keys(theirs)
 }
 
 #[cfg(test)]

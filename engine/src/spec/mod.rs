@@ -15,6 +15,7 @@
 //! | `search` | keys whose best values are searched |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
 //! | `cells` | combinations of environment, agent and setting |
+//! | `grid` | the configs of a part at every point of a sweep |
 //! | `taking` | what cells take from each other, in an order without circles |
 //! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
@@ -35,6 +36,7 @@ mod confirms;
 mod cross_play;
 mod editor_schema;
 mod going_on;
+mod grid;
 mod imported;
 mod include;
 mod json_schema;
@@ -68,7 +70,7 @@ pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;
-pub use way::{along, way};
+pub use way::{along, name_from, way};
 
 use crate::{
     Metric, Registry,

@@ -67,7 +67,7 @@ impl Known<'_> {
             let point = self.point(search, place);
             Ok(Cell {
                 place: Place::Leading(environment, agent),
-                setting: point.to_string(),
+                setting: point.to_string().into(),
                 point,
                 parts: self.parts(targets, (environment, agent), &[], Some((search, place)))?,
                 sources: Vec::new(),

@@ -108,7 +108,8 @@ impl Reader<'_> {
     fn sources(&mut self) -> Vec<Source> {
         let mut sources = Vec::new();
         for part in 0..self.cell.parts.len() {
-            let config = Arc::clone(&self.cell.parts[part].part.config);
+            let shared = self.cell.parts[part].part.config.clone();
+            let config = shared.whole();
             for (pointer, (kind, reference)) in named_in(&config) {
                 let place = Named {
                     part,

@@ -151,6 +151,41 @@ fn with(rest: &str) -> Study {
         .unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)))
 }
 
+/// Of the configs of a sweep only what differs is held: they are those that a study has which writes the values down.
+#[test]
+fn configs_of_a_sweep_are_those_of_studies_without_one_and_trials_are_counted_without_being_made() {
+    let (rates, slips) = ([0.1, 0.2, 0.3], [0.0, 0.1]);
+    let swept = with(
+        "seeds: 2\nsweep: { learner.learning_rate: { grid: [0.1, 0.2, 0.3] }, learner.network.width: { zip: [256, 8] }, \
+         learner.discount: { zip: [0.99, 0.5] }, long.slip: { grid: [0.0, 0.1] } }",
+    );
+    let trials = swept.plan().trials;
+    assert_eq!(swept.n_trials(), trials.len());
+    for trial in &trials {
+        assert_eq!(trial.id, trial.key.id(), "{}", trial.title());
+    }
+    let swept: BTreeSet<String> = ids(&swept).into_iter().collect();
+    let mut single = BTreeSet::new();
+    for (rate, slip, (width, discount)) in rates
+        .iter()
+        .flat_map(|rate| slips.iter().map(move |slip| (rate, slip)))
+        .flat_map(|(rate, slip)| [(256, 0.99), (8, 0.5)].map(|last| (rate, slip, last)))
+    {
+        let text = HEAD
+            .replace("cells: 20", &format!("cells: 20, slip: {slip}"))
+            .replace(
+                "q_learning: {}",
+                &format!(
+                    "q_learning: {{ learning_rate: {rate}, discount: {discount}, network: {{ width: {width} }} }}"
+                ),
+            );
+        let study = read(&format!("{text}seeds: 2")).unwrap();
+        assert_eq!(study.n_trials(), study.plan().trials.len());
+        single.extend(ids(&study));
+    }
+    assert_eq!(swept, single);
+}
+
 #[test]
 fn a_sweep_multiplies_only_the_trials_of_its_owner() {
     let study = with(
@@ -545,6 +580,7 @@ fn every_setting_is_built_and_refused_where_it_is_written() {
 #[test]
 fn the_resolved_study_can_be_stored_in_another_folder() {
     let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("regimen.toml"), "").unwrap();
     let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
     std::fs::create_dir_all(&study_dir).unwrap();
     std::fs::create_dir_all(&results).unwrap();
@@ -571,11 +607,20 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
         ids(&study),
         ids(&load(&path, &toys(), &Options::default()).unwrap())
     );
+    // Where the two folders are no project, that has to be said first.
+    std::fs::remove_file(dir.path().join("regimen.toml")).unwrap();
+    let found = load(&path, &toys(), &Options::default()).unwrap_err();
+    let told = crate::diagnostic::render(&found, false);
+    assert!(
+        told.contains("leads out") && told.contains("`regimen.toml`"),
+        "{told}"
+    );
 }
 
 #[test]
 fn published_curves_are_found_from_the_study_and_from_its_results() {
     let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("regimen.toml"), "").unwrap();
     let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
     std::fs::create_dir_all(study_dir.join("curves")).unwrap();
     std::fs::create_dir_all(&results).unwrap();
