@@ -10,8 +10,11 @@ pub use screen::{Choice, draw, plain};
 pub use watcher::{Watched, Watcher};
 
 use crate::{report::duration, results::EndState, table::NumberFormat};
-use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use serde::{Serialize, Serializer};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// What is seen at one moment.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -88,7 +91,16 @@ pub struct SeedLine {
     /// True where the trial has not ended.
     pub open: bool,
     /// Steps with values, by metric.
-    pub curves: BTreeMap<String, Vec<(u64, f64)>>,
+    #[serde(serialize_with = "whole")]
+    pub curves: Arc<Curves>,
+}
+
+/// Steps with values, by metric.
+pub type Curves = BTreeMap<String, Vec<(u64, f64)>>;
+
+/// What is shared is written as what it is.
+fn whole<S: Serializer>(curves: &Arc<Curves>, serializer: S) -> Result<S::Ok, S::Error> {
+    curves.as_ref().serialize(serializer)
 }
 
 impl StudyView {
@@ -245,7 +257,7 @@ pub(super) mod tests {
             agent,
             seed,
             open: until < 8,
-            curves: [("return".to_owned(), curve)].into(),
+            curves: Arc::new([("return".to_owned(), curve)].into()),
         }
     }
 
@@ -326,8 +338,8 @@ pub(super) mod tests {
     #[test]
     fn preferred_metrics_come_first_where_they_are_recorded() {
         let mut panel = view().studies[0].panels[0].clone();
-        panel.lines[0].curves.insert("cost".into(), Vec::new());
-        panel.lines[1].curves.insert("length".into(), Vec::new());
+        Arc::make_mut(&mut panel.lines[0].curves).insert("cost".into(), Vec::new());
+        Arc::make_mut(&mut panel.lines[1].curves).insert("length".into(), Vec::new());
         let preferred = ["unknown", "length"].map(String::from);
         assert_eq!(
             metrics(&preferred, [&panel].into_iter()),

@@ -1,8 +1,8 @@
 //! Reads what a view shows. What has ended is read once; of what runs, only logs that grew.
 
-use super::{Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
+use super::{Curves, Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
 use crate::{
-    Phase,
+    Error, Phase,
     pace::{Paces, steps},
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
@@ -10,6 +10,7 @@ use crate::{
     trial::Trial,
     world::fs,
 };
+use rayon::prelude::*;
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 /// A study to be watched.
@@ -32,19 +33,16 @@ pub struct Watcher {
     /// Metrics that are shown first.
     preferred: Vec<String>,
     /// Curves of trials that ended, by id.
-    ended: BTreeMap<String, Curves>,
+    ended: BTreeMap<String, Arc<Curves>>,
     /// Logs of trials that run, by id.
     logs: BTreeMap<String, Log>,
 }
-
-/// Values of measurements by metric.
-type Curves = BTreeMap<String, Vec<(u64, f64)>>;
 
 /// A log as it was read last.
 #[derive(Debug, Clone, Default)]
 struct Log {
     bytes: u64,
-    curves: Curves,
+    curves: Arc<Curves>,
     step: u64,
     damaged: bool,
 }
@@ -56,7 +54,7 @@ struct Seen<'a> {
     end: Option<TrialEnd>,
     owner: Option<Owner>,
     log: Log,
-    curves: Curves,
+    curves: Arc<Curves>,
 }
 
 impl Watcher {
@@ -82,12 +80,13 @@ impl Watcher {
 
     fn study(&mut self, study: &Watched<'_>, somebody: bool) -> StudyView {
         let mut notes = Vec::new();
-        let Found { all, unreadable } = self.store.ends(study.trials);
+        let Found { all, unreadable } = self.store.outcomes(study.trials);
         notes.extend(
             unreadable
                 .iter()
                 .map(|(_, error)| format!("{error}; the trial counts as missing")),
         );
+        self.read_ended(study.trials, &all, &mut notes);
         let trials = study.trials.iter().zip(study.costs).zip(all);
         let mut seen = Vec::with_capacity(study.trials.len());
         for ((trial, cost), end) in trials {
@@ -131,11 +130,11 @@ impl Watcher {
             end,
             owner: None,
             log: Log::default(),
-            curves: Curves::new(),
+            curves: Arc::default(),
         };
         if seen.end.as_ref().is_some_and(|end| end.state == EndState::Ok) {
             self.logs.remove(&trial.id);
-            seen.curves = self.measured(trial, notes);
+            seen.curves = self.ended.get(&trial.id).cloned().unwrap_or_default();
         } else if seen.end.is_none() {
             self.ended.remove(&trial.id);
             seen.owner = somebody.then(|| self.store.running(&trial.id)).flatten();
@@ -151,20 +150,26 @@ impl Watcher {
         seen
     }
 
-    /// Curves of a trial that ended well.
-    fn measured(&mut self, trial: &Arc<Trial>, notes: &mut Vec<String>) -> Curves {
-        if let Some(curves) = self.ended.get(&trial.id) {
-            return curves.clone();
-        }
-        match self.store.load(trial) {
-            Ok(TrialResult { names, rows, .. }) => {
-                let curves = curves(&names, &rows);
-                self.ended.insert(trial.id.clone(), curves.clone());
-                curves
-            }
-            Err(error) => {
-                notes.push(error.to_string());
-                Curves::new()
+    /// Reads the curves of trials that ended well, of each once, on all cores.
+    fn read_ended(&mut self, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], notes: &mut Vec<String>) {
+        let is_new = |(trial, end): &(&Arc<Trial>, &Option<TrialEnd>)| {
+            end.as_ref().is_some_and(|end| end.state == EndState::Ok) && !self.ended.contains_key(&trial.id)
+        };
+        let new: Vec<&Arc<Trial>> = trials
+            .iter()
+            .zip(ends)
+            .filter(is_new)
+            .map(|(trial, _)| trial)
+            .collect();
+        let read = |trial: &&Arc<Trial>| {
+            let TrialResult { names, rows, .. } = self.store.load(trial)?;
+            Ok(Arc::new(curves(&names, &rows)))
+        };
+        let found: Vec<Result<Arc<Curves>, Error>> = new.par_iter().map(read).collect();
+        for (trial, found) in new.into_iter().zip(found) {
+            match found {
+                Ok(curves) => drop(self.ended.insert(trial.id.clone(), curves)),
+                Err(error) => notes.push(error.to_string()),
             }
         }
     }
@@ -185,7 +190,7 @@ impl Watcher {
         let log = Log {
             bytes,
             step: found.table.rows.iter().map(|row| row.step).max().unwrap_or(0),
-            curves: curves(&found.table.names, &found.table.rows),
+            curves: Arc::new(curves(&found.table.names, &found.table.rows)),
             damaged: matches!(found.end, metric_log::LogEnd::Damaged { .. }),
         };
         self.logs.insert(id.to_owned(), log.clone());
