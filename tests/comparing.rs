@@ -51,6 +51,26 @@ fn json(bench: &Bench, arguments: &[&str]) -> Value {
     serde_json::from_str(&said).unwrap()
 }
 
+/// What stands in the place of a commit is no option of `git`.
+#[test]
+fn a_revision_is_no_option() {
+    let bench = two_results();
+    let told = bench.run(&["compare", "--output=x:before/results/small", "after/results"]);
+    assert_eq!(told.code, 2, "{}", told.err);
+    let told = bench.run(&[
+        "compare",
+        "after/results",
+        "--",
+        "--output=x:before/results/small",
+    ]);
+    assert!(
+        told.code == 2 && told.err.contains("is no commit"),
+        "{}",
+        told.err
+    );
+    assert!(!bench.path("x").exists());
+}
+
 /// What a CSV file of a table says of the seeds of a row.
 fn seeds(path: &Path, row: &str) -> Vec<f64> {
     let text = fs::read_to_string(path).unwrap();

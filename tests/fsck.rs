@@ -155,6 +155,17 @@ fn names_that_lead_out_of_a_trials_folder_are_not_believed() {
         let named = format!("{object},\"files\":{{\"{name}\":\"{}\"}}", "0".repeat(32));
         fs::write(file, reseal(&named)).unwrap();
     }
+    // Nobody believes them, not only `fsck`.
+    let commands: [&[&str]; 3] = [
+        &["report"],
+        &["status"],
+        &["export", "--to", "taken", "--as", "csv"],
+    ];
+    for command in commands {
+        let told = bench.run(&[command, &["small.yaml"]].concat());
+        let said = format!("{command:?}, {}: {}{}", told.code, told.out, told.err);
+        assert!(told.code != 0 && said.contains("none of a trial's"), "{said}");
+    }
     let found = bench.run(&["fsck", "store"]);
     assert_eq!(found.code, 106, "{}", found.out);
     assert!(

@@ -168,6 +168,11 @@ impl Asked<'_> {
 /// Puts what is compared of a folder of results in a commit into `to`.
 fn check_out(revision: &str, folder: &str, to: &Path) -> Result<(), Failure> {
     let folder = folder.trim_end_matches('/');
+    if revision.starts_with('-') {
+        return Err(refused(format!(
+            "`{revision}` is no commit: names of commits and branches do not begin with `-`"
+        )));
+    }
     let listed = git(&[
         "ls-tree",
         "-r",

@@ -27,7 +27,8 @@ use super::{BAD_SPEC, Common, Failure};
 use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
-    store::{Bucket, Store},
+    reach,
+    store::{Bucket, LONGEST_EXPIRY, Store},
     world::fs,
 };
 use serde::Deserialize;
@@ -43,7 +44,7 @@ use toml::{
     de::{DeTable, DeValue, Deserializer, ValueDeserializer},
 };
 
-const FILE: &str = "regimen.toml";
+const FILE: &str = reach::PROJECT;
 
 /// What holds on this machine.
 #[derive(Debug, Clone, PartialEq)]
@@ -206,6 +207,14 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
             .map_or_else(|| LOCAL.into(), |name| name.0),
         executors,
     };
+    // Worker processes are told where it is, in JSON.
+    if settings.store.to_str().is_none() {
+        let text = format!(
+            "error: the store's path `{}` is no UTF-8 text: name another folder",
+            settings.store.display()
+        );
+        return Err(Failure { code: BAD_SPEC, text });
+    }
     // What an executor cannot use is said now, also where another one runs the trials.
     for kind in executor::all().iter().filter(|kind| kind.options().is_some()) {
         settings.executor(kind, None)?;
@@ -277,6 +286,9 @@ fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
 /// A time that is not zero.
 fn some_time(key: &str, value: f64) -> Result<Duration, Failure> {
     match seconds(key, value)? {
+        longer if longer > LONGEST_EXPIRY => {
+            Err(wrong(&format!("{key} = {value}: a day (86400) is the most")))
+        }
         Duration::ZERO => Err(wrong(&format!("{key} = {value}: a time in seconds, above 0"))),
         time => Ok(time),
     }

@@ -12,7 +12,7 @@ use crate::{
     trial::{Trial, trial_id},
 };
 use rayon::prelude::*;
-use serde::Deserialize;
+use serde::{Deserialize, de::IgnoredAny};
 use std::{
     borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashSet},
@@ -239,6 +239,9 @@ struct Outline<'a> {
     schema: u32,
     #[serde(borrow, default)]
     parts: Option<[&'a str; 3]>,
+    /// Names of files that it acknowledges besides the metrics.
+    #[serde(default)]
+    files: BTreeMap<String, IgnoredAny>,
     key: Replicate,
     end: TrialEnd,
     #[serde(default)]
@@ -279,6 +282,9 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
             "version {} of its form is not known to this program",
             outline.schema
         ));
+    }
+    if let Some(name) = outline.files.keys().find(|name| !inside::is_product(name)) {
+        return Err(format!("it names a file that is none of a trial's: `{name}`"));
     }
     let Outline {
         parts,

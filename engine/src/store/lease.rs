@@ -36,6 +36,9 @@ use std::{
 /// to know it.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
 
+/// The longest time for which a lease may hold that nobody renews: a day. Announcements of more are not believed.
+pub const LONGEST_EXPIRY: Duration = Duration::from_secs(86_400);
+
 /// How the name of a mark begins, under which the lease of a dead process is removed.
 const MARK: &str = "takeover-";
 
@@ -74,8 +77,10 @@ impl Announcement {
 
     /// For how long a lease holds after it was renewed.
     pub(super) fn expiry(&self) -> Duration {
-        // What somebody else wrote may be no time at all.
-        Duration::try_from_secs_f64(self.lease_expiry_s).unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
+        // What somebody else wrote may be no time at all, or one that nobody could wait for.
+        let said = Duration::try_from_secs_f64(self.lease_expiry_s).ok();
+        said.filter(|expiry| *expiry <= LONGEST_EXPIRY)
+            .unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
     }
 }
 

@@ -51,14 +51,14 @@ pub use imprint::{Difference, Imprint};
 pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
 use lease::Announcement;
-pub use lease::{Claim, Leases};
+pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use metrics_file::{
     MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
 };
 pub use owner::Owner;
 pub use pack::Packing;
-pub(crate) use parcel::{Manifest, Parcel, read_bytes};
+pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
@@ -267,12 +267,7 @@ impl Store {
         if own != id {
             return Err(damaged(format!("it belongs to trial {own}")));
         }
-        match file.files.keys().find(|name| !inside::is_product(name)) {
-            Some(name) => Err(damaged(format!(
-                "it names a file that is none of a trial's: `{name}`"
-            ))),
-            None => Ok(Some(file)),
-        }
+        Ok(Some(file))
     }
 
     /// A trial with all it recorded.

@@ -218,3 +218,19 @@ fn a_damaged_lease_holds_nothing() {
     fs::write(store.folder(ID).join("lease"), "{\"host\": ").unwrap();
     assert_eq!(leases(&store).claim(ID).unwrap(), Claim::Mine);
 }
+
+/// Nobody waits for as long as an owner may say, who may be a liar or a clock.
+#[test]
+fn an_expiry_that_nobody_could_wait_for_is_not_believed() {
+    for said in [1e18, 86_401.0, f64::INFINITY, -1.0] {
+        let announcement = Announcement {
+            owner: elsewhere(),
+            lease_expiry_s: said,
+        };
+        assert_eq!(announcement.expiry(), Duration::from_secs(30), "{said}");
+    }
+    assert_eq!(
+        Announcement::new(elsewhere(), LONGEST_EXPIRY).expiry(),
+        LONGEST_EXPIRY
+    );
+}
