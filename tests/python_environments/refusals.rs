@@ -25,7 +25,7 @@ const REFUSED: &[(&str, &str, &str)] = &[
         "",
         "has no function `no_such_function`",
     ),
-    ("own.py:missing", "", "own.py, line 2"),
+    ("own.py:missing", "", "in missing: import no_such_module"),
     (
         "own.py:number",
         "",

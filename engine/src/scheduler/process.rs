@@ -23,6 +23,9 @@ use std::{
     time::{Duration, Instant},
 };
 
+/// How long a signal to a run may take to reach the process that schedules, once it reached one that computes.
+const TOLD: Duration = Duration::from_millis(300);
+
 /// Runs the trials of one slot in a process, which is replaced where it dies.
 pub(super) struct Worker<'a> {
     program: &'a Path,
@@ -60,6 +63,10 @@ impl Runner for Worker<'_> {
         let Some(reply) = listen(&mut replies, progress) else {
             let (status, exceeded) = self.process.bury();
             let by_limit = exceeded.is_some();
+            if is_stop(status) {
+                // Who stops all processes of a run tells the one that schedules, too: it decides what follows.
+                clock::sleep(TOLD);
+            }
             let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
             return Ok(Answer::Died {
                 state,
@@ -312,6 +319,14 @@ impl Shared {
         // What is shared is replaced as a whole, so that it is whole after a panic elsewhere.
         self.process.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// True for a process that was ended by a signal by which people, terminals and batch systems stop programs.
+fn is_stop(status: Option<ExitStatus>) -> bool {
+    use std::os::unix::process::ExitStatusExt;
+    status
+        .and_then(|status| status.signal())
+        .is_some_and(|signal| [1, 2, 10, 15].contains(&signal))
 }
 
 fn explain(status: Option<ExitStatus>) -> (EndState, String) {

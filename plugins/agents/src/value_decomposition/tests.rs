@@ -128,6 +128,57 @@ fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_add
 }
 
 #[test]
+fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
+    let named = engine::Choice::new("game", &["a", "b"]);
+    let spaces = [
+        Space::Discrete(named.options.clone()),
+        Space::Choices(vec![named]),
+    ];
+    let mut agents = spaces.map(|space| {
+        let mut interface = two_step::interface();
+        interface
+            .seats
+            .iter_mut()
+            .for_each(|seat| seat.action = space.clone());
+        ValueDecomposition::new(tiny(Mixing::Monotonic), &interface, &mut stream(&["both"])).unwrap()
+    });
+    let (mut rngs, mut state) = ([stream(&["run"]), stream(&["run"])], 0);
+    for _ in 0..120 {
+        let mut taken = Vec::new();
+        let seen = two_step::observation(state);
+        let mut actions = Vec::new();
+        for (agent, rng) in agents.iter_mut().zip(&mut rngs) {
+            let action = agent
+                .act(std::slice::from_ref(&seen), Mode::Train, rng)
+                .unwrap()
+                .remove(0);
+            let seats = agent.team.seats.iter().zip(&action);
+            taken.push(
+                seats
+                    .map(|((_, seat), one)| seat.taken(one).unwrap())
+                    .collect::<Vec<_>>(),
+            );
+            actions.push(action);
+        }
+        assert_eq!(taken[0], taken[1]);
+        let (next, reward, end) = two_step::play(state, &actions[0]);
+        for ((agent, rng), action) in agents.iter_mut().zip(&mut rngs).zip(actions) {
+            let transition = Transition {
+                observation: seen.clone(),
+                action,
+                rewards: vec![reward; 2],
+                next_observation: two_step::observation(next),
+                end: end.then_some(End::Terminated),
+            };
+            agent.learn(&[transition], rng, &mut Recorder::default()).unwrap();
+        }
+        state = next;
+    }
+    let learned = agents.map(|agent| parameters(&agent.networks.network().seat));
+    assert_eq!(learned[0], learned[1]);
+}
+
+#[test]
 fn a_sum_of_values_is_what_the_closest_sum_is() {
     let mut agent = agent(tiny(Mixing::Sum));
     two_step::train(&mut agent, 3000, &mut stream(&["sum"]));
