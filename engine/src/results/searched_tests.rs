@@ -277,7 +277,7 @@ fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rn
             }
         }
         for (key, seed, until) in open {
-            let luck: f64 = dice.as_mut().map_or(1.0, |dice| dice.random());
+            let luck: f64 = dice.as_mut().map_or(1.0, rand::Rng::random);
             let stored = store.entry((key.clone(), seed)).or_default();
             match luck {
                 luck if luck < 0.3 => {}
