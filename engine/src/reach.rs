@@ -1,7 +1,8 @@
 //! Which files a study may name, and which of them a message may quote.
 //!
 //! The files of a study lie in its folder, or in the project that the folder is part of: all that lies under the nearest
-//! folder above it with a file `regimen.toml`. A name that leads elsewhere, by `..` or by a link, is refused; a file that
+//! folder above it with a file `regimen.toml`, and for a folder of results without one the current folder, where that
+//! holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that
 //! lies elsewhere is named by its absolute path. Whatever lies outside the study's own folder is foreign: messages say
 //! where a mistake in it is and of which kind, and quote no word of it.
 //!
@@ -19,6 +20,8 @@ use std::{
 
 /// The file whose folder is a project.
 pub const PROJECT: &str = "regimen.toml";
+/// The file that a report writes into a folder of results.
+const REPORTED: &str = "manifest.json";
 
 /// The folders in which the files of a study lie.
 #[derive(Debug, Clone)]
@@ -49,8 +52,12 @@ impl Reach {
     pub fn of(folder: &Path) -> Self {
         let own = without_links(folder);
         let is_project = |folder: &&Path| fs::is_file(&folder.join(PROJECT));
-        let project = own.ancestors().find(is_project).unwrap_or(&own).to_owned();
-        Self { own, project }
+        let said = own.ancestors().find(is_project).map(Path::to_owned);
+        let project = said.or_else(|| project_of_results(&own));
+        Self {
+            project: project.unwrap_or_else(|| own.clone()),
+            own,
+        }
     }
 
     /// The path of a file that is named as seen from `folder`. A foreign one is noted, so that nothing quotes it.
@@ -74,6 +81,13 @@ impl Reach {
     pub fn holds(&self, path: &Path) -> bool {
         without_links(path).starts_with(&self.project)
     }
+}
+
+/// The current folder, where it holds a folder that a report wrote: the study with all defaults written out, which is
+/// among the results, names the files of the study that they are of.
+fn project_of_results(own: &Path) -> Option<PathBuf> {
+    let current = without_links(Path::new("."));
+    (fs::is_file(&own.join(REPORTED)) && own.starts_with(&current)).then_some(current)
 }
 
 /// The place of a path without links; of what is not there as far as it is there.

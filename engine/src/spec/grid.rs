@@ -105,8 +105,8 @@ impl Changes {
     fn of(known: &mut Known<'_>, base: &Resolved, given: &Given, dimensions: &[(usize, usize)]) -> Self {
         let base = base.part.config.clone();
         let mut single: BTreeMap<String, BTreeMap<String, Arc<Change>>> = BTreeMap::new();
-        for place in 0..dimensions.len() {
-            for point in 1..dimensions[place].1 {
+        for (place, (_, count)) in dimensions.iter().enumerate() {
+            for point in 1..*count {
                 let mut points: Vec<(usize, usize)> =
                     dimensions.iter().map(|(index, _)| (*index, 0)).collect();
                 points[place].1 = point;

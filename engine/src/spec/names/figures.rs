@@ -30,7 +30,7 @@ impl Names<'_> {
         let mut known = self.traced(&all);
         known.extend(self.recorded(&all));
         known.extend(self.world.agents.iter().chain(&self.world.environments).cloned());
-        known.extend(self.world.settings.iter().map(|setting| setting.to_string()));
+        known.extend(self.world.settings.iter().map(ToString::to_string));
         for entry in labels
             .node
             .entries()

@@ -164,7 +164,7 @@ fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
             .settings
             .iter()
             .filter(|setting| !setting.is_empty())
-            .map(|setting| setting.to_string())
+            .map(ToString::to_string)
             .collect(),
     }
 }
