@@ -260,6 +260,7 @@ pub(super) struct Builder<'a> {
     pub(super) announced: BTreeMap<String, Value>,
 }
 
+/// What is refused, at its place.
 pub(super) type Outcome<T> = Result<T, Box<Diagnostic>>;
 
 /// What a plugin builds; one that panics refuses.
@@ -441,10 +442,10 @@ impl Builder<'_> {
             named(fitting.rules, "that fit and do not learn"),
         ];
         let of: Vec<String> = of.into_iter().flatten().collect();
-        match of.is_empty() {
-            true => "no agent with its default settings fits this environment".into(),
-            false => of.join("; "),
+        if of.is_empty() {
+            return "no agent with its default settings fits this environment".into();
         }
+        of.join("; ")
     }
 
     fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {

@@ -345,7 +345,7 @@ fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use engine::{Agent, Mode, Recorder};
+    use engine::{Agent, Channel, Mode, Recorder};
     use rand::Rng as _;
 
     /// One observed channel `x` and one action in a box with limits -1 and 1.
