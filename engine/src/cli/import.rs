@@ -283,7 +283,11 @@ fn summary(options: &ImportOptions, found: &Found, mapping: &Mapping) -> String 
     let (runs, files) = (count(found.runs.len(), "run"), count(found.files.len(), "file"));
     let mut lines = vec![format!("{}: {runs} in {files}", options.name)];
     for run in &found.runs {
-        let seed = run.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
+        let told = |seed: &u64| run.name != format!("seed {seed}");
+        let seed = run
+            .seed
+            .filter(told)
+            .map_or_else(String::new, |seed| format!(", seed {seed}"));
         let curves = run.curves.iter().map(|(metric, curve)| {
             let last = curve.iter().max_by_key(|(step, _)| *step);
             let end = last.map_or_else(String::new, |(step, value)| format!(", {value} at step {step}"));

@@ -93,6 +93,7 @@ pub fn columns(files: &[PathBuf]) -> Result<Columns, Error> {
             }
             form => {
                 let table = Table::read(&file, form)?;
+                table.has_names()?;
                 all.is_monitor |= table.is_monitor();
                 table.names
             }

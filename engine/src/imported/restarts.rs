@@ -397,9 +397,11 @@ mod tests {
             slot,
             value: 0.0,
         };
-        let mut log = Log::default();
         // The second slot goes back in a line in which the first one does not.
-        log.entries = vec![entry(2, 5, 1), entry(3, 1, 0), entry(3, 1, 1)];
+        let log = Log {
+            entries: vec![entry(2, 5, 1), entry(3, 1, 0), entry(3, 1, 1)],
+            ..Log::default()
+        };
         let file = content("a.csv", "");
         let mapping = Mapping {
             restart: Some(Restart::NewRun),

@@ -7,8 +7,8 @@ use super::{
 use crate::Error;
 use csv::{ReaderBuilder, StringRecord};
 
-/// In the order in which they are tried.
-const SEPARATORS: [u8; 4] = [b',', b'\t', b';', b'|'];
+/// In the order in which they are tried. Spaces separate in files that begin with a comment, as NumPy writes them.
+const SEPARATORS: [u8; 5] = [b',', b'\t', b';', b'|', b' '];
 /// How many lines tell the separator.
 const LOOKED_AT: usize = 20;
 
@@ -121,7 +121,10 @@ fn head<'a>(text: &str, separator: u8, records: &'a [Record]) -> Option<(u64, Ve
             .zip(1..)
             .take_while(|(line, _)| line.starts_with('#'));
         let (comment, number) = comments.last()?;
-        let names = comment.trim_start_matches('#').split(char::from(separator));
+        let names = comment
+            .trim_start_matches('#')
+            .trim()
+            .split(char::from(separator));
         let names: Vec<String> = names.map(trimmed).collect();
         if names.len() == first.cells.len() {
             return Some((number, names, records));
@@ -158,9 +161,13 @@ fn lengths(cells: &StringRecord, names: &[String], separator: u8) -> String {
         ""
     };
     format!(
-        "the line has {}, and there are {} columns, between which {separator} stands{spaces}",
+        "the line has {}, and there {}, between which {separator} stands{spaces}",
         count(cells.len()),
-        names.len()
+        if names.len() == 1 {
+            "is 1 column".to_owned()
+        } else {
+            format!("are {} columns", names.len())
+        },
     )
 }
 
@@ -180,7 +187,12 @@ fn separator(text: &str) -> u8 {
         .unwrap_or_default();
     let in_head = |separator: &u8| head.bytes().filter(|byte| byte == separator).count();
     // Of equals the last is the greatest, and commas are to be.
-    let tried = || SEPARATORS.into_iter().rev();
+    let tried = || {
+        SEPARATORS
+            .into_iter()
+            .rev()
+            .filter(|it| *it != b' ' || text.starts_with('#'))
+    };
     let most = tried().filter_map(columns).max_by_key(|(columns, _)| *columns);
     most.map_or_else(
         || tried().max_by_key(in_head).unwrap_or(b','),
@@ -243,6 +255,7 @@ mod tests {
             ("step\n0\n", b','),
             ("step;return\n0;1\n1;2;3\n2;3;4\n", b';'),
             ("#step;return\n0;1\n", b';'),
+            ("# step return\n0.0e+00 1.5\n1.0e+02 2.5\n", b' '),
         ] {
             assert_eq!(super::separator(text), separator, "{text}");
         }
@@ -263,6 +276,11 @@ mod tests {
             .collect();
         assert_eq!(lines, [(4, false), (6, true)]);
         assert_eq!(table.started, Some(17.5));
+        let numpy = read("# step return\n0.0e+00 1.5\n1.0e+02 2.5\n");
+        assert_eq!(
+            (numpy.names.join(","), numbers(&numpy, 1)),
+            ("step,return".into(), vec![1.5, 2.5])
+        );
         let excel = read("sep=;\nstep;return;x\n0;1,5;2\n");
         assert_eq!((excel.head, excel.names.len(), excel.lines[0].number), (2, 3, 3));
         let below = read("# seed 1\n# step, return\n0,1\n5,2\n");

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub(super) struct Table {
     pub(super) path: PathBuf,
-    /// The line of the file in which the names stand.
+    /// The line of the file in which the names stand; 0 where they stand in every record.
     pub(super) head: u64,
     pub(super) names: Vec<String>,
     pub(super) lines: Vec<Line>,
@@ -85,15 +85,31 @@ impl Table {
         }
     }
 
+    /// Refuses a table with numbers where its names are expected.
+    pub(super) fn has_names(&self) -> Result<(), Error> {
+        if self.names.is_empty() || !self.names.iter().all(|name| name.parse::<f64>().is_ok()) {
+            return Ok(());
+        }
+        let problem =
+            "numbers stand where the names of the columns are expected: write a line of names above";
+        Err(input(&self.path, self.head(), None, problem.into()))
+    }
+
     /// The error that says which column is missing.
     pub(super) fn lacks(&self, missing: &Missing) -> Error {
-        let numbers = self.names.iter().all(|name| name.parse::<f64>().is_ok());
-        let problem = if numbers {
-            "numbers stand where the names of the columns are expected: write a line of names above".into()
-        } else {
-            missing.problem.clone()
-        };
-        input(&self.path, Some(self.head), Some(&missing.name), problem)
+        self.has_names().err().unwrap_or_else(|| {
+            input(
+                &self.path,
+                self.head(),
+                Some(&missing.name),
+                missing.problem.clone(),
+            )
+        })
+    }
+
+    /// The line in which the names stand, where it is a line of text.
+    pub(super) fn head(&self) -> Option<u64> {
+        Some(self.head).filter(|line| *line > 0)
     }
 
     pub(super) fn wrong(&self, line: &Line, column: usize, problem: &str) -> Error {

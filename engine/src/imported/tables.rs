@@ -2,7 +2,7 @@
 
 use super::{
     Content, Found, NOT_FINITE,
-    columns::Chosen,
+    columns::{Chosen, Missing},
     content::Form,
     group::Group,
     input,
@@ -272,12 +272,18 @@ impl Sums {
 fn steps(table: &Table, mapping: &Mapping) -> Result<usize, Error> {
     let name = mapping.step.column();
     let found = table.column(name);
+    let wrong = |problem: String| input(&table.path, table.head(), Some(name), problem);
     let is_of_episode =
         matches!(&mapping.step, Step::Column(name) if found.is_err() || name == "l" || name == "t");
     if table.is_monitor() && is_of_episode {
         let problem = "a log of the Monitor of Stable-Baselines3 has no column of steps, and lengths of episodes in `l` \
                        which add up to them: write `step: { sum: l }`, on the command line `--step-sum l`";
-        return Err(input(&table.path, Some(table.head), Some(name), problem.into()));
+        return Err(wrong(problem.into()));
+    }
+    if *name == *Step::default().column() && !table.names.iter().any(|other| other == name) {
+        table.has_names()?;
+        let problem = Missing::of(name, &table.names).problem;
+        return Err(wrong(format!("{problem}: `step` names the one with the steps")));
     }
     found
 }

@@ -156,7 +156,7 @@ struct PlayText {
 #[allow(dead_code, reason = "its schema alone is used")]
 enum Parts {
     /// In one.
-    One(ImportedText),
+    One(Box<ImportedText>),
     /// In several, a part for each.
     Several(#[schemars(length(min = 1))] Vec<ImportedText>),
 }
