@@ -527,6 +527,6 @@ pub(crate) mod tests {
             &mut engine::random::stream(&["x"]),
         );
         let text = refused.unwrap_err().to_string();
-        assert!(text.contains("`force` within 0 and 5"), "{text}");
+        assert!(text.contains("within 0 and 5"), "{text}");
     }
 }
