@@ -243,7 +243,10 @@ sweep: { sac.width: { log_uniform: { low: 8, high: 9, samples: 6 } } }
         computed.err
     );
     assert!(
-        computed.out.replace('\n', " ").contains(&format!("Sweep: {SAID}.")),
+        computed
+            .out
+            .replace('\n', " ")
+            .contains(&format!("Sweep: {SAID}.")),
         "{}",
         computed.out
     );
