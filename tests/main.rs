@@ -40,6 +40,7 @@ mod offline;
 mod other_programs;
 mod packing;
 mod pages;
+mod pictures;
 mod pins;
 mod plain_output;
 mod portable_datasets;

@@ -156,6 +156,45 @@ fn what_a_policy_plays_is_what_a_rollout_writes_and_minari_reads_it() {
 }
 
 #[test]
+fn minari_lists_and_loads_what_is_exported_below_its_root() {
+    let (bench, folder) = learned();
+    let said = bench.ok(&played(&folder, "datasets/regimen/pack-v0"));
+    assert!(said.contains("its id is `regimen/pack-v0`"), "{said}");
+    let in_root = [
+        &played(&folder, "datasets/alone-v1")[..],
+        &["--minari-root", "datasets"],
+    ]
+    .concat();
+    assert!(bench.ok(&in_root).contains("its id is `alone-v1`"));
+    assert!(
+        bench
+            .ok(&played(&folder, "taken"))
+            .contains("Minari lists it by no name")
+    );
+    for id in ["regimen/pack-v0", "alone-v1"] {
+        let data = bench.path("datasets").join(id).join("data");
+        let text = fs::read_to_string(data.join("metadata.json")).unwrap();
+        let metadata: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(metadata["dataset_id"], id);
+        let size = |episode: u64, file: &str| {
+            fs::metadata(data.join(episode.to_string()).join(file))
+                .unwrap()
+                .len()
+        };
+        let bytes: u64 = (0..3)
+            .map(|at| size(at, "part-0.parquet") + size(at, "metadata.json"))
+            .sum();
+        assert_eq!(metadata["dataset_size"], bytes as f64 / 1e6);
+    }
+    let root = bench.path("datasets").to_string_lossy().into_owned();
+    check(
+        "list_datasets.py",
+        "minari, pyarrow, PIL",
+        &[root, "regimen/pack-v0".into(), "alone-v1".into()],
+    );
+}
+
+#[test]
 fn episodes_are_counted_by_who_asks_and_nothing_is_written_over() {
     let (bench, folder) = learned();
     let refused = |arguments: &[&str], said: &str| {
@@ -186,7 +225,7 @@ fn what_a_trial_gathered_is_copied_and_a_changed_byte_is_found() {
     let folder = trial(&bench, "equal_split");
     bench.ok(&["export", "--minari", &id(&folder)[..10], "--to", "taken/dataset"]);
     assert_eq!(hold(&bench.path("taken")), Dataset::read(&folder).unwrap());
-    for file in ["interface.json", "data/metadata.json", "data/2/part-0.parquet"] {
+    for file in ["interface.json", "data/2/metadata.json", "data/2/part-0.parquet"] {
         let read = |root: &Path| fs::read(root.join("dataset").join(file)).unwrap();
         assert_eq!(read(&bench.path("taken")), read(&folder), "{file}");
     }

@@ -3,6 +3,7 @@
 //! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came
 //! from.
 
+use crate::lookalikes;
 use serde::Serialize;
 use std::fmt::Write;
 use unicode_width::UnicodeWidthChar;
@@ -80,8 +81,24 @@ impl Sources {
             place,
             about: None,
             help: None,
-            notes: vec![],
+            notes: self.lookalike(span).into_iter().collect(),
         }
+    }
+
+    /// A letter among those that a span points at which is not what it looks like. In longer texts, which are sentences,
+    /// dashes and curly quotation marks are meant.
+    fn lookalike(&self, span: Span) -> Option<(String, Place)> {
+        const LONGEST: usize = 60;
+        let source = self.sources.get(span.source).filter(|_| span.length <= LONGEST)?;
+        let letters = source.line(span.line).chars();
+        let text: String = letters.skip(span.column - 1).take(span.length).collect();
+        let found = lookalikes::first(&text)?;
+        let at = Span {
+            column: span.column + found.index,
+            length: 1,
+            ..span
+        };
+        Some((found.sentence(), self.place(at)))
     }
 
     /// As [`error`](Self::error), of something that can be run and is probably not meant.
@@ -139,6 +156,14 @@ pub struct Place {
     numbered: bool,
     #[serde(skip)]
     source: usize,
+}
+
+impl Place {
+    /// True for an option of the command line.
+    #[must_use]
+    pub fn is_option(&self) -> bool {
+        !self.numbered
+    }
 }
 
 /// Whether a study can be run as it is.

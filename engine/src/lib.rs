@@ -39,6 +39,7 @@ pub mod imported;
 pub mod input_file;
 pub mod kinds;
 pub mod limits;
+pub mod lookalikes;
 mod pace;
 mod parquet;
 pub mod plain_text;

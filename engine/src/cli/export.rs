@@ -56,7 +56,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
     match (&options.onnx, &options.minari, options.form) {
         (Some(trial), ..) => export_policy::of_trial(registry, trial, &options.to, common),
         (None, Some(trial), _) => {
-            export_dataset::of_trial(registry, trial, options.play, &options.to, common)
+            export_dataset::of_trial(registry, trial, &options.play, &options.to, common)
         }
         (None, None, Some(form)) => of_study(registry, form, options, common),
         (None, None, None) => Err(refused("say with `--as` in which form".into())),

@@ -1,7 +1,8 @@
 //! `export --minari TRIAL`: episodes of a stored trial as a dataset that Minari reads.
 //!
 //! What a trial gathered is copied, every file held against its acknowledged hash. A trial that gathered nothing is
-//! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes.
+//! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a dataset by its
+//! place below its root, which is the id that the dataset gets.
 
 use super::{
     Common, Failure, OK,
@@ -18,13 +19,13 @@ use crate::{
     store::Store,
     trial::TrialKey,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.
 const LONGEST_EPISODE: u64 = 100_000;
 
 /// What is played where nothing was gathered.
-#[derive(Debug, Clone, Copy, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub(super) struct Play {
     /// With `--minari`, of a trial that gathered no dataset: how many episodes its policy plays.
     #[arg(long, value_name = "N", requires = "minari", value_parser = clap::value_parser!(u64).range(1..))]
@@ -32,13 +33,17 @@ pub(super) struct Play {
     /// With `--episodes`: seed of the first one, which counts up; 0 where absent.
     #[arg(long, value_name = "N", requires = "episodes")]
     seed: Option<u64>,
+    /// With `--minari`: the folder below which Minari looks for datasets, each at the place that is its id
+    /// (`NAMESPACE/NAME-vN`); where it is not known, the last two names of the folder that is written are the id.
+    #[arg(long, env = "MINARI_DATASETS_PATH", value_name = "FOLDER")]
+    minari_root: Option<PathBuf>,
 }
 
 /// Takes away the episodes of one trial, which `prefix` names.
 pub(super) fn of_trial(
     registry: &Registry,
     prefix: &str,
-    play: Play,
+    play: &Play,
     to: &Path,
     common: &Common,
 ) -> Result<u8, Failure> {
@@ -77,6 +82,8 @@ pub(super) fn of_trial(
         }
     }
     let dataset = Dataset::read_from(whole.folder())?;
+    let name = id_of(to, play.minari_root.as_deref());
+    dataset::name(whole.folder(), name.as_deref())?;
     whole.end()?;
     let decisions: usize = dataset.episodes.iter().map(|episode| episode.actions.len()).sum();
     say(&format!(
@@ -85,7 +92,50 @@ pub(super) fn of_trial(
         count(decisions, "decision"),
         to.display()
     ));
+    say(&match name {
+        Some(id) => format!(
+            "its id is `{id}`: Minari finds it by this name where its root is `{}`",
+            root_of(to, &id)
+        ),
+        None => {
+            "Minari lists it by no name: those that it lists lie in a folder NAMESPACE/NAME-vN below its root"
+                .into()
+        }
+    });
     Ok(OK)
+}
+
+/// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there the last two
+/// names; `None` where these are no id.
+fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
+    // A folder that cannot be named from the root of the system has none.
+    let whole = |path: &Path| std::path::absolute(path).ok();
+    let to = whole(to)?;
+    let usual = to
+        .ancestors()
+        .find(|it| it.ends_with(".minari/datasets"))
+        .map(Path::to_path_buf);
+    let below = |root: PathBuf| to.strip_prefix(root).ok().map(Path::to_path_buf);
+    let place = root
+        .and_then(whole)
+        .and_then(below)
+        .or_else(|| usual.and_then(below));
+    if let Some(place) = place {
+        return dataset::id_of(&place);
+    }
+    let name = PathBuf::from(to.file_name()?);
+    let namespace = to.parent().and_then(Path::file_name);
+    let place = namespace.map(|namespace| Path::new(namespace).join(&name));
+    place
+        .and_then(|place| dataset::id_of(&place))
+        .or_else(|| dataset::id_of(&name))
+}
+
+/// The folder from which the place of `to` is its id.
+fn root_of(to: &Path, id: &str) -> String {
+    let to = std::path::absolute(to).unwrap_or_else(|_| to.to_path_buf());
+    let root = to.ancestors().nth(id.split('/').count());
+    root.unwrap_or(Path::new("/")).display().to_string()
 }
 
 /// Plays an episode per seed and keeps it.
@@ -112,4 +162,31 @@ fn play(
 /// The error of an episode, which its seed plays again.
 fn in_episode(error: Error, seed: u64) -> Failure {
     refused(format!("the episode of seed {seed}: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_id_is_the_place_below_the_root_of_minari() {
+        let id = |to: &str, root: Option<&str>| id_of(Path::new(to), root.map(Path::new));
+        let known = [
+            ("/data/regimen/pack-v0", Some("/data"), "regimen/pack-v0"),
+            ("/data/pack-v0", Some("/data"), "pack-v0"),
+            ("/home/a/.minari/datasets/pack-v0", None, "pack-v0"),
+            ("/data/regimen/pack-v0", None, "regimen/pack-v0"),
+            ("/data/regimen/pack-v0", Some("/elsewhere"), "regimen/pack-v0"),
+            ("/my data/pack-v0", None, "pack-v0"),
+        ];
+        for (to, root, expected) in known {
+            assert_eq!(id(to, root).as_deref(), Some(expected), "{to}");
+        }
+        assert_eq!(id("/data/taken/dataset", None), None);
+        assert_eq!(id("/data/my data/pack-v0", Some("/data")), None);
+        assert_eq!(
+            root_of(Path::new("/data/regimen/pack-v0"), "regimen/pack-v0"),
+            "/data"
+        );
+    }
 }

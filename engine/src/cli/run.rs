@@ -1,8 +1,8 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions, RunOptions,
-    Selection, TRIALS_FAILED, complain,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions,
+    RunOptions, Selection, TRIALS_FAILED, complain,
     compute::Compute,
     folders, hosts, looks, overview, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},
@@ -268,7 +268,8 @@ fn write_report(
     });
     let code = study::code_of(results.trials.iter().map(|result| result.end.as_deref()));
     Ok(match code {
-        OK if !contents.is_whole() => NOT_MADE,
+        // A profile of a smaller budget may measure nothing that some figures show.
+        OK if !contents.is_whole() && selection.profile.is_none() => NOT_MADE,
         OK if reporting.strict && contents.contradicts() => DIFFERS,
         code => code,
     })
@@ -299,6 +300,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         summary: study.summary.clone(),
         departures: study.departures.clone(),
         confirms: study.confirms.iter().map(|it| it.study.clone()).collect(),
+        repeats: study.repeats,
         tables: study.tables.clone(),
         figures: study.figures.clone(),
         claims: study.claims.clone(),

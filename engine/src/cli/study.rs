@@ -231,7 +231,8 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     let planned = load(registry, selection)?;
     warn(&planned);
     for one in planned {
-        let Planned { study, plan, .. } = one;
+        let Planned { study, mut plan, .. } = one;
+        plan.keep_once();
         say(&format!(
             "{}: ok, {}, {}, {}, {}",
             study.name,
@@ -301,7 +302,8 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     let store = settings.open()?;
     let planned = load_with_looks(registry, selection, &store)?;
     warn(&planned);
-    for one in planned {
+    for mut one in planned {
+        one.plan.keep_once();
         let trials = &one.plan.trials;
         let ends = ends_with_advice(&store, trials, selection, common);
         let known = known(trials, &ends);
@@ -332,7 +334,8 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let settings = settings::read(common)?;
     let store = settings.open()?;
     let mut code = OK;
-    for one in load_with_looks(registry, selection, &store)? {
+    for mut one in load_with_looks(registry, selection, &store)? {
+        one.plan.keep_once();
         let ends = ends_with_advice(&store, &one.plan.trials, selection, common);
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
         let cells = store.cells(&known(&one.plan.trials, &ends), 0);
@@ -487,6 +490,7 @@ fn overview(
         one.study.name,
         count(one.plan.trials.len(), "trial")
     )];
+    lines.extend(one.study.repeats.map(|repeats| format!("  {repeats}")));
     lines.extend(rows(&cells));
     lines.extend(looks::line(one));
     lines.extend(searches::lines(one));

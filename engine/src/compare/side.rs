@@ -321,12 +321,12 @@ mod tests {
     #[test]
     fn a_folder_holds_what_the_study_holds() {
         let (info, results, dir) = (info(), study(), tempfile::tempdir().unwrap());
-        let contents = Contents::judged(&info, &results);
+        let mut contents = Contents::judged(&info, &results);
         crate::report::write(
             dir.path(),
             &info,
             &results,
-            &contents,
+            &mut contents,
             &crate::report::Provenance::default(),
         )
         .unwrap();

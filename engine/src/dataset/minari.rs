@@ -5,7 +5,10 @@ use super::layout::Layout;
 use crate::Space;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
+use std::{
+    fmt::Write as _,
+    path::{Component, Path},
+};
 
 /// The folder that Minari calls a storage.
 pub(super) const DATA: &str = "data";
@@ -56,6 +59,38 @@ pub(super) fn of_dataset(layout: &Layout<'_>, totals: &Totals, bytes: u64) -> Va
         "observation_space": joint(&layout.observations()),
         "action_space": joint(&layout.actions()),
     })
+}
+
+/// The same metadata for a dataset that is handed on under a name of its own: its id, and its size in megabytes to the byte.
+pub(super) fn named(mut metadata: Value, id: Option<&str>, bytes: u64) -> Value {
+    if let Some(id) = id {
+        metadata["dataset_id"] = json!(id);
+    }
+    #[allow(clippy::cast_precision_loss, reason = "a number of bytes is far below 2^52")]
+    let size = bytes as f64 / 1e6;
+    metadata["dataset_size"] = json!(size);
+    metadata
+}
+
+/// The id that Minari gives a folder at `place` below its root, as in `regimen/pack-v0`; `None` where it takes none of that
+/// name (`minari/dataset/minari_dataset.py`).
+pub(super) fn id_of(place: &Path) -> Option<String> {
+    let part = |part: Component<'_>| match part {
+        Component::Normal(name) => name.to_str().map(String::from),
+        _ => None,
+    };
+    let parts: Vec<String> = place.components().map(part).collect::<Option<_>>()?;
+    let (name, namespaces) = parts.split_last()?;
+    let is_word = |text: &str| {
+        let is_part = |letter: char| letter.is_alphanumeric() || letter == '-' || letter == '_';
+        !text.is_empty() && text.chars().all(is_part)
+    };
+    let (word, version) = name.rsplit_once("-v")?;
+    let has_version = !version.is_empty() && version.bytes().all(|byte| byte.is_ascii_digit());
+    // A namespace has two letters at least.
+    let namespace = namespaces.join("/");
+    let fits = namespaces.iter().all(|part| is_word(part)) && namespace.chars().count() != 1;
+    (is_word(word) && has_version && fits).then(|| parts.join("/"))
 }
 
 /// The spaces of all seats as one, in the words of `minari.serialization`, which wants text inside the metadata.
@@ -146,6 +181,27 @@ mod tests {
             choice,
             json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": 2 })
         );
+    }
+
+    #[test]
+    fn a_place_below_the_root_is_an_id() {
+        let id = |place: &str| id_of(Path::new(place));
+        for place in ["regimen/pack-v0", "pack-v12", "ab/c/some_name-v1-v2"] {
+            assert_eq!(id(place).as_deref(), Some(place));
+        }
+        for place in [
+            "",
+            "pack",
+            "pack-v",
+            "-v0",
+            "a/pack-v0",
+            "my data/pack-v0",
+            "pack.v0",
+            "../pack-v0",
+            "/pack-v0",
+        ] {
+            assert_eq!(id(place), None, "{place}");
+        }
     }
 
     #[test]

@@ -179,6 +179,30 @@ impl Dataset {
     }
 }
 
+/// The id that Minari gives a dataset in a folder at `place` below its root; `None` where its name is none of an id.
+#[must_use]
+pub fn id_of(place: &Path) -> Option<String> {
+    minari::id_of(place)
+}
+
+/// Gives the dataset in a folder its id, where there is one, and its size, for those that look at datasets by these.
+///
+/// # Errors
+/// As [`Dataset::read_from`].
+pub fn name(folder: &Path, id: Option<&str>) -> Result<(), Error> {
+    let path = folder.join(minari::METADATA);
+    let totals: minari::Totals = read_json(&path)?;
+    let mut bytes = 0;
+    for episode in 0..totals.total_episodes {
+        let rows = folder.join(minari::episode_file(episode));
+        let about = rows.with_file_name(minari::EPISODE_METADATA);
+        for file in [rows, about] {
+            bytes += fs::metadata(&file).map_err(Error::file("read", &file))?.len();
+        }
+    }
+    write_json(&path, &minari::named(read_json(&path)?, id, bytes))
+}
+
 /// Writes a dataset episode by episode. Readers find none before [`finish`](Self::finish).
 #[derive(Debug)]
 pub struct DatasetWriter {

@@ -2,7 +2,10 @@
 
 use super::{DEEPEST, Entry, Kind, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, scalar::scalar};
 use crate::diagnostic::{Diagnostic, Sources, Span, shortened};
-use crate::plain_text::is_unprintable;
+use crate::{
+    lookalikes::{self, Lookalike},
+    plain_text::is_unprintable,
+};
 use saphyr_parser::{Event, Parser, ScalarStyle, StrInput, Tag};
 use std::{borrow::Cow, collections::BTreeMap};
 
@@ -125,6 +128,9 @@ impl<'a> Reader<'a> {
     fn syntax(&self, error: &saphyr_parser::ScanError) -> Diagnostic {
         let (line, column) = (error.marker().line().max(1), error.marker().col() + 1);
         let lines: Vec<&str> = self.text.lines().collect();
+        if let Some(invisible) = self.invisible_structure(&lines, line) {
+            return invisible;
+        }
         if let Some(tab) = tab_indentation(&lines, line) {
             let at = lines[tab - 1]
                 .chars()
@@ -208,6 +214,9 @@ impl<'a> Reader<'a> {
     ) -> Kind {
         let is_text = |tag: &Cow<'_, Tag>| tag.is_yaml_core_schema() && tag.suffix == "str";
         self.refuse_control(&text, span);
+        if style == ScalarStyle::Plain {
+            self.refuse_invisible(&text, span, false);
+        }
         let as_text = tag.as_ref().is_some_and(is_text);
         if let Some(tag) = tag.filter(|_| !as_text) {
             self.refuse_tag(&tag.to_string(), span);
@@ -227,6 +236,46 @@ impl<'a> Reader<'a> {
             self.found
                 .push(error.help("remove it, or the escape sequence in quotes that stands for it"));
         }
+    }
+
+    /// Refuses a letter that looks like a space or like nothing in a text without quotes: at its ends, and within a key where
+    /// no script needs it.
+    fn refuse_invisible(&mut self, text: &str, span: Span, is_key: bool) {
+        let last = text.chars().count().saturating_sub(1);
+        let is_meant = |found: &Lookalike| {
+            let is_joiner = matches!(found.letter, '\u{200c}' | '\u{200d}');
+            (1..last).contains(&found.index) && (!is_key || is_joiner || found.instead == Some(' '))
+        };
+        let letters = text.chars().enumerate();
+        let mut found = letters.filter_map(|(index, letter)| lookalikes::of(letter, index));
+        if let Some(found) = found.find(|it| it.is_invisible() && !is_meant(it)) {
+            let at = Span {
+                column: span.column + found.index,
+                length: 1,
+                ..span
+            };
+            self.found.push(self.taken_for_a_letter(&found, at));
+        }
+    }
+
+    /// The first letter up to the line after `last` that looks like a space or like nothing where YAML wants a space.
+    fn invisible_structure(&self, lines: &[&str], last: usize) -> Option<Diagnostic> {
+        let (line, found) = lines
+            .iter()
+            .take(last + 1)
+            .enumerate()
+            .find_map(|(line, text)| Some((line + 1, structural(text)?)))?;
+        Some(self.taken_for_a_letter(&found, self.span(line, found.index + 1, 1)))
+    }
+
+    fn taken_for_a_letter(&self, found: &Lookalike, at: Span) -> Diagnostic {
+        let message = format!("{} stands here; YAML takes it for a letter", found.named());
+        let error = Diagnostic {
+            // The message says what a note on the letter would say.
+            notes: Vec::new(),
+            ..self.sources.error(at, "", message)
+        };
+        error.help(found.advice())
     }
 
     fn refuse_tag(&mut self, tag: &str, span: Span) {
@@ -318,13 +367,47 @@ impl<'a> Reader<'a> {
 
     fn key(&mut self, event: Event<'a>, span: Span) -> Result<String, Fatal> {
         match event {
-            Event::Scalar(text, ..) => {
+            Event::Scalar(text, style, ..) => {
                 self.refuse_control(&text, span);
+                if style == ScalarStyle::Plain {
+                    self.refuse_invisible(&text, span, true);
+                }
                 Ok(text.into_owned())
             }
             _ => Err(Box::new(self.sources.error(span, "", "a key must be one word"))),
         }
     }
+}
+
+/// A letter of a line that stands for a sign of YAML, which it is not: an invisible one at the beginning or beside a sign,
+/// or one that looks like a colon or a bracket. Remarks and texts in quotes are passed over.
+fn structural(line: &str) -> Option<Lookalike> {
+    const SIGNS: &str = ":,-[]{}";
+    let letters: Vec<char> = line.chars().collect();
+    let (mut quote, mut begun) = (None, false);
+    for (index, letter) in letters.iter().copied().enumerate() {
+        let before = index
+            .checked_sub(1)
+            .and_then(|before| letters.get(before).copied())
+            .unwrap_or(' ');
+        match (quote, letter) {
+            (Some(mark), _) if mark == letter => quote = None,
+            (Some(_), _) => continue,
+            (None, '"' | '\'') if SIGNS.contains(before) || before == ' ' => quote = Some(letter),
+            (None, '#') if before == ' ' => return None,
+            _ => {}
+        }
+        let beside =
+            SIGNS.contains(before) || letters.get(index + 1).is_some_and(|next| SIGNS.contains(*next));
+        if let Some(found) = lookalikes::of(letter, index) {
+            let is_sign = found.instead.is_some_and(|sign| ":{}[]".contains(sign));
+            if is_sign || found.is_invisible() && (!begun || beside) {
+                return Some(found);
+            }
+        }
+        begun |= letter != ' ';
+    }
+    None
 }
 
 /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value

@@ -41,7 +41,7 @@ impl Range {
     /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
     /// on each side. Both ends are finite and differ, and of a logarithmic range are positive.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
-        /// What lies closer together than this lies at one place: steps between smaller numbers are none.
+        /// Values that lie closer together than this lie at one place: steps between smaller numbers are none.
         const CLOSEST: f64 = 1e-300;
         let usable = values
             .filter(|value| value.is_finite() && (!log || *value > 0.0))
@@ -72,7 +72,7 @@ impl Range {
         value.is_finite() && (!self.log || value > 0.0)
     }
 
-    /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond. What is no number lies at the lower end.
+    /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond. NaN lies at the lower end.
     pub(super) fn part(self, value: f64) -> f64 {
         let part = if self.log {
             (value.max(SMALLEST).ln() - self.low.ln()) / (self.high.ln() - self.low.ln())

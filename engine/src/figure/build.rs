@@ -52,14 +52,19 @@ fn beyond_the_axes(chart: &Chart) -> Option<String> {
     let (mut all, mut out) = (0, 0);
     for panel in chart.panels.iter().filter(|panel| panel.x.log || panel.y.log) {
         for shape in panel.series.iter().map(|series| &series.shape) {
-            let points = shape.points().iter().chain(shape.runs().iter().flat_map(|run| &run.points));
+            let points = shape
+                .points()
+                .iter()
+                .chain(shape.runs().iter().flat_map(|run| &run.points));
             for point in points {
                 all += 1;
                 out += usize::from(panel.x.log && point.x <= 0.0 || panel.y.log && point.y <= 0.0);
             }
         }
     }
-    (out > 0).then(|| format!("{out} of {all} points are left out, as a logarithmic axis has no place for zero or less."))
+    (out > 0).then(|| {
+        format!("{out} of {all} points are left out, as a logarithmic axis has no place for zero or less.")
+    })
 }
 
 impl Context<'_> {

@@ -106,7 +106,7 @@ pub struct Curve {
     pub runs: Vec<RunLine>,
     /// Runs that are not drawn: a page shows them to those who ask.
     pub undrawn: Vec<RunLine>,
-    /// What the last values of the runs come to, where not all of them end where the line does.
+    /// The statistic of the line over the last values of the runs, where not all of them end where the line does.
     pub at_the_ends: Option<f64>,
 }
 

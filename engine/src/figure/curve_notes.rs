@@ -131,7 +131,9 @@ impl Drawn<'_> {
             (true, _) => String::new(),
             (false, false) => format!(", in panels where an agent has at most {FEW}"),
             (false, true) => {
-                format!(", in panels where an agent has at most {FEW}, and where not all of them end together")
+                format!(
+                    ", in panels where an agent has at most {FEW}, and where not all of them end together"
+                )
             }
         };
         self.any(thin)

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{Error, statistics::thinning, table::write_csv};
 
-/// What stands above the columns.
+/// The names of the columns.
 const HEADER: [&str; 9] = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"];
 
 /// The fields of a point from `x` on.
@@ -39,7 +39,17 @@ fn lines<'a>(
 ) -> impl Iterator<Item = [String; 9]> + use<'a> {
     let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
     fields(&series.shape, panel).map(move |[x, y, low, high, z, run]| {
-        [name.clone(), series.label.clone(), n.clone(), x, y, low, high, z, run]
+        [
+            name.clone(),
+            series.label.clone(),
+            n.clone(),
+            x,
+            y,
+            low,
+            high,
+            z,
+            run,
+        ]
     })
 }
 

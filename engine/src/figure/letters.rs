@@ -11,7 +11,7 @@ use super::{
 use std::{borrow::Cow, collections::BTreeMap, sync::OnceLock};
 use ttf_parser::Face;
 
-/// What stands for a letter that the font lacks.
+/// The letter that stands for one that the font lacks.
 const REPLACEMENT: char = '\u{fffd}';
 /// So many letters are named; more are counted.
 const MOST_NAMED: usize = 8;
@@ -20,7 +20,10 @@ const MOST_NAMED: usize = 8;
 fn has(letter: char) -> bool {
     static FACE: OnceLock<Option<Face<'static>>> = OnceLock::new();
     let face = FACE.get_or_init(|| Face::parse(FONT, 0).ok());
-    letter.is_control() || face.as_ref().is_some_and(|face| face.glyph_index(letter).is_some())
+    letter.is_control()
+        || face
+            .as_ref()
+            .is_some_and(|face| face.glyph_index(letter).is_some())
 }
 
 /// True for letters that only say how others are drawn: joiners, marks of direction, selectors of variants.
@@ -63,7 +66,10 @@ pub fn lacking(chart: &Chart) -> Option<String> {
         .iter()
         .map(|letter| format!("{letter} (U+{:04X})", u32::from(*letter)))
         .collect();
-    let quoted: Vec<String> = texts.keys().map(|text| format!("\u{201c}{text}\u{201d}")).collect();
+    let quoted: Vec<String> = texts
+        .keys()
+        .map(|text| format!("\u{201c}{text}\u{201d}"))
+        .collect();
     (!letters.is_empty()).then(|| {
         format!(
             "The font of the PNG and PDF files lacks {}, in {}: {REPLACEMENT} stands for each of them there, and SVG shows \
@@ -92,7 +98,10 @@ mod tests {
 
     #[test]
     fn what_the_font_lacks_is_replaced_and_what_only_says_how_to_draw_is_left_out() {
-        assert_eq!(drawable("Ĝis возврат α → ∞ −1.5×10⁻³ ∑ ≤ °"), "Ĝis возврат α → ∞ −1.5×10⁻³ ∑ ≤ °");
+        assert_eq!(
+            drawable("Ĝis возврат α → ∞ −1.5×10⁻³ ∑ ≤ °"),
+            "Ĝis возврат α → ∞ −1.5×10⁻³ ∑ ≤ °"
+        );
         assert_eq!(drawable("回報 (n = 2)"), "\u{fffd}\u{fffd} (n = 2)");
         assert_eq!(drawable("a\u{200b}b\u{feff}c\u{ad}d"), "abcd");
         assert!(has(REPLACEMENT));

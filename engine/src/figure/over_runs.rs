@@ -70,7 +70,7 @@ pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
     points
 }
 
-/// What the last values of runs come to, where these do not all end where their line does.
+/// The statistic of the line over the last values of runs, where these do not all end where the line does.
 pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
     let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
     let end = shared_stretch(&slices).map(|(_, end)| end);
@@ -103,7 +103,7 @@ pub(super) fn place(step: u64) -> f64 {
     step as f64
 }
 
-/// What a line shows of the values of all runs.
+/// The statistic of the line over the values of all runs.
 fn middle(values: &[f64], line: Line) -> f64 {
     match line {
         Line::Mean => mean(values),
@@ -242,7 +242,10 @@ mod tests {
         let run = |from: u64, value: f64| (from..1000).step_by(100).map(|step| (step, value)).collect();
         let line = over(&[run(0, 0.0), run(50, 10.0)], Line::Mean, Band::Range);
         assert_eq!((line[0].x, line[line.len() - 1].x), (50.0, 900.0));
-        assert!(line.iter().all(|point| point.y == 5.0 && point.interval == Some((0.0, 10.0))));
+        assert!(
+            line.iter()
+                .all(|point| point.y == 5.0 && point.interval == Some((0.0, 10.0)))
+        );
     }
 
     #[test]

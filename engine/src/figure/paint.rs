@@ -393,10 +393,12 @@ impl Pen {
             pos: Pos::new(align, VPos::Center),
         };
         let text = printable(text);
-        let text = if self.rasters { drawable(&text) } else { Cow::Borrowed(&*text) };
-        backend
-            .draw_text(&text, &style, self.place(at))
-            .map_err(refused)
+        let text = if self.rasters {
+            drawable(&text)
+        } else {
+            Cow::Borrowed(&*text)
+        };
+        backend.draw_text(&text, &style, self.place(at)).map_err(refused)
     }
 
     fn place(&self, (x, y): Place) -> (i32, i32) {

@@ -139,6 +139,17 @@ mod tests {
     }
 
     #[test]
+    fn letters_that_the_font_lacks_are_read_as_replaced() {
+        let page = |label: &str| {
+            let (_, mut chart) = pictures().remove(0);
+            chart.panels[0].x.label = label.into();
+            page_of(&chart)
+        };
+        assert_eq!(page("環境"), page("\u{fffd}\u{fffd}"));
+        assert_ne!(page("环境"), page("шаг"));
+    }
+
+    #[test]
     fn a_page_is_as_wide_as_the_study_asks_and_text_keeps_its_size() {
         for (name, chart) in pictures() {
             for (width_mm, font_pt) in [(60.0, 6.0), (83.15, 9.0), (174.0, 7.5)] {

@@ -26,11 +26,11 @@ pub fn plot_data(chart: &Chart) -> Option<Value> {
 fn panel(panel: &Panel) -> Value {
     json!({
         "title": panel.title, "x": panel.x.label, "y": panel.y.label, "log": panel.y.log,
-        "series": panel.series.iter().map(series).collect::<Vec<_>>(),
+        "series": panel.series.iter().map(|it| series(it, panel.y.log)).collect::<Vec<_>>(),
     })
 }
 
-fn series(series: &Series) -> Value {
+fn series(series: &Series, log: bool) -> Value {
     let style = series.style;
     let mut data = Map::from_iter([
         ("label".to_owned(), json!(series.label)),
@@ -43,7 +43,7 @@ fn series(series: &Series) -> Value {
     ]);
     let dash = match &series.shape {
         Shape::Curve(curve) => {
-            data.extend(lines(curve));
+            data.extend(lines(curve, log));
             match curve.of {
                 CurveOf::Learner => style.dashes(),
                 CurveOf::NonLearner => style.short_dashes(),
@@ -61,12 +61,12 @@ fn series(series: &Series) -> Value {
 }
 
 /// The line, its band and its runs. Runs have steps of their own only where these are not those of the line.
-fn lines(curve: &Curve) -> Map<String, Value> {
+fn lines(curve: &Curve, log: bool) -> Map<String, Value> {
     let points = thinned(&curve.points);
     let x = numbers(points.iter().map(|point| point.x));
     let mut data = Map::from_iter([
         ("x".to_owned(), x.clone()),
-        ("y".to_owned(), numbers(points.iter().map(|point| point.y))),
+        ("y".to_owned(), heights(&points, log)),
     ]);
     if points.iter().any(|point| point.interval.is_some()) {
         let end =
@@ -74,17 +74,17 @@ fn lines(curve: &Curve) -> Map<String, Value> {
         data.insert("low".into(), end(|(low, _)| low));
         data.insert("high".into(), end(|(_, high)| high));
     }
-    let runs: Vec<Value> = curve.all_runs().map(|it| run(it, &x)).collect();
+    let runs: Vec<Value> = curve.all_runs().map(|it| run(it, &x, log)).collect();
     data.insert("runs".into(), json!(runs));
     data.insert("drawn".into(), json!(!curve.runs.is_empty()));
     data
 }
 
-fn run(run: &RunLine, steps: &Value) -> Value {
+fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
     let points = thinned(&run.points);
     let x = numbers(points.iter().map(|point| point.x));
     let mut data = json!({
-        "name": run.name, "trial": run.trial, "y": numbers(points.iter().map(|point| point.y)),
+        "name": run.name, "trial": run.trial, "y": heights(&points, log),
     });
     if x != *steps {
         data["x"] = x;
@@ -112,6 +112,12 @@ fn thinned(points: &[Point]) -> Vec<Point> {
     let first = points.first().copied();
     let inner = inner.chunks(stretch).flat_map(extremes);
     first.into_iter().chain(inner).chain(last.copied()).collect()
+}
+
+/// The vertical values, without those that a logarithmic axis has no place for.
+fn heights(points: &[Point], log: bool) -> Value {
+    let height = |point: &Point| if log && point.y <= 0.0 { f64::NAN } else { point.y };
+    numbers(points.iter().map(height))
 }
 
 fn numbers(values: impl Iterator<Item = f64>) -> Value {

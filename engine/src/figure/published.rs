@@ -55,7 +55,13 @@ fn style(kind: &LearningCurve, index: usize, context: Context<'_>) -> Style {
 }
 
 /// A curve with its runs; `None` where it begins after the end.
-fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[published_curve::Run], end: u64) -> Option<Series> {
+fn one(
+    kind: &LearningCurve,
+    curve: &PublishedCurve,
+    style: Style,
+    runs: &[published_curve::Run],
+    end: u64,
+) -> Option<Series> {
     let values: Vec<Run> = runs
         .iter()
         .map(|run| until(end, smoothed(kind, &run.points)))

@@ -51,12 +51,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
     match &series.shape {
         Shape::Line(points) => {
             for piece in pieces(points, frame) {
-                marks.extend(dashed(
-                    &piece,
-                    series.style.dashes(),
-                    series.style.width(),
-                    color,
-                ));
+                marks.extend(dashed(&piece, series.style.dashes(), series.style.width(), color));
             }
         }
         Shape::Curve(curve) => {

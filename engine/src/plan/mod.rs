@@ -338,6 +338,16 @@ impl Plan {
             .retain(|trial| wanted(trial) || sources.contains(&trial.id));
     }
 
+    /// Leaves each trial once in its combination: a search may propose the same setting twice.
+    pub fn keep_once(&mut self) {
+        let mut seen = BTreeSet::new();
+        self.trials.retain(|trial| {
+            let cell = &trial.cell;
+            let names = [&cell.environment, &cell.agent, &cell.setting].map(String::clone);
+            seen.insert((names, trial.id.clone()))
+        });
+    }
+
     /// The ids that the wanted trials take from, through any number of steps.
     fn sources_of(&self, wanted: impl Fn(&Trial) -> bool) -> BTreeSet<String> {
         let mut open: Vec<String> = self

@@ -22,8 +22,11 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
         .searches
         .iter()
         .map(|it| format!(" {}", searches::sentence(it)));
+    let repeats = study
+        .repeats
+        .map_or_else(String::new, |repeats| format!(" Sweep: {repeats}."));
     format!(
-        "Seeds: {seeds}. {}{}{}",
+        "Seeds: {seeds}. {}{repeats}{}{}",
         exploratory(study, changed(contents)),
         confirms(&study.confirms),
         searches.collect::<String>()
@@ -89,7 +92,7 @@ impl Combinations {
             .iter()
             .filter(|it| it.trial.cell.purpose == Purpose::Cell)
         {
-            // Samples of a sweep that are rounded to one setting are one trial.
+            // Settings of a search that are the same are one trial.
             seeds
                 .entry(trial.cell())
                 .or_default()

@@ -32,7 +32,7 @@ pub struct Contents {
     pub figures: Vec<(String, Result<Chart, String>)>,
     /// Claims, a line for each environment and setting that they are held against.
     pub claims: Vec<ClaimLine>,
-    /// What is drawn otherwise than it is written, a sentence for each figure.
+    /// Figures that are drawn otherwise than they are written, a sentence for each.
     pub warnings: Vec<String>,
 }
 
@@ -105,7 +105,8 @@ impl Contents {
     /// True where every table and every figure could be made.
     #[must_use]
     pub fn is_whole(&self) -> bool {
-        self.tables.iter().all(|(_, grid)| grid.is_ok()) && self.figures.iter().all(|(_, chart)| chart.is_ok())
+        self.tables.iter().all(|(_, grid)| grid.is_ok())
+            && self.figures.iter().all(|(_, chart)| chart.is_ok())
     }
 
     /// Computes tables and claims alone: all that is judged.

@@ -55,7 +55,7 @@ use crate::{
     Build, Error, figure,
     figure::FigureSpec,
     results::Results,
-    spec::{ClaimSpec, Summary},
+    spec::{ClaimSpec, Repeats, Summary},
     table,
     table::TableSpec,
 };
@@ -81,6 +81,8 @@ pub struct StudyInfo {
     pub departures: Vec<String>,
     /// Names of the studies whose claims it holds against other seeds.
     pub confirms: Vec<String>,
+    /// Samples of its sweep, where several came to the same setting.
+    pub repeats: Option<Repeats>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
@@ -280,12 +282,12 @@ fn write_figures(
                 files.extend([vector, pixels, data, page]);
                 drawings.insert(name.clone(), svg);
             }
-            Err(refused @ Error::Render { .. }) => {
+            Err(unwritten @ Error::File { .. }) => return Err(unwritten),
+            Err(refused) => {
                 let file = files::name(name, "csv");
                 *made = Err(format!("{refused}; its data are in `figures/{file}`"));
                 files.push(data);
             }
-            Err(other) => return Err(other),
         }
     }
     Ok(drawings)

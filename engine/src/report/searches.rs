@@ -3,6 +3,7 @@
 use crate::count::count;
 use crate::results::SearchResult;
 use crate::search::schedule_in_words;
+use std::collections::BTreeSet;
 
 /// How many settings were tried, which one is the best, and on what it was compared.
 #[must_use]
@@ -31,9 +32,15 @@ pub fn search_in_words(it: &SearchResult) -> String {
     } else {
         String::new()
     };
+    let different: BTreeSet<&str> = it.tried.iter().map(|tried| tried.setting.as_str()).collect();
+    let among = if different.len() < n {
+        format!("{n} ({} different)", different.len())
+    } else {
+        n.to_string()
+    };
     let state = match it.chosen {
         _ if search.is_population() => population_in_words(it),
-        Some(_) => format!("its setting was chosen among {n}{early}"),
+        Some(_) => format!("its setting was chosen among {among}{early}"),
         None if ended == search.settings => "no setting can be chosen".to_owned(),
         None => format!("{ended} of {} settings were tried", search.settings),
     };

@@ -140,6 +140,7 @@ fn info() -> StudyInfo {
         "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.";
     let unit = |(name, unit): (&str, &str)| (name.to_string(), unit.to_string());
     StudyInfo {
+        repeats: None,
         name: "table-3.2".into(),
         stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
@@ -250,8 +251,8 @@ fn provenance() -> Provenance {
 
 fn written(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     let (info, results) = (info(), results());
-    let contents = Contents::of(&info, &results);
-    let paths = write(dir, &info, &results, &contents, &provenance()).unwrap();
+    let mut contents = Contents::of(&info, &results);
+    let paths = write(dir, &info, &results, &mut contents, &provenance()).unwrap();
     let all = paths.files.iter().chain([&paths.page, &paths.markdown]);
     all.map(|path| {
         (
@@ -349,18 +350,76 @@ fn a_claim_across_environments_pairs_the_seeds_of_its_sides() {
 
 #[test]
 fn a_report_of_nothing_says_so() {
-    let contents = Contents::of(&info(), &Results::default());
+    let mut contents = Contents::of(&info(), &Results::default());
     assert!(
         contents.tables.iter().all(|(_, table)| table.is_err())
             && contents.figures.iter().all(|(_, figure)| figure.is_err())
     );
     assert_eq!(contents.outcomes(false)[0], ("NOT RUN", 4));
     let dir = tempfile::tempdir().unwrap();
-    let paths = write(dir.path(), &info(), &Results::default(), &contents, &provenance()).unwrap();
+    let paths = write(
+        dir.path(),
+        &info(),
+        &Results::default(),
+        &mut contents,
+        &provenance(),
+    )
+    .unwrap();
     assert!(
         fs::read_to_string(paths.page)
             .unwrap()
             .contains("no trial of the study belongs to it")
+    );
+}
+
+#[test]
+fn a_drawing_that_is_refused_costs_its_figure_alone() {
+    let (info, results) = (info(), results());
+    let mut contents = Contents::of(&info, &results);
+    let broken = crate::figure::Chart {
+        panels: vec![crate::figure::Panel {
+            series: vec![crate::figure::Series {
+                label: String::new(),
+                seeds: None,
+                style: crate::figure::Style::default(),
+                shape: crate::figure::Shape::Images(crate::figure::Tiles {
+                    images: vec![crate::drawing::Image {
+                        width: 4,
+                        height: 4,
+                        pixels: vec![0; 5],
+                    }],
+                    columns: 1,
+                    ..crate::figure::Tiles::default()
+                }),
+            }],
+            ..crate::figure::Panel::default()
+        }],
+        columns: 1,
+        ..crate::figure::Chart::default()
+    };
+    let name = contents.figures[0].0.clone();
+    contents.figures[0].1 = Ok(broken);
+    let drawn = contents.figures.iter().filter(|(_, chart)| chart.is_ok()).count();
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &info, &results, &mut contents, &provenance()).unwrap();
+    assert!(!contents.is_whole());
+    let reason = contents.figures[0].1.as_ref().unwrap_err();
+    assert!(
+        reason.contains(&format!("its data are in `figures/{name}.csv`")),
+        "{reason}"
+    );
+    for file in ["report.md", "index.html"] {
+        let text = fs::read_to_string(dir.path().join(file)).unwrap();
+        assert!(text.contains("Could not be drawn: "), "{file}");
+    }
+    let files = |extension: &str| {
+        let entries = fs::read_dir(dir.path().join("figures")).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.ends_with(extension)).count()
+    };
+    assert_eq!(
+        (files(".csv"), files(".svg"), files(".pdf")),
+        (drawn, drawn - 1, drawn - 1)
     );
 }
 
@@ -429,9 +488,9 @@ fn an_agent_that_made_no_update_is_flagged_everywhere() {
             .filter(|row| usize::from(row.metric) == updates)
             .for_each(|row| row.value = 0.0);
     }
-    let contents = Contents::of(&info, &results);
+    let mut contents = Contents::of(&info, &results);
     let dir = tempfile::tempdir().unwrap();
-    let paths = write(dir.path(), &info, &results, &contents, &provenance()).unwrap();
+    let paths = write(dir.path(), &info, &results, &mut contents, &provenance()).unwrap();
     assert!(
         fs::read_to_string(paths.page)
             .unwrap()

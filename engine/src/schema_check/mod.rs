@@ -5,13 +5,14 @@
 //! lists. Besides these it knows `x-unit` (shown with ranges), `x-kind` (what the keys or words of a place
 //! are: `agent plugin`, `preset`) and two patterns of names.
 
+mod numbers;
 mod view;
 
 pub use view::View;
 
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, nearest, suggest},
-    document::{Kind, MOST_MISTAKES, Node, Scalar},
+    document::{Kind, MOST_MISTAKES, Node, Scalar, plain_number},
 };
 use serde_json::Value;
 use view::quoted;
@@ -406,7 +407,10 @@ impl<'a> Checker<'a> {
         let error = self.sources.error(span, &at.path, message).about(schema.facts());
         let variants: Vec<&str> = schema.alternatives().iter().filter_map(View::variant).collect();
         let advice = match (scalar, variants.first()) {
-            (Some(scalar), _) => advice(scalar, schema),
+            (Some(scalar), _) => {
+                let option = error.place.is_option().then_some(at.path.as_str());
+                advice(scalar, schema, option)
+            }
             (None, Some(variant)) => Some(format!("for example `{{ {variant}: ... }}`")),
             (None, None) => None,
         };
@@ -417,12 +421,11 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// What to write instead of a scalar of the wrong type.
-fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
+/// The advice for a scalar of the wrong type; `option` is the path of a key that was given on the command line.
+fn advice(scalar: &Scalar, schema: &View<'_>, option: Option<&str>) -> Option<String> {
     let places = schema.alternatives();
     let wants = |name: &str| places.iter().any(|place| place.types().contains(&name));
     let lower = scalar.text.to_lowercase();
-    let number = || crate::document::plain_number(&scalar.text.replace(['_', ',', ' '], ""));
     match &scalar.value {
         Value::Null if wants("object") => Some("write `{}` for a mapping without keys".into()),
         Value::String(_) if wants("boolean") && ["yes", "on", "y"].contains(&lower.as_str()) => {
@@ -431,23 +434,14 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
         Value::String(_) if wants("boolean") && ["no", "off", "n"].contains(&lower.as_str()) => {
             Some("write `false`".into())
         }
-        Value::String(_)
-            if (wants("number") || wants("integer"))
-                && lower.trim_start_matches(['+', '-']).starts_with(".inf") =>
-        {
-            Some("the number must be finite".into())
+        Value::String(text) if wants("number") || wants("integer") => {
+            if !scalar.plain && plain_number(text).is_some() {
+                Some(format!("write {text} without quotes"))
+            } else {
+                numbers::advice(text, schema, option)
+            }
         }
-        Value::String(text) if wants("number") || wants("integer") => match number() {
-            Some(_) if !scalar.plain => Some(format!("write {text} without quotes")),
-            Some(value) => Some(format!("write {value}")),
-            None => None,
-        },
-        Value::Number(value) if wants("integer") => {
-            let whole = value
-                .as_f64()
-                .filter(|value| value.fract() == 0.0 && value.abs() < 9.0e15);
-            whole.map(|value| format!("write {value:.0}"))
-        }
+        Value::Number(_) if wants("integer") => numbers::whole(&scalar.text),
         Value::Number(_) | Value::Bool(_) if wants("string") => {
             Some(format!("write '{}' with quotes", scalar.text))
         }

@@ -252,6 +252,13 @@ impl Sections<'_> {
         all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
     }
 
+    /// A warning for samples that came to the same setting.
+    pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
+        self.dimensions
+            .iter()
+            .filter_map(|dimension| dimension.repeats(self.sources))
+    }
+
     /// Every combination of points of the dimensions that concern these targets; the first dimension changes
     /// slowest.
     fn points(&self, targets: &[Target]) -> Vec<Vec<(usize, usize)>> {

@@ -22,6 +22,7 @@
 //! | `imported` | runs of other programs, which stand where agents stand |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
+//! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved` | a study with all defaults written out |
 //! | `confirms` | studies whose claims this one holds against other seeds |
 //! | `way` | from a folder to a file |
@@ -43,6 +44,7 @@ pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
+mod repeats;
 mod resolved;
 mod schedule;
 mod search;
@@ -64,6 +66,7 @@ pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
 pub use plugin_config::{load_config, read_config};
+pub use repeats::Repeats;
 pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
@@ -156,6 +159,8 @@ pub struct Study {
     pub prepared: Vec<String>,
     /// Units of everything that the trials record and trace, by name.
     pub units: BTreeMap<String, String>,
+    /// Samples of its sweep, where several came to the same setting.
+    pub repeats: Option<Repeats>,
     /// Searches for settings, in order, with how far they are.
     pub searches: Vec<(Search, Progress)>,
     /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
@@ -418,7 +423,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         claims: asked.claims,
         imported,
         limits: section(root, "limits").unwrap_or_default(),
-        warnings: world.warnings,
+        warnings: in_order(sections.repeats().chain(world.warnings).collect()),
+        repeats: sections.dimensions.iter().find_map(Repeats::of),
         searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,
         units: world.units,

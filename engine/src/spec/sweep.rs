@@ -18,7 +18,7 @@ use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A way to make the values of a swept key.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -104,6 +104,8 @@ pub struct SweptKey<'a> {
 pub struct Dimension<'a> {
     /// The keys; all have the same number of values.
     pub keys: Vec<SweptKey<'a>>,
+    /// How many points were written or drawn; samples that came to the same setting are one point.
+    pub drawn: usize,
 }
 
 impl Dimension<'_> {
@@ -111,6 +113,18 @@ impl Dimension<'_> {
     #[must_use]
     pub fn n_points(&self) -> usize {
         self.keys.first().map_or(0, |key| key.values.len())
+    }
+
+    /// Leaves the first of the points that came to the same setting, as samples of whole numbers may.
+    fn keep_different_points(&mut self) {
+        let mut seen = BTreeSet::new();
+        let is_new: Vec<bool> = (0..self.n_points())
+            .map(|index| seen.insert(point(&self.keys, index)))
+            .collect();
+        for key in &mut self.keys {
+            let mut is_new = is_new.iter();
+            key.values.retain(|_| is_new.next().is_some_and(|is_new| *is_new));
+        }
     }
 
     /// True where a key of this dimension belongs to one of the targets.
@@ -163,17 +177,20 @@ pub fn read<'a>(
             }
             None => {
                 groups.extend(group.map(|name| (name, dimensions.len())));
-                dimensions.push(Dimension { keys: vec![key] });
+                dimensions.push(Dimension {
+                    drawn: key.values.len(),
+                    keys: vec![key],
+                });
             }
         }
     }
     found.extend(swept_twice(&dimensions, sources));
     found.extend(points_twice(&dimensions, sources));
-    if found.is_empty() {
-        Ok(dimensions)
-    } else {
-        Err(found)
+    if !found.is_empty() {
+        return Err(found);
     }
+    dimensions.iter_mut().for_each(Dimension::keep_different_points);
+    Ok(dimensions)
 }
 
 fn swept_key<'a>(
@@ -388,14 +405,11 @@ fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnosti
 /// Points of a `grid` or `zip` that are written a second time. Samples may repeat where they are rounded.
 fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnostic> {
     let mut found = Vec::new();
-    for Dimension { keys } in dimensions {
+    for Dimension { keys, .. } in dimensions {
         let Some(first) = keys.first() else { continue };
         let mut seen = BTreeMap::new();
         for (index, value) in first.values.iter().enumerate() {
-            let words = keys.iter().filter_map(|key| key.values.get(index));
-            let point: Vec<String> = words
-                .map(|node| comparable(node.to_value()).to_string())
-                .collect();
+            let point = point(keys, index);
             let earlier = *seen.entry(point).or_insert(value.span);
             if earlier != value.span {
                 let message = "this point of the sweep is given twice";
@@ -406,6 +420,14 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
         }
     }
     found
+}
+
+/// The values of all keys at one point, in words that are equal where the values are.
+fn point(keys: &[SweptKey<'_>], index: usize) -> Vec<String> {
+    let values = keys.iter().filter_map(|key| key.values.get(index));
+    values
+        .map(|node| comparable(node.to_value()).to_string())
+        .collect()
 }
 
 /// A value in which 1 and 1.0 are the same, as they are in trials.

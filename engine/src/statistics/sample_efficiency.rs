@@ -25,7 +25,10 @@ pub fn sample_efficiency(tasks: &[Vec<Run>], bootstrap: Bootstrap) -> Vec<(u64, 
     let runs: Vec<&[(u64, f64)]> = tasks.iter().flatten().map(Vec::as_slice).collect();
     let mut middles: Run = Vec::new();
     at_common_steps(&runs, |step, values| {
-        middles.push((step, SuiteStatistic::InterquartileMean.of(&by_task(tasks, values))));
+        middles.push((
+            step,
+            SuiteStatistic::InterquartileMean.of(&by_task(tasks, values)),
+        ));
     });
     let kept = if middles.len() > MOST_INTERVALS {
         thinning::kept_steps(&middles)
@@ -37,7 +40,10 @@ pub fn sample_efficiency(tasks: &[Vec<Run>], bootstrap: Bootstrap) -> Vec<(u64, 
     at_common_steps(&runs, |step, values| {
         if kept.next_if_eq(&step).is_some() {
             let scores = by_task(tasks, values);
-            points.push((step, SuiteStatistic::InterquartileMean.estimate(&scores, bootstrap)));
+            points.push((
+                step,
+                SuiteStatistic::InterquartileMean.estimate(&scores, bootstrap),
+            ));
         }
     });
     points
@@ -84,7 +90,11 @@ mod tests {
         let steps: Vec<u64> = points.iter().map(|(step, _)| *step).collect();
         assert_eq!(steps, [0, 5, 10]);
         // The second run holds the 0 of step 0.
-        assert_close(points[1].1.value, SuiteStatistic::InterquartileMean.of(&[vec![5.0, 0.0], vec![5.0]]), 1e-12);
+        assert_close(
+            points[1].1.value,
+            SuiteStatistic::InterquartileMean.of(&[vec![5.0, 0.0], vec![5.0]]),
+            1e-12,
+        );
         assert!(sample_efficiency(&[vec![run(&[0])], Vec::new()], Bootstrap::CURVE).is_empty());
     }
 }

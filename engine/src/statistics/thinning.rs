@@ -7,17 +7,16 @@ pub const MOST: usize = 5000;
 /// The places in `items` of those that stay. `column` is the column of the picture in which an item lies, `height` how
 /// high it lies there.
 #[must_use]
-pub fn kept<T>(
-    items: &[T],
-    column: impl Fn(&T) -> i64,
-    height: impl Fn(&T) -> f64,
-) -> Vec<usize> {
+pub fn kept<T>(items: &[T], column: impl Fn(&T) -> i64, height: impl Fn(&T) -> f64) -> Vec<usize> {
     let mut kept = Vec::new();
     let mut start = 0;
     for group in items.chunk_by(|one, next| column(one) == column(next)) {
         let by_height = |one: &usize, other: &usize| height(&group[*one]).total_cmp(&height(&group[*other]));
         let ends = [0, group.len() - 1].map(Some);
-        let extremes = [(0..group.len()).min_by(by_height), (0..group.len()).max_by(by_height)];
+        let extremes = [
+            (0..group.len()).min_by(by_height),
+            (0..group.len()).max_by(by_height),
+        ];
         let mut of_group: Vec<usize> = ends.into_iter().chain(extremes).flatten().collect();
         of_group.sort_unstable();
         of_group.dedup();
@@ -31,7 +30,8 @@ pub fn kept<T>(
 #[must_use]
 pub fn kept_steps(values: &[(u64, f64)]) -> Vec<usize> {
     const COLUMNS: u128 = 1000;
-    let [Some(first), Some(last)] = [values.first(), values.last()].map(|it| it.map(|(step, _)| *step)) else {
+    let [Some(first), Some(last)] = [values.first(), values.last()].map(|it| it.map(|(step, _)| *step))
+    else {
         return Vec::new();
     };
     let range = u128::from(last - first) + 1;
@@ -57,7 +57,9 @@ mod tests {
     #[test]
     fn a_long_series_keeps_its_peaks() {
         let peak = 123_457;
-        let values: Vec<(u64, f64)> = (0..300_000).map(|step| (step, if step == peak { 9.0 } else { 0.0 })).collect();
+        let values: Vec<(u64, f64)> = (0..300_000)
+            .map(|step| (step, if step == peak { 9.0 } else { 0.0 }))
+            .collect();
         let kept = kept_steps(&values);
         assert!(kept.len() <= 4000 && kept.contains(&123_457) && kept.contains(&299_999));
         assert!(kept_steps(&[]).is_empty());

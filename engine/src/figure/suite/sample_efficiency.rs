@@ -54,7 +54,11 @@ impl Figure for SampleEfficiency {
         let suite = Suite::of(self.asked(), spec, context)?;
         let (mut series, mut missing, mut carried) = (Vec::new(), Vec::new(), false);
         for player in &suite.players {
-            let tasks: Vec<Vec<Run>> = suite.scales.iter().map(|scale| runs(&suite, player, scale)).collect();
+            let tasks: Vec<Vec<Run>> = suite
+                .scales
+                .iter()
+                .map(|scale| runs(&suite, player, scale))
+                .collect();
             match line(&suite, player, &tasks) {
                 Some(line) => {
                     carried |= !have_same_steps(&tasks);
@@ -143,7 +147,7 @@ fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<Run>]) -> Option<Se
         },
         runs: Vec::new(),
         undrawn: Vec::new(),
-            at_the_ends: None,
+        at_the_ends: None,
         points,
     };
     (!curve.points.is_empty()).then(|| Series {

@@ -23,9 +23,9 @@ fn causes_are_printed_where_something_differs_and_nowhere_else() {
     };
     let texts = |study: &StudyInfo| {
         let results = two_agents(CLEAR, |_, _| {});
-        let contents = Contents::of(study, &results);
+        let mut contents = Contents::of(study, &results);
         let dir = tempfile::tempdir().unwrap();
-        let paths = write(dir.path(), study, &results, &contents, &provenance()).unwrap();
+        let paths = write(dir.path(), study, &results, &mut contents, &provenance()).unwrap();
         [paths.markdown, paths.page].map(|path| fs::read_to_string(path).unwrap())
     };
     let [report, page] = texts(&study(99.0, "dsac.cycle_length < equal.cycle_length"));
@@ -140,8 +140,8 @@ fn a_sentence_is_filled_from_tables_and_claims() {
 fn a_study_is_a_row_where_it_has_a_sentence_and_is_as_written() {
     let row = |study: &StudyInfo| {
         let dir = tempfile::tempdir().unwrap();
-        let contents = Contents::of(study, &results());
-        let paths = write(dir.path(), study, &results(), &contents, &provenance()).unwrap();
+        let mut contents = Contents::of(study, &results());
+        let paths = write(dir.path(), study, &results(), &mut contents, &provenance()).unwrap();
         let path = dir.path().join("summary.md");
         assert_eq!(paths.files.contains(&path), path.exists());
         fs::read_to_string(path).ok()

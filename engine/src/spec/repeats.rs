@@ -1,0 +1,50 @@
+//! Samples of a sweep that came to the same setting, as those of whole numbers may: they are tried once, and that is said.
+
+use super::sweep::Dimension;
+use crate::{
+    count::count,
+    diagnostic::{Diagnostic, Sources},
+};
+
+/// Samples of a sweep of which several came to the same setting. Its display is `6 samples, 2 different settings`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Repeats {
+    /// How many samples were drawn.
+    pub samples: usize,
+    /// How many different settings they are.
+    pub settings: usize,
+}
+
+impl Repeats {
+    /// Those of a dimension; `None` where all of its points differ.
+    #[must_use]
+    pub fn of(dimension: &Dimension<'_>) -> Option<Self> {
+        let (samples, settings) = (dimension.drawn, dimension.n_points());
+        (settings < samples).then_some(Self { samples, settings })
+    }
+}
+
+impl std::fmt::Display for Repeats {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{}, {}",
+            count(self.samples, "sample"),
+            count(self.settings, "different setting")
+        )
+    }
+}
+
+impl Dimension<'_> {
+    /// Says that samples came to the same setting, where some did.
+    #[must_use]
+    pub fn repeats(&self, sources: &Sources) -> Option<Diagnostic> {
+        let repeats = Repeats::of(self)?;
+        let key = &self.keys[0];
+        let warning = sources.warning(key.path.span, &format!("sweep.{}", key.text), repeats.to_string());
+        Some(
+            warning
+                .help("samples of whole numbers are rounded; ask for fewer, or list the values in a `grid`"),
+        )
+    }
+}
