@@ -88,7 +88,7 @@ impl Names<'_> {
                 );
             }
             PublishedCurveError::Outside(_) => {
-                self.say(place.value("file"), error.to_string(), Outside::HELP)
+                self.say(place.value("file"), error.to_string(), Outside::HELP);
             }
             PublishedCurveError::NoRow { .. } => self.say(place.value("where"), error.to_string(), ""),
             PublishedCurveError::StepTwice { .. } if curve.by.is_none() => {
