@@ -434,7 +434,7 @@ impl Builder<'_> {
         };
         let of = [
             named(fitting.learners, "agents that fit and learn"),
-            named(fitting.rules, "that fit and do not learn"),
+            named(fitting.rules, "agents that fit and do not learn"),
         ];
         let of: Vec<String> = of.into_iter().flatten().collect();
         if of.is_empty() {
