@@ -342,7 +342,10 @@ mod tests {
             record.add(Phase::Evaluate, step, 0, 0, "return", 0.5);
             one.keep_partial(&trial, paused.clone(), &record).unwrap();
             bucket.bring(&one, &trial.id).unwrap();
-            assert_eq!((two.fetch(ids).unwrap().taken, two.fetch(ids).unwrap().taken), (1, 0));
+            assert_eq!(
+                (two.fetch(ids).unwrap().taken, two.fetch(ids).unwrap().taken),
+                (1, 0)
+            );
             assert_eq!(two.measured_until(&trial.id), Some(step));
         }
         assert!(two.end(&trial.id).unwrap().is_none());
