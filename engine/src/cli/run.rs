@@ -270,18 +270,20 @@ fn write_report(
     looks::record(one, store, &results, &mut contents)?;
     contents.leave_to(&earlier.unwrap_or_default());
     let provenance = provenance::of(registry, one, builds);
+    let lacking = contents.unmade();
     let paths = report::write(&dir, &study, &results, &mut contents, &provenance)?;
+    let unmade = contents.unmade();
     for warning in &contents.warnings {
         complain(&format!("warning: {}: {warning}", study.name));
     }
-    write_beside(&dir, one, selection, &results, &paths, &contents.unmade())?;
+    write_beside(&dir, one, selection, &results, &paths, &unmade)?;
     say(&match common.format {
         Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
     Ok(match code {
-        // A profile of a smaller budget may measure nothing that some figures show.
-        OK if !contents.is_whole() && selection.profile.is_none() => NOT_MADE,
+        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile.
+        OK if unmade != lacking || !unmade.is_empty() && selection.profile.is_none() => NOT_MADE,
         OK if reporting.strict && contents.contradicts() => DIFFERS,
         code => code,
     })

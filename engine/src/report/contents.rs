@@ -105,13 +105,6 @@ impl Contents {
         }
     }
 
-    /// True where every table and every figure could be made.
-    #[must_use]
-    pub fn is_whole(&self) -> bool {
-        self.tables.iter().all(|(_, grid)| grid.is_ok())
-            && self.figures.iter().all(|(_, chart)| chart.is_ok())
-    }
-
     /// Computes tables and claims alone: all that is judged.
     #[must_use]
     pub fn judged(study: &StudyInfo, results: &Results) -> Self {
