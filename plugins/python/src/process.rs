@@ -146,7 +146,7 @@ impl Process {
     fn watch(&self, what: &str) -> Watch {
         let id = self.id;
         Watch::over(id, format!("{what} `{}`", self.interpreter), move |family| {
-            end_all(id, family)
+            end_all(id, family);
         })
     }
 
