@@ -157,7 +157,7 @@ impl Sections<'_> {
             for place in 0..count {
                 let points = grid::points(&dimensions, place);
                 let parts = [one.at(&points), two.at(&points), three.at(&points)];
-                let [Some(one), Some(two), Some(three)] = parts.map(Option::cloned) else {
+                let [Some(one), Some(two), Some(three)] = parts.map(Option::<&Arc<Resolved>>::cloned) else {
                     continue;
                 };
                 let point = self.setting(&words, &points);
