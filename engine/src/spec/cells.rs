@@ -163,11 +163,7 @@ impl Sections<'_> {
             for place in 0..count {
                 let points = grid::points(&dimensions, place);
                 let parts = [one.at(&points), two.at(&points), three.at(&points)];
-<<<<<<< ours
-                let [Some(one), Some(two), Some(three)] = parts.map(Option::<&_>::cloned) else {
-=======
                 let [Some(one), Some(two), Some(three)] = parts.map(Option::<&Arc<Resolved>>::cloned) else {
->>>>>>> theirs
                     continue;
                 };
                 let point = self.setting(&words, &points);
