@@ -429,6 +429,10 @@ mod tests {
         clock::sleep(Duration::from_millis(50));
         shared.hold_limits();
         assert!(!shared.fell_silent());
+        // What it started does not outlive the test.
+        if let Some(process) = shared.lock().as_mut() {
+            end_group(&mut process.child);
+        }
         shared.bury();
     }
 }
