@@ -222,7 +222,7 @@ fn killed_at_every_boundary_of_writing_a_search_chooses_as_if_nothing_had_happen
         assert!(deaths < 5_000, "it never ends");
     }
     let places = std::fs::read_to_string(bench.path("crashes.log")).unwrap();
-    assert!(places.contains("partial.parcel"), "{places}");
+    assert!(places.contains("partial-"), "{places}");
     assert!(deaths > 100, "{deaths} deaths");
     assert_eq!(
         (bench.digests("killed"), tables()),

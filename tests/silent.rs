@@ -92,12 +92,22 @@ impl Found {
     }
 }
 
+/// The file with what a trial had measured at its pause, in the trial's folder.
+fn pause_in(folder: &Path) -> Option<PathBuf> {
+    let files = fs::read_dir(folder).ok()?.map(|entry| entry.unwrap().path());
+    let mut files = files.filter(|file| file.extension().is_some_and(|it| it == "parcel"));
+    files.next()
+}
+
 /// The rates of the trials of a search in a store, those at their pauses among them.
 fn rates(bench: &Bench, store: &str) -> BTreeSet<String> {
     let mut rates = BTreeSet::new();
     for folder in folders(&bench.path(store)) {
-        for name in ["trial.json", "partial.parcel"] {
-            let text = fs::read(folder.join(name)).unwrap_or_default();
+        for file in [Some(folder.join("trial.json")), pause_in(&folder)]
+            .into_iter()
+            .flatten()
+        {
+            let text = fs::read(file).unwrap_or_default();
             let text = String::from_utf8_lossy(&text);
             let rate = text
                 .split("\"rate\":")
@@ -280,7 +290,7 @@ fn a_search_split_over_two_stores_and_merged_chooses_as_in_one() {
 fn what_was_measured_at_a_pause_is_kept_as_all_other_results_are() {
     let (bench, found) = settled(&study(HALVING));
     let paused = |store: &str| {
-        let is_paused = |folder: &&PathBuf| folder.join("partial.parcel").exists();
+        let is_paused = |folder: &&PathBuf| pause_in(folder).is_some();
         folders(&bench.path(store)).iter().filter(is_paused).count()
     };
     let n_paused = paused("fresh");
@@ -342,10 +352,8 @@ fn what_was_measured_at_a_pause_is_kept_as_all_other_results_are() {
 #[test]
 fn a_damaged_measurement_at_a_pause_is_found_set_aside_and_made_again() {
     let (bench, found) = settled(&study(HALVING));
-    let paused = folders(&bench.path("fresh"))
-        .into_iter()
-        .map(|folder| folder.join("partial.parcel"));
-    let file = paused.filter(|file| file.exists()).min().unwrap();
+    let paused = folders(&bench.path("fresh"));
+    let file = paused.iter().filter_map(|folder| pause_in(folder)).min().unwrap();
     let whole = fs::read(&file).unwrap();
     let mut damaged = whole.clone();
     let middle = damaged.len() / 2;
@@ -353,7 +361,7 @@ fn a_damaged_measurement_at_a_pause_is_found_set_aside_and_made_again() {
     fs::write(&file, &damaged).unwrap();
     let checked = ask(&bench, &["fsck", "-n", "fresh"], &[]);
     assert!(
-        checked.code == 106 && checked.out.contains("partial.parcel"),
+        checked.code == 106 && checked.out.contains("partial-"),
         "{}",
         checked.out
     );
@@ -367,7 +375,7 @@ fn a_damaged_measurement_at_a_pause_is_found_set_aside_and_made_again() {
     assert_eq!(verified.code, 106, "{}", verified.out);
     let again = run(&bench, "fresh", &[], 0);
     assert!(
-        again.err.contains("partial.parcel") && again.err.contains("set aside"),
+        again.err.contains("partial-") && again.err.contains("set aside"),
         "{}",
         again.err
     );
@@ -386,7 +394,7 @@ fn pauses_of_an_earlier_program_are_read_and_sealed_by_the_next_run() {
     let (bench, found) = settled(&study(HALVING));
     let mut removed = 0;
     for folder in folders(&bench.path("fresh")) {
-        removed += usize::from(fs::remove_file(folder.join("partial.parcel")).is_ok());
+        removed += usize::from(pause_in(&folder).is_some_and(|file| fs::remove_file(file).is_ok()));
     }
     assert!(removed > 2);
     for command in ["status", "report"] {

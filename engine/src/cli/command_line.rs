@@ -3,6 +3,11 @@
 use super::{Common, Selection};
 
 impl Selection {
+    /// True where the whole study is selected, with its own budget.
+    pub(super) fn is_whole(&self) -> bool {
+        self.profile.is_none() && self.only.is_empty()
+    }
+
     /// What selects among the trials of the studies, as words of a command line.
     pub(super) fn options(&self) -> Vec<String> {
         let mut all = Vec::new();

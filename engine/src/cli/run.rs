@@ -282,8 +282,9 @@ fn write_report(
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
     Ok(match code {
-        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile.
-        OK if unmade != lacking || !unmade.is_empty() && selection.profile.is_none() => NOT_MADE,
+        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile, and where
+        // a part of the study was selected.
+        OK if unmade != lacking || !unmade.is_empty() && selection.is_whole() => NOT_MADE,
         OK if reporting.strict && contents.contradicts() => DIFFERS,
         code => code,
     })

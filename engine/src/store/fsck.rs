@@ -281,9 +281,20 @@ impl<'a> Check<'a> {
             expected.extend(self.results(folder, id, file));
         }
         self.kept(folder, id, acknowledged.as_ref());
-        if files.iter().any(|name| name == partial::NAME) {
-            self.partial(folder, id, acknowledged.as_ref());
-            expected.push(partial::NAME.to_owned());
+        let mut partial: Vec<String> = files
+            .iter()
+            .filter(|name| partial::step_of(name).is_some())
+            .cloned()
+            .collect();
+        partial.sort_by_key(|name| partial::step_of(name));
+        if let Some(farthest) = partial.pop() {
+            self.partial(folder.join(&farthest), id, acknowledged.as_ref());
+            expected.push(farthest);
+            // Whoever wrote the farthest ended before it removed them.
+            for name in partial {
+                self.note(folder.join(&name), Fault::Left, "a later pause is stored", None);
+                expected.push(name);
+            }
         }
         for name in files.iter().filter(|name| !expected.contains(name)) {
             self.unexpected(folder.join(name), name);
@@ -432,8 +443,8 @@ impl<'a> Check<'a> {
 
     /// What a trial had recorded at a pause, or before a number was not finite. One that is damaged runs again, also where
     /// it has ended so.
-    fn partial(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) {
-        let path = folder.join(partial::NAME);
+    fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);
         match self.store.partial(id) {
             Ok(_) if has_ended => self.note(path, Fault::Left, "the trial has ended", None),

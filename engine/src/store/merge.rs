@@ -246,7 +246,7 @@ impl<'a> Merge<'a> {
             && let Some((bytes, there)) = source.partial_bytes(id)?
             && self.known_of(id, &there)?.is_none()
         {
-            self.into.write_partial(id, &bytes)?;
+            self.into.write_partial(id, &bytes, &there)?;
         }
         let Some((text, _)) = source.acknowledged(id)? else {
             return Ok(gone_since(source, id, &from.join("trial.json")));
@@ -269,7 +269,11 @@ impl<'a> Merge<'a> {
             let last = name.rsplit('/').next().unwrap_or(&name);
             if last.starts_with('.') && last.ends_with(".tmp") {
                 remove(&folder.join(&name))?;
-            } else if !is_lease(&name) && !KEPT.contains(&name.as_str()) && !named.contains_key(&name) {
+            } else if !is_lease(&name)
+                && !KEPT.contains(&name.as_str())
+                && partial::step_of(&name).is_none()
+                && !named.contains_key(&name)
+            {
                 others.push(orphan(self.into, &folder.join(&name)));
             }
         }
@@ -281,7 +285,7 @@ impl<'a> Merge<'a> {
 }
 
 /// Files of a trial's folder that are there while it is missing.
-const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", partial::NAME];
+const KEPT: [&str; 3] = ["running", "earlier.json", "trial.json"];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
     Finding {

@@ -9,7 +9,7 @@
 //! [`ProductKind`](crate::ProductKind)
 //! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
 //! and a checkpoint, see [`RunningTrial`]
-//! partial.parcel    what it had recorded at a pause, or before a number was not finite, see [`Partial`]
+//! partial-4.parcel  what it had recorded at a pause, or before a number was not finite, see [`Partial`]
 //! ```
 //!
 //! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.

@@ -1,10 +1,11 @@
 //! What a trial recorded that has not ended `ok`: up to a pause of a search, or up to the last measurement before a number
 //! was not finite.
 //!
-//! One file in the trial's folder, `partial.parcel`, holds the metrics and what acknowledges them: a text like that of
-//! `trial.json`, sealed, with the key and the digest of the metrics. It is replaced as a whole by that of a later pause,
-//! and goes when the trial has ended `ok`, whose metrics hold all of it. Searches compare settings by it, so that it is
-//! merged, checked and verified as what ended is.
+//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and what acknowledges them: a text like that of
+//! `trial.json`, sealed, with the key and the digest of the metrics. Its name says how far the trial was measured, so that
+//! a program which lost its lease and writes late takes nothing of a later pause away: the farthest file counts. Those
+//! before it go when it is stored, and all of them when the trial has ended `ok`, whose metrics hold all of it. Searches
+//! compare settings by it, so that it is merged, checked and verified as what ended is.
 
 use super::{
     MetricsTable, Store, TrialFile, boundary, date, index, inside, metrics_file, pack, parcel, remove, seal,
@@ -22,7 +23,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The file's name in a trial's folder.
+/// The file's name where it travels alone, whatever its step.
 pub(super) const NAME: &str = "partial.parcel";
 /// What it holds, in this order.
 const FILES: [&str; 2] = ["metrics.parquet", "trial.json"];
@@ -89,11 +90,23 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
     pub fn partial(&self, id: &str) -> Result<Option<Partial>, Error> {
-        let path = self.partial_path(id);
-        match inside::read(&path)? {
-            Some(bytes) => decode(id, &bytes, &path).map(Some),
+        match self.farthest_file(id)? {
+            Some((path, bytes)) => decode(id, &bytes, &path).map(Some),
             None => self.partial_in_packs(id),
         }
+    }
+
+    /// The file of the latest pause in a trial's folder.
+    fn farthest_file(&self, id: &str) -> Result<Option<(PathBuf, Vec<u8>)>, Error> {
+        let folder = self.folder(id);
+        for name in names_in(&folder)?.iter().rev() {
+            let path = folder.join(name);
+            // One that goes meanwhile makes room for a later one.
+            if let Some(bytes) = inside::read(&path)? {
+                return Ok(Some((path, bytes)));
+            }
+        }
+        Ok(None)
     }
 
     /// The step up to which a trial that has not ended `ok` was measured, and that is stored; what is damaged is not.
@@ -116,25 +129,30 @@ impl Store {
             ..TrialFile::new(trial, TrialEnd { digest, ..end }, BTreeMap::new())
         };
         let bytes = encode(&trial.id, metrics, &file)?;
-        let path = self.partial_path(&trial.id);
-        let new = decode(&trial.id, &bytes, &path)?;
+        let new = decode(&trial.id, &bytes, &self.folder(&trial.id))?;
         match self.partial(&trial.id) {
             Ok(Some(known)) if known.step() > new.step() => return Ok(()),
             Ok(_) => {}
-            Err(Error::Damaged { problem, .. }) => self.set_partial_aside(&trial.id, problem)?,
+            Err(Error::Damaged { path, problem }) => self.set_partial_aside(&trial.id, &path, problem)?,
             Err(error) => return Err(error),
         }
-        self.write_partial(&trial.id, &bytes)
+        self.write_partial(&trial.id, &bytes, &new)
     }
 
-    /// Puts the bytes of the file of a trial in their place.
-    pub(super) fn write_partial(&self, id: &str, bytes: &[u8]) -> Result<(), Error> {
+    /// Puts the bytes of the file of a trial in their place, and removes those of pauses before it.
+    pub(super) fn write_partial(&self, id: &str, bytes: &[u8], partial: &Partial) -> Result<(), Error> {
         let folder = self.folder(id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         flush_way_to(&folder)?;
-        write_durably(&folder.join(NAME), bytes)?;
+        let step = partial.step().unwrap_or(0);
+        write_durably(&folder.join(name_at(step)), bytes)?;
         boundary::pass("after a pause is stored", &folder);
-        Ok(())
+        let earlier = names_in(&folder)?
+            .into_iter()
+            .filter(|name| step_of(name) < Some(step));
+        earlier
+            .into_iter()
+            .try_for_each(|name| remove(&folder.join(name)))
     }
 
     /// The bytes of the file of a trial, which are what was written, with what they say; `None` where there are none.
@@ -142,8 +160,8 @@ impl Store {
         let Some(partial) = self.partial(id)? else {
             return Ok(None);
         };
-        let bytes = match inside::read(&self.partial_path(id))? {
-            Some(bytes) => bytes,
+        let bytes = match self.farthest_file(id)? {
+            Some((_, bytes)) => bytes,
             // It lies in a pack.
             None => encode(id, self.packed_metrics(id, &partial)?, &partial.file)?,
         };
@@ -158,13 +176,13 @@ impl Store {
         let Some((bytes, _)) = self.partial_bytes(id)? else {
             return Ok(Vec::new());
         };
-        let parts = parts(id, &bytes).map_err(|problem| damaged(&self.partial_path(id), problem))?;
+        let parts = parts(id, &bytes).map_err(|problem| damaged(&self.folder(id), problem))?;
         Ok(FILES.map(str::to_owned).into_iter().zip(parts).collect())
     }
 
     fn packed_metrics(&self, id: &str, partial: &Partial) -> Result<Vec<u8>, Error> {
         let metrics = self.metrics_in_pack(id, &partial.file.end.digest)?;
-        metrics.ok_or_else(|| damaged(&self.partial_path(id), "it is not there".into()))
+        metrics.ok_or_else(|| damaged(&self.folder(id), "its metrics at a pause are not there".into()))
     }
 
     /// The farthest of what packs hold of a trial that had paused.
@@ -179,25 +197,44 @@ impl Store {
         Ok(farthest)
     }
 
-    fn set_partial_aside(&self, id: &str, problem: String) -> Result<(), Error> {
-        let path = self.partial_path(id);
+    fn set_partial_aside(&self, id: &str, path: &Path, problem: String) -> Result<(), Error> {
         let finding = super::Finding {
-            path: path.strip_prefix(&self.root).unwrap_or(&path).to_owned(),
+            path: path.strip_prefix(&self.root).unwrap_or(path).to_owned(),
             fault: super::Fault::Damaged,
             problem,
             trial: Some(id.to_owned()),
         };
         self.aside(vec![finding]).map(drop)
     }
-
-    fn partial_path(&self, id: &str) -> PathBuf {
-        self.folder(id).join(NAME)
-    }
 }
 
 /// Removes what a trial that has ended `ok` holds in its metrics; mostly there is none.
 pub(super) fn forget(trial: &Path) -> Result<(), Error> {
-    remove(&trial.join(NAME))
+    names_in(trial)?
+        .iter()
+        .try_for_each(|name| remove(&trial.join(name)))
+}
+
+/// The name of the file of a trial that was measured up to a step.
+pub(super) fn name_at(step: u64) -> String {
+    format!("partial-{step}.parcel")
+}
+
+/// The step in the name of such a file, 0 of one that has travelled; `None` for other names.
+pub(super) fn step_of(name: &str) -> Option<u64> {
+    if name == NAME {
+        return Some(0);
+    }
+    let step = name.strip_prefix("partial-")?.strip_suffix(".parcel")?;
+    step.parse().ok().filter(|step| name_at(*step) == name)
+}
+
+/// The names of such files in a trial's folder, the farthest last.
+pub(super) fn names_in(trial: &Path) -> Result<Vec<String>, Error> {
+    let mut names = super::names(trial)?;
+    names.retain(|name| step_of(name).is_some());
+    names.sort_by_key(|name| step_of(name));
+    Ok(names)
 }
 
 /// The bytes of the file.
@@ -312,6 +349,28 @@ mod tests {
     }
 
     #[test]
+    fn who_writes_late_takes_nothing_of_a_later_pause_away() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, trial) = (Store::at(folder.path()), trial(4, 0));
+        let keep = |rows| {
+            store
+                .keep_partial(&trial, end(EndState::Paused), &record(rows))
+                .unwrap()
+        };
+        let place = store.folder(&trial.id);
+        keep(2);
+        let late = fs::read(place.join(name_at(200))).unwrap();
+        keep(4);
+        assert_eq!(names_in(&place).unwrap(), [name_at(400)]);
+        // It had looked before the other one wrote.
+        let partial = decode(&trial.id, &late, &place).unwrap();
+        store.write_partial(&trial.id, &late, &partial).unwrap();
+        assert_eq!(store.measured_until(&trial.id), Some(400));
+        keep(5);
+        assert_eq!(names_in(&place).unwrap(), [name_at(500)]);
+    }
+
+    #[test]
     fn the_rows_until_a_step_are_the_same_however_many_follow() {
         let (short, long) = (record(2), record(5));
         let until = |record: &Recorder| first_rows(record, rows_until(record, 200));
@@ -329,7 +388,7 @@ mod tests {
         store
             .keep_partial(&trial, end(EndState::Paused), &record(3))
             .unwrap();
-        fs::write(store.partial_path(&trial.id), "of somebody else").unwrap();
+        fs::write(store.folder(&trial.id).join(name_at(300)), "of somebody else").unwrap();
         assert!(matches!(store.partial(&trial.id), Err(Error::Damaged { .. })));
         store
             .keep_partial(&trial, end(EndState::Paused), &record(2))
@@ -346,7 +405,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let (store, trial) = (Store::at(folder.path()), trial(4, 0));
             store.keep_partial(&trial, end(EndState::Nan), &record(2)).unwrap();
-            let path = store.partial_path(&trial.id);
+            let path = store.folder(&trial.id).join(name_at(200));
             let mut bytes = fs::read(&path).unwrap();
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss,
                 reason = "a place in the file")]

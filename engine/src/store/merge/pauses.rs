@@ -47,7 +47,7 @@ impl Merge<'_> {
         }
         // Another program may have gone on with it before the lease was taken.
         let fate = match self.known_of(id, &there) {
-            Ok(None) => self.into.write_partial(id, &bytes).map(|()| Fate::Taken),
+            Ok(None) => self.into.write_partial(id, &bytes, &there).map(|()| Fate::Taken),
             Ok(Some(fate)) => Ok(fate),
             Err(error) => Err(error),
         };
@@ -91,7 +91,7 @@ impl Merge<'_> {
         there: &Partial,
     ) -> Result<bool, Error> {
         match self.known_of(id, there)? {
-            None => self.into.write_partial(id, bytes).map(|()| true),
+            None => self.into.write_partial(id, bytes, there).map(|()| true),
             Some(Fate::Same) => Ok(false),
             Some(Fate::Damaged { findings, .. }) => Err(first_of(self.into, findings)),
             Some(_) => Err(Error::Damaged {

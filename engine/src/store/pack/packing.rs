@@ -117,9 +117,11 @@ impl Store {
         let mut files = inside::files_of(&folder).ok()?;
         files.retain(|name| !is_lease(name));
         let read = |name: &str| inside::read(&folder.join(name)).ok().flatten();
-        let trial = if files == [partial::NAME] {
+        let trial = if let [name] = files.as_slice()
+            && partial::step_of(name).is_some()
+        {
             // A trial that goes on from a checkpoint here keeps it.
-            paused(id, &read(partial::NAME)?)?
+            paused(id, &read(name)?)?
         } else if files == ["metrics.parquet", "trial.json"] {
             let [acknowledgement, metrics] = FILES.map(read);
             Short {
@@ -174,10 +176,12 @@ impl Store {
         if !held.iter().any(is_same) {
             return Ok(false);
         }
-        let left = inside::read(&folder.join(partial::NAME))?;
-        let is_packed = |bytes: Vec<u8>| paused(id, &bytes).is_some_and(|paused| held.contains(&paused));
-        if left.is_none_or(is_packed) {
-            remove(&folder.join(partial::NAME))?;
+        for name in partial::names_in(&folder)? {
+            let left = inside::read(&folder.join(&name))?;
+            let is_packed = |bytes: Vec<u8>| paused(id, &bytes).is_some_and(|paused| held.contains(&paused));
+            if left.is_none_or(is_packed) {
+                remove(&folder.join(&name))?;
+            }
         }
         FILES.iter().try_for_each(|name| remove(&folder.join(name)))?;
         Ok(true)
