@@ -60,6 +60,19 @@ impl Reach {
         }
     }
 
+    /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study there,
+    /// or the current folder where that holds it.
+    #[must_use]
+    pub fn of_written_out(folder: &Path) -> Self {
+        let (reach, current) = (Self::of(folder), without_links(Path::new(".")));
+        let project = if reach.project == reach.own && reach.own.starts_with(&current) {
+            current
+        } else {
+            reach.project
+        };
+        Self { project, ..reach }
+    }
+
     /// The path of a file that is named as seen from `folder`. A foreign one is noted, so that nothing quotes it.
     ///
     /// # Errors

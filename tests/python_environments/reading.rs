@@ -43,7 +43,7 @@ fn what_runs_nothing_needs_no_python() {
         "{status}"
     );
     let check = place.bench.run(&["check", "study.yaml"]);
-    assert_eq!(check.code, 2, "`check` believes no record: {}", check.err);
+    assert_eq!(check.code, 3, "`check` believes no record: {}", check.err);
     // Another environment has no record.
     fs::write(
         place.bench.path("level.py"),

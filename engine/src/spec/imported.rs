@@ -1,6 +1,6 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
-use super::{builds::World, cells::Sections, seeds::SeedPlan, way::way};
+use super::{builds::World, cells::Sections, seeds::SeedPlan, way::name_written_out};
 use crate::{
     Metric,
     diagnostic::{Diagnostic, Span, suggest},
@@ -294,7 +294,12 @@ fn sentence(text: &ImportedText, found: &Found) -> String {
 
 /// An entry of the section as it is stored in `folder`, with files named as seen from there in place of `from`.
 pub(super) fn relocated(entry: Value, from: &Path, folder: &Path) -> Value {
-    let seen = |pattern: &Value| json!(way(folder, &from.join(pattern.as_str().unwrap_or_default())));
+    let seen = |pattern: &Value| {
+        json!(name_written_out(
+            folder,
+            &from.join(pattern.as_str().unwrap_or_default())
+        ))
+    };
     match entry {
         Value::Array(parts) => parts
             .into_iter()

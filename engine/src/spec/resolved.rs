@@ -9,7 +9,7 @@ use super::{
     path::Target,
     search::Searched,
     seeds::SeedPlan,
-    way::way,
+    way::name_written_out,
     written::{Chosen, Named, PartKind, Prepared},
 };
 use crate::{
@@ -44,7 +44,11 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let summary = study.summary.iter();
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
-    let seen = |path: &Path| way(folder, &study.folder.join(path)).display().to_string();
+    let seen = |path: &Path| {
+        name_written_out(folder, &study.folder.join(path))
+            .display()
+            .to_string()
+    };
     let confirms: Vec<String> = study.confirms.iter().map(|it| seen(&it.file)).collect();
     if !confirms.is_empty() {
         sections.push(("confirms".into(), Section::Plain(json!(confirms))));
@@ -324,7 +328,7 @@ fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
     let mut spec = spec.clone();
     spec.published_curves
         .iter_mut()
-        .for_each(|curve| curve.file = way(folder, &curve.file));
+        .for_each(|curve| curve.file = name_written_out(folder, &curve.file));
     spec
 }
 
@@ -333,7 +337,7 @@ fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
     let mut spec = spec.clone();
     spec.published_curves_mut()
         .iter_mut()
-        .for_each(|curve| curve.file = way(folder, &curve.file));
+        .for_each(|curve| curve.file = name_written_out(folder, &curve.file));
     spec
 }
 
@@ -342,7 +346,7 @@ fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     let is_file = key == "file" || key.ends_with(".file");
     match value {
         Value::String(text) if is_file && !text.is_empty() => {
-            json!(way(folder, &from.join(text)).display().to_string())
+            json!(name_written_out(folder, &from.join(text)).display().to_string())
         }
         Value::Array(items) => Value::Array(
             items

@@ -20,7 +20,17 @@ pub fn way(from: &Path, to: &Path) -> PathBuf {
 /// and its project.
 #[must_use]
 pub fn name_from(folder: &Path, to: &Path) -> PathBuf {
-    if Reach::of(folder).holds(to) {
+    name_within(&Reach::of(folder), folder, to)
+}
+
+/// As [`name_from`], in a study that is written out into `folder`.
+#[must_use]
+pub fn name_written_out(folder: &Path, to: &Path) -> PathBuf {
+    name_within(&Reach::of_written_out(folder), folder, to)
+}
+
+fn name_within(reach: &Reach, folder: &Path, to: &Path) -> PathBuf {
+    if reach.holds(to) {
         way(folder, to)
     } else {
         along(Path::new(""), to)
