@@ -82,7 +82,7 @@ fn a_damaged_drawing_is_found_not_shown_and_made_again() {
     let found = bench.run_misused(&["fsck", "store"]);
     assert!(found.out.contains("images.png"), "{}", found.out);
     let again = bench.run_misused(&["run", "painted.yaml", "--store", "store"]);
-    assert_eq!(again.code, 0, "{}\n{}", again.out, again.err);
+    assert_eq!(again.code, 102, "{}\n{}", again.out, again.err);
     assert!(fs::read(&path).unwrap() == whole);
 }
 

@@ -55,7 +55,7 @@ impl Place {
     /// Runs a command, which ends by itself within some time or is killed, and leaves no process.
     fn ends(&self, arguments: &[&str], how: &str) -> Option<Answer> {
         let mut command = self.bench.command(arguments);
-        let mut child = command
+        let child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
