@@ -57,7 +57,7 @@ fn read(name: &str, about: &About, keys: Option<&str>, file: Option<&Path>) -> R
         ),
         None => spec::load_config(name, about, file),
     };
-    part.map_err(|problems| Refusal::Config(diagnostic::render_first(&problems, false)))
+    part.map_err(|problems| Refusal::Config(diagnostic::render_first(&problems)))
 }
 
 fn unknown(name: &str) -> Refusal {

@@ -355,7 +355,7 @@ mod tests {
         let keep = |rows| {
             store
                 .keep_partial(&trial, end(EndState::Paused), &record(rows))
-                .unwrap()
+                .unwrap();
         };
         let place = store.folder(&trial.id);
         keep(2);
