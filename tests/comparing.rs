@@ -51,7 +51,7 @@ fn json(bench: &Bench, arguments: &[&str]) -> Value {
     serde_json::from_str(&said).unwrap()
 }
 
-/// What stands in the place of a commit is no option of `git`.
+/// A revision never becomes an option of `git`.
 #[test]
 fn a_revision_is_no_option() {
     let bench = two_results();

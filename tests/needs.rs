@@ -1,4 +1,4 @@
-//! What a test needs that a machine with Rust and a C compiler may lack: programs, packages of Python, rights.
+//! Needs of tests that a machine with Rust and a C compiler may lack: programs, packages of Python, rights.
 //!
 //! Each function gives what was asked for, or says in one line that the test is skipped and how to get what is missing
 //! ([`skip`]):

@@ -70,7 +70,7 @@ fn control_characters_of_a_study_are_refused_and_reach_no_terminal() {
     assert!(told.code == 2 && !told.err.contains('\u{1b}'), "{:?}", told.err);
 }
 
-/// What others say of a failure is short and colours nothing, wherever it is shown.
+/// Words of others about a failure are short and colour nothing, wherever they are shown.
 #[test]
 fn a_long_error_with_codes_for_the_terminal_is_told_briefly_and_plainly() {
     let bench = Bench::new();

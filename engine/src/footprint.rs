@@ -1,4 +1,4 @@
-//! What a process takes with all that it started: limits hold for that.
+//! Time and memory of a process with all that it started, for which limits hold.
 
 use crate::{limits::Limits, results::EndState, world::fs};
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(
 
 /// Memory that a process holds with those that it started, where it is more than `limit`.
 ///
-/// What each holds for itself is quickly told and counts what they share several times, as of one that copies itself for
+/// Resident memory is quickly read and counts shared pages several times, as of a process that copies itself for
 /// a moment; only where that is too much, the shares are added up.
 fn held_beyond(pid: u32, limit: u64) -> Option<u64> {
     let family = family(pid);

@@ -2,7 +2,7 @@
 //! nothing that no document may hold.
 //!
 //! All that this program prints goes through [`message`] or [`printable`], whoever wrote it; colours are put on last
-//! ([`coloured`]), so that none comes from a text. What others say of a failure is cut where it is taken in ([`brief`]).
+//! ([`coloured`]), so that none comes from a text. Words of others about a failure are cut where they are taken in ([`brief`]).
 
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;

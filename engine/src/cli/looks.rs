@@ -269,7 +269,7 @@ fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics:
     seeds.filter(|_| judged)
 }
 
-/// The record of a study's verdicts. What is damaged of it is set aside, which is said.
+/// The record of a study's verdicts. A damaged one is set aside, with a warning.
 fn read(store: &Store, study: &str) -> Result<SeenVerdicts, Error> {
     let (seen, problem) = store.seen_or_begun(study)?;
     if let (Some(problem), Some(lost)) = (problem, &seen.lost) {

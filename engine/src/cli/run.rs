@@ -290,7 +290,7 @@ fn write_report(
     })
 }
 
-/// The code that `status` gives. What a search tried and what was prepared is missing as the trials are that the report
+/// The code that `status` gives. Tried and prepared trials count as missing just as the trials do that the report
 /// shows.
 fn code_of_report(one: &Planned, states: &[Option<EndState>], results: &Results) -> u8 {
     let ends = results

@@ -8,7 +8,7 @@ use super::{
 use crate::Error;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How often the steps of a log may go back. What goes back more often is in another order than that of its steps.
+/// How often the steps of a log may go back. A log that goes back more often is not ordered by steps.
 const MOST_RESTARTS: usize = 100;
 
 /// A value as it was logged.

@@ -59,7 +59,7 @@ impl Announcements {
         fs::is_folder(&self.store)
     }
 
-    /// Keeps what an environment announced. What cannot be kept is asked for again.
+    /// Keeps what an environment announced. An announcement that cannot be kept is asked for again.
     pub(crate) fn keep(&self, id: &str, announced: &impl Serialize) {
         let place = self.place(id);
         let record = serde_json::json!({ "announced": announced });

@@ -1,4 +1,4 @@
-//! What a trial recorded that has not ended `ok`: up to a pause of a search, or up to the last measurement before a number
+//! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before a number
 //! was not finite.
 //!
 //! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and what acknowledges them: a text like that of

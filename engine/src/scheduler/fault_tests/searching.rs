@@ -227,7 +227,7 @@ fn simulate(
     (machine, outcome.map(|()| chosen))
 }
 
-/// What is chosen where nothing goes wrong but what the trials themselves do.
+/// The choice where nothing fails but the trials themselves.
 fn expected() -> &'static Choice {
     static EXPECTED: OnceLock<Choice> = OnceLock::new();
     EXPECTED.get_or_init(|| {

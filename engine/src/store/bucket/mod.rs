@@ -124,7 +124,7 @@ impl Bucket {
     }
 }
 
-/// What became of a trial that was to be fetched.
+/// The outcome of fetching a trial.
 enum Fetch {
     /// It is in the store now.
     Taken,
