@@ -30,29 +30,23 @@ fn trained(registry: &Registry, key: &TrialKey) -> Option<Trained> {
     })
 }
 
-/// The policies in a folder, as `export` finds them, each with the difference that the form which knows it allows.
-fn portable(registry: &Registry, folder: &Path) -> Vec<(PortablePolicy, f64)> {
+/// The policies in a folder, as `export` finds them.
+fn portable(registry: &Registry, folder: &Path) -> Vec<PortablePolicy> {
     let read = |folder: &Path| {
-        registry.policy_forms.iter().find_map(|(name, form)| {
-            let tolerance = match *name {
-                "opponent_models" => TOLERANCE_IN_SERIES,
-                _ => TOLERANCE,
-            };
-            let found = (form.read)(folder).unwrap()?;
-            Some(found.into_iter().map(move |policy| (policy, tolerance)))
-        })
+        let mut forms = registry.policy_forms.values();
+        forms.find_map(|form| (form.read)(folder).unwrap())
     };
     if folder.join("policy.safetensors").exists() {
-        return read(folder).into_iter().flatten().collect();
+        return read(folder).unwrap_or_default();
     }
     let mut all = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.join("policy.safetensors").exists() {
             let seat = path.file_name().unwrap().to_string_lossy().into_owned();
-            all.extend(read(&path).unwrap().map(|(policy, tolerance)| {
+            all.extend(read(&path).unwrap().into_iter().map(|policy| {
                 let seat = seat.clone();
-                (PortablePolicy { seat, ..policy }, tolerance)
+                PortablePolicy { seat, ..policy }
             }));
         }
     }
@@ -92,7 +86,7 @@ fn hold_trial(registry: &Registry, name: &str, trained: &mut Trained, cases: &Ca
         .act(&rows, Mode::Evaluate, &mut stream(&["portable"]))
         .unwrap();
     let policies = portable(registry, trained.folder.path());
-    for (policy, tolerance) in &policies {
+    for policy in &policies {
         let seats = trained.environment.seats();
         let at = seats
             .iter()
@@ -110,7 +104,7 @@ fn hold_trial(registry: &Registry, name: &str, trained: &mut Trained, cases: &Ca
                 let row = seen.iter().position(|it| it == row).unwrap();
                 actions[row][at].clone()
             };
-            cases.add_within(*tolerance, &name, &onnx, &seen, action);
+            cases.add(&name, &onnx, &seen, action);
         } else {
             // A sampler reads noise beside the observation, and its agent chooses among its draws.
             let file = Policy::read(&trained.folder.path().join(&policy.seat)).unwrap();
