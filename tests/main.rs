@@ -72,3 +72,4 @@ mod unchecked;
 mod verifying;
 mod watching;
 mod wheel;
+mod whole_lives;

@@ -68,9 +68,9 @@ pub fn register(registry: &mut engine::Registry) {
     let about = "performance of a turbofan over a flight, for the health parameters that actions set";
     registry.environment("turbofan", 1, about, turbofan::build);
     let about = "health parameters that let a turbofan's model follow its sensors";
-    registry.environment("turbofan_calibration", 1, about, turbofan::calibration::build);
+    registry.environment("turbofan_calibration", 2, about, turbofan::calibration::build);
     let about = "what a turbofan's sensors read, sample by sample: examples for a surrogate";
-    registry.environment("turbofan_samples", 1, about, turbofan::samples::build);
+    registry.environment("turbofan_samples", 2, about, turbofan::samples::build);
     let about = "replace worn cells of a fleet of UAVs that calibrates, allocates loads and plans flights";
     registry.environment("uav_fleet", 1, about, uav_fleet::build);
     let about = "two opposed players on the surface of the differential game";

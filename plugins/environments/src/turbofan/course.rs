@@ -4,6 +4,8 @@ use super::config::HealthParameter;
 use super::fleet::Fleet;
 use super::model::FlightCondition;
 use super::recorded::{Recording, Sample};
+use engine::Rng;
+use rand::Rng as _;
 use std::sync::Arc;
 
 /// Flights and health of units. Units are counted from 0, whatever their numbers are.
@@ -46,6 +48,17 @@ impl Course {
             Self::MadeUp(it) => it.fleet.length(),
             Self::Recorded(recording) => recording.length(unit),
         }
+    }
+
+    /// A unit and a place in its life, where every place of every life is equally likely.
+    pub(super) fn draw(&self, rng: &mut Rng) -> (usize, usize) {
+        let total = (0..self.n_units()).map(|unit| self.length(unit)).sum();
+        let (mut unit, mut place) = (0, rng.random_range(0..total));
+        while place >= self.length(unit) {
+            place -= self.length(unit);
+            unit += 1;
+        }
+        (unit, place)
     }
 
     /// A sample of a unit; nothing is read of one that is made up.

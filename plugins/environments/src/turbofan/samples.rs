@@ -154,8 +154,7 @@ impl TurbofanSamples {
 
     /// A flight condition, health and what the sensors read there.
     fn drawn(&mut self, rng: &mut Rng) -> Result<(FlightCondition, Vec<f64>, Vec<f64>), Error> {
-        let unit = rng.random_range(0..self.course.n_units());
-        let at = rng.random_range(0..self.course.length(unit));
+        let (unit, at) = self.course.draw(rng);
         let sample = self.course.sample(unit, at);
         if let Some(read) = sample.read {
             return Ok((sample.condition, sample.theta, read));

@@ -25,7 +25,7 @@ pub enum Cost {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trajectory {
-    /// A piece of this many samples of any unit, from anywhere.
+    /// A piece of so many samples of any unit's life, from anywhere; the end of a life is followed by its begin.
     Piece(#[schemars(range(min = 1, max = 100_000))] usize),
     /// All of a unit; those of a measurement are the units in their order.
     Units,

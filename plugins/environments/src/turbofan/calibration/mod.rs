@@ -11,7 +11,9 @@
 //! | c_t | minus the reward, from outputs that are scaled to [-1, 1] over the fleet's flights | scalar |
 //!
 //! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
-//! a piece of a trajectory from anywhere; tracked, it is the whole trajectory of one unit after the other.
+//! a piece of a trajectory. It begins anywhere and goes on with the begin of the trajectory at its end, so that every
+//! place of every life is equally likely, in the first sample of an episode and in all of them. Tracked, an episode is
+//! the whole trajectory of one unit after the other.
 
 mod config;
 #[cfg(test)]
@@ -28,7 +30,6 @@ use super::sensors::Watched;
 use crate::unit_box::check_seats;
 use config::{metrics, seat};
 use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
-use rand::Rng as _;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
@@ -246,14 +247,12 @@ impl Environment for TurbofanCalibration {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let unit = rng.random_range(0..self.course.n_units());
+        let (unit, at) = self.course.draw(rng);
         let length = self.course.length(unit);
-        let piece = match self.config.trajectory {
-            Trajectory::Units => length,
-            Trajectory::Piece(piece) => piece.min(length),
-        };
-        let at = rng.random_range(0..=length - piece);
-        self.begin(unit, (at, piece), rng)
+        match self.config.trajectory {
+            Trajectory::Units => self.begin(unit, (0, length), rng),
+            Trajectory::Piece(piece) => self.begin(unit, (at, piece.min(length)), rng),
+        }
     }
 
     fn reset_to(&mut self, episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
@@ -293,7 +292,8 @@ impl Environment for TurbofanCalibration {
         progress.left -= 1;
         let over = progress.left == 0;
         if !over {
-            self.aim(self.progress.at + 1, rng)?;
+            let next = (self.progress.at + 1) % self.course.length(self.progress.unit);
+            self.aim(next, rng)?;
         }
         Ok(Step {
             observations: self.observe(),

@@ -1,7 +1,7 @@
 //! The tracking problem: what is right costs nothing, what is wrong is told apart from noise.
 
 use super::{CalibrationConfig, Cost, TurbofanCalibration};
-use crate::turbofan::*;
+use crate::turbofan::{config::HealthParameter, fleet::Fleet, *};
 use ::engine::random::stream;
 
 fn environment(config: serde_json::Value) -> TurbofanCalibration {
@@ -82,6 +82,71 @@ fn noise_and_bias_have_the_stated_size() {
     let biased = serde_json::json!({ "model_bias": 1.02, "trajectory": { "piece": 5 } });
     let (cost, _) = followed(&mut environment(biased), 5, 0.0);
     assert!(cost < -0.1, "{cost}");
+}
+
+/// How often each of ten parts of a life occurs, beside how often it does by chance, in standard deviations of that.
+fn deviations(counts: [u32; 10]) -> [f64; 10] {
+    let n = f64::from(counts.iter().sum::<u32>());
+    let sd = (n * 0.1 * 0.9).sqrt();
+    counts.map(|count| (f64::from(count) - 0.1 * n) / sd)
+}
+
+#[test]
+fn every_part_of_a_life_is_equally_likely() {
+    let lives = serde_json::json!({ "life": { "cycles": 10, "samples": 5 } });
+    for piece in [1, 17, 512] {
+        let mut problem = environment(serde_json::json!({
+            "trajectory": { "piece": piece },
+            "fleet": { "units": 3, "degradation": lives },
+        }));
+        let mut rng = stream(&["lives"]);
+        let (mut first, mut all) = ([0; 10], [0; 10]);
+        for _ in 0..1000 {
+            problem.reset(&mut rng).unwrap();
+            first[problem.progress.at / 5] += 1;
+            loop {
+                all[problem.progress.at / 5] += 1;
+                let action = unit(&problem, 0.0);
+                if problem.step(&[action], &mut rng).unwrap().end.is_some() {
+                    break;
+                }
+            }
+        }
+        let largest = |counts| deviations(counts).into_iter().map(f64::abs).fold(0.0, f64::max);
+        assert!(largest(first) < 4.0, "{piece}: {first:?}");
+        // Samples of one episode follow each other: whole lives hold each part equally often.
+        assert!(
+            if piece > 50 {
+                largest(all) == 0.0
+            } else {
+                largest(all) < 12.0
+            },
+            "{piece}: {all:?}"
+        );
+    }
+}
+
+#[test]
+fn examples_have_the_health_of_the_whole_fleet() {
+    let mut problem = environment(serde_json::json!({}));
+    let mut rng = stream(&["examples"]);
+    let (mut sum, mut squares, mut deciles) = (0.0, 0.0, [0; 10]);
+    for _ in 0..10_000 {
+        problem.reset(&mut rng).unwrap();
+        let theta = problem.state()[0];
+        (sum, squares) = (sum + theta, squares + theta * theta);
+        deciles[problem.progress.at / 150] += 1;
+    }
+    let (mean, lives) = (sum / 1e4, Fleet::default());
+    let error = ((squares / 1e4 - mean * mean) / 1e4).sqrt();
+    let calibrated = [HealthParameter::HptEfficiency];
+    let of_unit = |unit| (0..75).map(move |cycle| lives.theta(unit, cycle, &calibrated)[0]);
+    let true_mean = (0..10).flat_map(of_unit).sum::<f64>() / 750.0;
+    assert!(
+        (mean - true_mean).abs() < 4.0 * error,
+        "{mean} {true_mean} {error}"
+    );
+    assert!(deviations(deciles).iter().all(|it| it.abs() < 4.0), "{deciles:?}");
 }
 
 #[test]
