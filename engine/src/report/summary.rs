@@ -25,11 +25,8 @@ pub fn summary(
         },
         width,
     )];
-    parts.extend(
-        study
-            .asked_with()
-            .map(|options| wrap(&format!("Computed {options}."), width)),
-    );
+    parts.extend(study.asked_with().map(|options| wrap(&options, width)));
+    parts.extend(study.rehearsal().map(|banner| wrap(banner, width)));
     parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     for (name, grid) in &contents.tables {
         parts.push(match grid {

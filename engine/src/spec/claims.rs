@@ -19,13 +19,12 @@ pub struct ClaimSpec {
     #[serde(default)]
     pub why: String,
     /// The smallest difference between the two sides that matters, in their unit, of a claim with `>`, `>=`, `<` or `<=`.
-    /// Where the seeds show no direction and the whole interval is smaller, the verdict is EQUIVALENT. Any difference
-    /// matters where absent.
+    /// SUPPORTED then needs a larger one; a smaller one in the claimed direction is DIRECTION ONLY. Where the whole
+    /// interval is smaller, the verdict is EQUIVALENT. Any difference matters where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub matters: Option<f64>,
-    /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is
-    /// CALIBRATED.
+    /// What was chosen with the claim in view. That it holds then says nothing: CALIBRATED stands for SUPPORTED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
     /// What was tried to find out why it is refuted; printed where it is.

@@ -142,6 +142,23 @@ pub fn success(
     found
 }
 
+/// Checks the agents that `paper_budget` and `floors` name.
+pub fn beside_the_source(root: &Node, world: &World, sources: &Sources) -> Vec<Diagnostic> {
+    let budget = root.get("paper_budget").and_then(|budget| budget.get("agents"));
+    let lists = [("paper_budget.agents", budget), ("floors", root.get("floors"))];
+    let items = lists.into_iter().flat_map(|(at, list)| {
+        let items = list.map_or(&[][..], Node::items).iter().enumerate();
+        items.map(move |(index, item)| (format!("{at}[{index}]"), item))
+    });
+    let unknown = items.filter_map(|(at, item)| {
+        let name = item.to_value().as_str()?.to_owned();
+        let is_known = world.agents.contains(&name);
+        let error = || sources.error(item.span, &at, format!("there is no agent `{name}`"));
+        (!is_known).then(|| error().help(suggest(&name, world.agents.iter().map(String::as_str))))
+    });
+    unknown.collect()
+}
+
 /// Checks the metrics by which searches compare settings.
 pub fn searches(sections: &Sections<'_>, world: &World) -> Vec<Diagnostic> {
     let mut names = Names {
