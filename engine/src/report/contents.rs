@@ -1,6 +1,6 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
-use super::{Manifest, StudyInfo, files, floors};
+use super::{Manifest, StudyInfo, collapses, files, floors};
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
@@ -393,6 +393,10 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
         results,
         |name| behind.contains(name),
     );
+    if let Some(metric) = spec.kind.metric_of_unit() {
+        let notes = collapses::notes(&grid, metric, study, results);
+        grid.notes.extend(notes);
+    }
     for heading in grid.rows.iter_mut().chain(&mut grid.columns) {
         if results.imported.iter().any(|origin| origin.name == heading.name) {
             heading.label = marked(&heading.label);

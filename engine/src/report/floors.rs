@@ -7,7 +7,11 @@
 use super::StudyInfo;
 use crate::{
     Better,
-    statistics::{Claim, ClaimOutcome, Operand, Quantity, Relation, Seeds, evaluate},
+    statistics::{
+        Claim, ClaimOutcome, Operand, Seeds,
+        claim::{Quantity, Relation},
+        evaluate,
+    },
 };
 use std::collections::BTreeSet;
 

@@ -9,6 +9,7 @@ mod basis;
 mod budgets;
 mod by_seed;
 mod claims;
+mod collapses;
 mod contents;
 mod differences;
 mod files;
