@@ -347,6 +347,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         environments: study.environments.clone(),
         is_rehearsal: study.profile.as_deref() == Some(report::REHEARSAL),
         floors: study.floors.clone(),
+        relevance: study.relevance.clone(),
         better: study
             .metrics
             .iter()

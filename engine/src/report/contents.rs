@@ -52,6 +52,8 @@ pub struct ClaimLine {
     pub place: String,
     /// What the seeds say; the reason where the claim cannot be read.
     pub verdict: Result<ClaimVerdict, String>,
+    /// The smallest difference that matters to it; `None` where any does.
+    pub matters: Option<f64>,
     /// How much of the source's training is behind it; `None` where the study does not say it.
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
@@ -505,7 +507,6 @@ impl ClaimLine {
                     false => format!("calibrated: {on}"),
                 });
         let matters = self
-            .spec
             .matters
             .map(|matters| format!("differences of less than {matters} do not matter"));
         let training = self.training.filter(|share| share.own < share.paper);
@@ -555,7 +556,12 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
         Err(error) => return vec![claim_line(number, spec, String::new(), Err(error.to_string()))],
     };
     let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
-        let (verdict, trials, looks) = held_in(&claim, (spec, study), results, scope, setting);
+        let Held {
+            verdict,
+            matters,
+            trials,
+            looks,
+        } = held_in(&claim, (spec, study), results, scope, setting);
         let training = TrainingShare::behind(&trials, results);
         let verdict = ClaimVerdict {
             verdict: verdict.verdict.at_budget(training),
@@ -563,6 +569,7 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
         };
         ClaimLine {
             looks,
+            matters,
             training,
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
             ..claim_line(number, spec, place, Ok(verdict))
@@ -615,6 +622,7 @@ fn claim_line(
         verdict,
         seen_at: None,
         first_judged_by: None,
+        matters: spec.matters,
         training: None,
         looks: Seeds::default(),
         rests_on: BTreeSet::new(),
@@ -631,6 +639,16 @@ fn plays_of(claim: &Claim) -> Option<String> {
     Some(plays.into_iter().collect::<Vec<_>>().join(", "))
 }
 
+/// A claim that was held against what the seeds say.
+struct Held<'r> {
+    verdict: ClaimVerdict,
+    /// The smallest difference that matters; `None` where any does.
+    matters: Option<f64>,
+    /// The trials that it rests on.
+    trials: Vec<&'r TrialResult>,
+    looks: Seeds,
+}
+
 /// The verdict on a claim in a scope, in one setting of agents that have several, with the trials that it
 /// rests on.
 fn held_in<'r>(
@@ -639,7 +657,7 @@ fn held_in<'r>(
     results: &'r Results,
     scope: &Scope<'r>,
     setting: Option<&str>,
-) -> (ClaimVerdict, Vec<&'r TrialResult>, Seeds) {
+) -> Held<'r> {
     let operands = claim.operands().into_iter();
     let trials: Vec<&TrialResult> = operands
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
@@ -650,7 +668,8 @@ fn held_in<'r>(
         None => values(scope, operand, setting),
     };
     let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
-    let mut verdict = hold(claim, spec, &trials, &looks, &found, &imported);
+    let matters = spec.matters.or_else(|| margin(claim, study, &found));
+    let mut verdict = hold(claim, (spec, matters), &trials, &looks, &found, &imported);
     let trained = trained(&trials, results);
     if verdict.verdict.is_judged() && !floors::are_passed(claim, study, &trained, &found) {
         verdict = ClaimVerdict {
@@ -663,19 +682,47 @@ fn held_in<'r>(
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
     verdict.notes = with_origins(notes, results, is_there);
-    (verdict, trials, looks)
+    Held {
+        verdict,
+        matters,
+        trials,
+        looks,
+    }
+}
+
+/// The difference that matters by the rule of the study, in the metric and the place of a claim's first operand.
+fn margin(
+    claim: &Claim,
+    study: &StudyInfo,
+    values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
+) -> Option<f64> {
+    let relevance = study
+        .relevance
+        .as_ref()
+        .filter(|_| claim.relation.is_direction())?;
+    let first = *claim.operands().first()?;
+    let of_agent = |agent: &str| {
+        let operand = Operand {
+            agent: agent.into(),
+            setting: Vec::new(),
+            ..first.clone()
+        };
+        let values = values(&operand, u64::MAX)?;
+        Some(values.into_iter().map(|(_, value)| value).collect())
+    };
+    relevance.margin(&of_agent)
 }
 
 /// The verdict on a claim, unless something keeps it from meaning what it says.
 fn hold(
     claim: &Claim,
-    spec: &ClaimSpec,
+    (spec, matters): (&ClaimSpec, Option<f64>),
     trials: &[&TrialResult],
     looks: &Seeds,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, spec.matters, values, imported, looks);
+    let verdict = evaluate(claim, matters, values, imported, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))

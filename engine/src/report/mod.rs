@@ -59,7 +59,7 @@ use crate::{
     Better, Build, Error, figure,
     figure::FigureSpec,
     results::Results,
-    spec::{ClaimSpec, Repeats, Summary},
+    spec::{ClaimSpec, Relevance, Repeats, Summary},
     table,
     table::TableSpec,
 };
@@ -106,6 +106,8 @@ pub struct StudyInfo {
     pub is_rehearsal: bool,
     /// Agents that a trained one must be better than to have learned.
     pub floors: Vec<String>,
+    /// Which difference matters for claims that do not say it.
+    pub relevance: Option<Relevance>,
     /// The better direction by metric.
     pub better: BTreeMap<String, Better>,
     /// Units by metric.

@@ -64,7 +64,7 @@ mod way;
 mod written;
 
 pub(crate) use builds::can_learn;
-pub use claims::ClaimSpec;
+pub use claims::{ClaimSpec, Relevance};
 pub use confirms::Confirmed;
 pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
@@ -146,6 +146,8 @@ pub struct Study {
     pub paper_budget: Option<PaperBudget>,
     /// Agents that a trained one must be better than to have learned.
     pub floors: Vec<String>,
+    /// Which difference matters for claims that do not say it.
+    pub relevance: Option<Relevance>,
     /// The profile that was used.
     pub profile: Option<String>,
     /// Names of all its profiles, in order.
@@ -438,6 +440,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         success,
         paper_budget: section(root, "paper_budget"),
         floors: section(root, "floors").unwrap_or_default(),
+        relevance: section(root, "relevance"),
         profile: None,
         profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
@@ -505,7 +508,7 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 12] = [
+    const SHOWN: [&str; 13] = [
         "confirms",
         "title",
         "source",
@@ -514,6 +517,7 @@ fn blocks_trials(diagnostic: &Diagnostic) -> bool {
         "success",
         "paper_budget",
         "floors",
+        "relevance",
         "tables",
         "figures",
         "claims",

@@ -186,7 +186,7 @@ pub fn sections(
         .collect();
     let searches = (!searches.is_empty()).then(|| ("search".into(), Section::Searches(searches)));
     let plain = |name: &str| Some((name.into(), Section::Plain(root.get(name)?.to_value())));
-    let judged_by = ["success", "paper_budget", "floors"];
+    let judged_by = ["success", "paper_budget", "floors", "relevance"];
     let named = [prepared].into_iter().chain(named_sections(root, plays));
     let named = named.filter(|(_, entries)| !entries.is_empty());
     let named = named.map(|(name, entries)| (name.into(), Section::Named(entries)));

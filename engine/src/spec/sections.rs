@@ -2,7 +2,7 @@
 //! against them before the sections are read one by one, with the positions of what is in them.
 
 use super::{
-    claims::ClaimSpec,
+    claims::{ClaimSpec, Relevance},
     cross_play::{EPISODES, Pairs},
     search::SearchText,
     seeds::SeedsText,
@@ -60,6 +60,8 @@ pub(super) struct Sections {
     /// claim that compares trained agents is judged: NOT LEARNED.
     #[schemars(extend("x-kind" = "agent"))]
     floors: Vec<String>,
+    /// Which difference matters for claims of a direction without `matters`: a share of the range from floor to bound.
+    relevance: Relevance,
     /// Swept keys, each with the way its values are made.
     sweep: BTreeMap<String, Generator>,
     /// Searches for settings of agents, by name. What is shown of such an agent is the best setting, measured on
