@@ -508,6 +508,10 @@ impl ClaimLine {
                 });
         let matters = self
             .matters
+            .map(|matters| match self.spec.matters {
+                Some(_) => matters.to_string(),
+                None => NumberFormat::fitting([matters].into_iter()).write(matters),
+            })
             .map(|matters| format!("differences of less than {matters} do not matter"));
         let training = self.training.filter(|share| share.own < share.paper);
         let training = training.map(|share| share.to_string());

@@ -202,7 +202,7 @@ pub fn write(
         sentence: sentence(study, contents),
         basis: basis(study, results, contents),
         answers: answers::sheet(contents).filter(|_| !study.is_rehearsal),
-        head: head::lines(contents),
+        head: head::lines(study, contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
         settings: differences::sheets(study, results),

@@ -44,7 +44,7 @@ pub fn summary(
     }
     let mut last: Vec<String> = budgets::untrained(results);
     last.push(basis(study, results, contents));
-    last.extend(counts(contents));
+    last.extend(counts(study, contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
     last.extend(
         study
@@ -96,7 +96,7 @@ fn verdicts(contents: &Contents, width: usize) -> String {
         .join("\n")
 }
 
-fn counts(contents: &Contents) -> Vec<String> {
+fn counts(study: &StudyInfo, contents: &Contents) -> Vec<String> {
     let line = |counts: &head::Line| {
         let words: Vec<String> = counts
             .words
@@ -105,5 +105,5 @@ fn counts(contents: &Contents) -> Vec<String> {
             .collect();
         format!("{}: {}", counts.what, words.join(", "))
     };
-    head::lines(contents).iter().map(line).collect()
+    head::lines(study, contents).iter().map(line).collect()
 }
