@@ -2,11 +2,8 @@
 //! folders, so that each is held to a folder that it must refuse.
 
 use crate::results::{builds, folders, read};
-use engine::report::{Decided, Passed, Verdicts, still_open};
+use engine::report::{Passed, Verdicts};
 use std::path::{Path, PathBuf};
-
-/// How many percent of what is judged must be decided.
-const DECIDED: usize = 80;
 
 /// What a report says of a program of which no commit holds all files.
 const CHANGED: &str = "with changed files";
@@ -25,26 +22,6 @@ fn of_changed_files(folders: &[PathBuf]) -> Vec<String> {
         offenders.extend(changed.map(|line| format!("{}: {line}", name(folder))));
     }
     offenders
-}
-
-/// How many values and claims are judged, and those of them that are open; what to say where a folder has no
-/// verdicts.
-fn undecided(folders: &[PathBuf]) -> Result<(usize, Vec<String>), String> {
-    let studies = folders
-        .iter()
-        .map(|folder| verdicts(folder))
-        .collect::<Result<Vec<_>, _>>()?;
-    let open = still_open(&studies).into_iter();
-    let open = open
-        .map(|it| format!("{}: {}: {}", it.study, it.about, it.verdict))
-        .collect();
-    Ok((Decided::of(&studies).judged, open))
-}
-
-/// True where so many open verdicts of those that are judged leave enough decided. Where nothing is judged
-/// nothing is.
-fn is_decided_enough(judged: usize, open: usize) -> bool {
-    judged > 0 && 100 * judged.saturating_sub(open) >= DECIDED * judged
 }
 
 /// Judged values that differ and refuted claims of which no cause is written.
@@ -116,18 +93,6 @@ fn committed_results_come_from_programs_without_changed_files() {
 }
 
 #[test]
-fn most_of_what_is_judged_in_committed_results_is_decided() {
-    let (judged, open) = undecided(&folders()).unwrap();
-    assert!(
-        is_decided_enough(judged, open.len()),
-        "{} of {judged} verdicts are open, more than {} %:\n{}",
-        open.len(),
-        100 - DECIDED,
-        open.join("\n")
-    );
-}
-
-#[test]
 fn whatever_differs_in_committed_results_has_its_cause() {
     none(
         "write the `cause` of these into their studies",
@@ -194,34 +159,6 @@ fn a_report_of_changed_files_is_found() {
 }
 
 #[test]
-fn what_is_open_is_counted_against_what_is_judged_and_nothing_else() {
-    let exploratory = Passed {
-        exploratory: true,
-        ..passed("INCONCLUSIVE")
-    };
-    let unasked = ["CALIBRATED", "NOT JUDGED", "NOT TRAINED", "NOT RUN"].map(passed);
-    let four = ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED"].map(passed);
-    let (_dir, folders) = made(&[
-        ("one", &four),
-        (
-            "two",
-            &[&unasked[..], &[exploratory, passed("INCONCLUSIVE")]].concat(),
-        ),
-    ]);
-    let (judged, open) = undecided(&folders).unwrap();
-    assert_eq!(
-        (judged, &open[..]),
-        (5, &["two: t: a: INCONCLUSIVE".to_owned()][..])
-    );
-    assert!(is_decided_enough(judged, open.len()));
-    let (_dir, folders) = made(&[("one", &four), ("two", &["FAILED", "NOT READ"].map(passed))]);
-    let (judged, open) = undecided(&folders).unwrap();
-    assert_eq!((judged, open.len()), (6, 2));
-    assert!(!is_decided_enough(judged, open.len()));
-    assert!(!is_decided_enough(0, 0), "nothing is judged");
-}
-
-#[test]
 fn what_no_confirmed_study_asks_is_found() {
     let about = |about: &str| Passed {
         about: about.into(),
@@ -272,7 +209,7 @@ fn what_differs_without_a_cause_is_found() {
 fn a_folder_without_verdicts_passes_no_check() {
     let (dir, mut folders) = made(&[("one", &[passed("SUPPORTED")])]);
     folders.push(dir.path().join("two"));
-    let said = [vec![undecided(&folders).unwrap_err()], unexplained(&folders)];
+    let said = [unexplained(&folders)];
     for offenders in said {
         assert_eq!(offenders.len(), 1);
         assert!(

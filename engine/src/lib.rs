@@ -66,6 +66,7 @@ pub mod spec;
 pub mod statistics;
 pub mod store;
 pub mod table;
+pub mod training_share;
 pub mod trial;
 pub mod verification;
 pub mod watch;

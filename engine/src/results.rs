@@ -12,6 +12,7 @@ use crate::{
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
     store::is_missing,
+    training_share::PaperBudget,
     trial::{Purpose, Trial},
 };
 use schemars::JsonSchema;
@@ -382,6 +383,8 @@ pub struct Results {
     pub first_seed: u64,
     /// What the study counts as a success.
     pub success: Option<Success>,
+    /// How long the source trained.
+    pub paper_budget: Option<PaperBudget>,
     /// What trials left to be shown, by id, as far as figures of the study show it.
     pub drawings: BTreeMap<String, Drawings>,
     /// Where imported runs come from, which are among the trials.

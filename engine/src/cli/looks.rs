@@ -11,6 +11,7 @@ use crate::{
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
+    spec::Relevance,
     statistics::{Reference, Verdict},
     store::{SeenVerdicts, Store},
     table::Grid,
@@ -157,6 +158,7 @@ pub(super) fn record(
         seen: read(store, study)?,
         changed: false,
         first_trials: FirstTrials::of(results),
+        relevance: one.study.relevance.as_ref(),
         planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
     };
     let tables = contents.tables.iter_mut();
@@ -179,6 +181,7 @@ struct Noting<'a> {
     seen: SeenVerdicts,
     changed: bool,
     first_trials: FirstTrials<'a>,
+    relevance: Option<&'a Relevance>,
     /// The numbers of seeds of planned looks.
     planned: BTreeSet<u32>,
 }
@@ -203,7 +206,7 @@ impl Noting<'_> {
         let seeds = number(judged, self.first_trials.planned(&line.rests_on), n, &line.looks);
         let place = format!("{} in {}", line.spec.claim, line.place);
         line.seen_at = self.look(&place, &line.rests_on, seeds);
-        let rule = rule_of_claim(line.spec.matters);
+        let rule = rule_of_claim(line.spec.matters, self.relevance);
         line.first_judged_by = self.first_rule(&place, &line.rests_on, seeds.map(|_| rule));
     }
 
@@ -254,10 +257,12 @@ fn rule_of_value(reference: &Reference) -> String {
 }
 
 /// What a claim is held by besides its words, which name it: the difference that matters.
-fn rule_of_claim(matters: Option<f64>) -> String {
-    matters.map_or("any difference".into(), |matters| {
-        format!("differences of {matters} or more")
-    })
+fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String {
+    match (matters, relevance) {
+        (Some(matters), _) => format!("differences of {matters} or more"),
+        (None, Some(relevance)) => format!("differences of {relevance} or more"),
+        (None, None) => "any difference".into(),
+    }
 }
 
 /// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.

@@ -345,6 +345,14 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         claims: study.claims.clone(),
         agents: study.agents.clone(),
         environments: study.environments.clone(),
+        is_rehearsal: study.profile.as_deref() == Some(report::REHEARSAL),
+        floors: study.floors.clone(),
+        relevance: study.relevance.clone(),
+        better: study
+            .metrics
+            .iter()
+            .map(|it| (it.name.clone(), it.better))
+            .collect(),
         units: study.units.clone(),
         stages: stages::of(one),
         learners: learners(one, registry),
@@ -500,6 +508,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         design: study.design.clone(),
         first_seed: study.first_seed(),
         success: study.success.clone(),
+        paper_budget: study.paper_budget.clone(),
         drawings,
         imported: study.imported.iter().map(|it| it.origin.clone()).collect(),
         ..Results::of(trials)

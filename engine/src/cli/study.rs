@@ -15,7 +15,8 @@ use crate::{
     diagnostic::{self, Diagnostic, Severity},
     plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
-    spec::{self, Study},
+    spec::{self, ClaimSpec, Study},
+    statistics::claim,
     store::{Announcements, Found, Store},
     trial::{Trial, TrialKey},
 };
@@ -303,15 +304,28 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     checked.iter().for_each(|(_, study)| warn_of(study));
     for (trials, study) in checked {
         say(&format!(
-            "{}: ok, {}, {}, {}, {}",
+            "{}: ok, {}, {}, {}, {}{}",
             study.name,
             count(trials, "trial"),
             count(study.tables.len(), "table"),
             count(study.figures.len(), "figure"),
-            count(study.claims.len(), "claim")
+            count(study.claims.len(), "claim"),
+            any_difference(&study)
         ));
     }
     Ok(if unchecked.is_empty() { OK } else { UNCHECKED })
+}
+
+/// That any difference decides some claims, for which the study names nothing that matters.
+fn any_difference(study: &Study) -> String {
+    let lacks = |spec: &&ClaimSpec| {
+        let is_direction = claim::parse(&spec.claim).is_ok_and(|claim| claim.relation.is_direction());
+        is_direction && spec.matters.is_none()
+    };
+    match study.claims.iter().filter(lacks).count() {
+        n if n == 0 || study.relevance.is_some() => String::new(),
+        n => format!(" ({n} decided by any difference: `relevance` says which one matters)"),
+    }
 }
 
 /// A study that holds, with the number of its trials that are selected.

@@ -86,6 +86,21 @@ claims: [learner.return > rule.return]",
         "success: { metric: return, above: 0.5 }",
     ),
     example(
+        "paper_budget",
+        "what a learner does not reach in less than half of these steps says nothing against the source",
+        "paper_budget: { steps: 600000, agents: [learner] }",
+    ),
+    example(
+        "floors",
+        "trained agents are compared with each other where one of them is better than this one",
+        "floors: [rule]",
+    ),
+    example(
+        "relevance",
+        "a twentieth of the range from the floor to the bound matters",
+        "relevance: { floor: rule, bound: other }",
+    ),
+    example(
         "sweep",
         "every value with every value of the other `grid` keys",
         "sweep:

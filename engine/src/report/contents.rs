@@ -1,6 +1,6 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
-use super::{Manifest, StudyInfo, files};
+use super::{Manifest, StudyInfo, collapses, files, floors};
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
@@ -9,12 +9,14 @@ use crate::{
     spec::ClaimSpec,
     statistics::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
-        holm, verdict,
+        holm,
+        verdict::{self, NOT_AT_THIS_BUDGET},
     },
     table::{
         self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
         untrained_in_words,
     },
+    training_share::{TrainingShare, trained},
 };
 use serde::Serialize;
 use std::{collections::BTreeSet, path::PathBuf};
@@ -50,6 +52,10 @@ pub struct ClaimLine {
     pub place: String,
     /// What the seeds say; the reason where the claim cannot be read.
     pub verdict: Result<ClaimVerdict, String>,
+    /// The smallest difference that matters to it; `None` where any does.
+    pub matters: Option<f64>,
+    /// How much of the source's training is behind it; `None` where the study does not say it.
+    pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
     /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
@@ -125,6 +131,9 @@ impl Contents {
                 .collect(),
             warnings: Vec::new(),
         };
+        if study.is_rehearsal {
+            contents.judge_nothing();
+        }
         contents.adjust();
         contents
     }
@@ -176,31 +185,52 @@ impl Contents {
         let mut judgements: Vec<_> = grids
             .flat_map(|grid| grid.cells.iter_mut().flatten())
             .filter(|cell| cell.first_judged_by.is_none())
-            .filter_map(|cell| cell.judgement.as_mut())
+            .filter_map(|cell| Some((cell.judgement.as_mut()?, cell.training)))
             .collect();
-        judgements.retain(|judgement| judgement.statement.is_some());
+        judgements.retain(|(judgement, _)| judgement.statement.is_some());
         let family: Vec<&Statement> = judgements
             .iter()
-            .filter_map(|judgement| judgement.statement.as_ref())
+            .filter_map(|(judgement, _)| judgement.statement.as_ref())
             .collect();
         let outcomes = holm(&family);
-        judgements
-            .iter_mut()
-            .zip(outcomes)
-            .for_each(|(judgement, outcome)| judgement.adjusted = Some(Verdict::of(outcome)));
+        for ((judgement, training), outcome) in judgements.into_iter().zip(outcomes) {
+            judgement.adjusted = Some(Verdict::of(outcome).at_budget(training));
+        }
         let lines = self.claims.iter_mut().filter(|line| !line.is_exploratory());
-        let mut claims: Vec<&mut ClaimVerdict> =
-            lines.filter_map(|line| line.verdict.as_mut().ok()).collect();
-        claims.retain(|claim| claim.statement.is_some() && claim.verdict.is_judged());
+        let claims = lines.filter_map(|line| Some((line.verdict.as_mut().ok()?, line.training)));
+        let claims: Vec<_> = claims
+            .filter(|(claim, _)| claim.statement.is_some() && claim.verdict.is_judged())
+            .collect();
         let family: Vec<&Statement> = claims
             .iter()
-            .filter_map(|claim| claim.statement.as_ref())
+            .filter_map(|(claim, _)| claim.statement.as_ref())
             .collect();
         let outcomes = holm(&family);
-        claims
+        for ((claim, training), outcome) in claims.into_iter().zip(outcomes) {
+            claim.adjusted = Some(ClaimOutcome::of(outcome).at_budget(training));
+        }
+    }
+
+    /// Passes no verdict on anything.
+    fn judge_nothing(&mut self) {
+        let grids = self.tables.iter_mut().filter_map(|(_, grid)| grid.as_mut().ok());
+        let cells = grids.flat_map(|grid| grid.cells.iter_mut().flatten());
+        for judgement in cells.filter_map(|cell| cell.judgement.as_mut()) {
+            judgement.statement = None;
+            if judgement.verdict.is_judged() || judgement.verdict == Verdict::Calibrated {
+                judgement.verdict = Verdict::NotJudged;
+            }
+        }
+        for claim in self
+            .claims
             .iter_mut()
-            .zip(outcomes)
-            .for_each(|(claim, outcome)| claim.adjusted = Some(ClaimOutcome::of(outcome)));
+            .filter_map(|line| line.verdict.as_mut().ok())
+        {
+            claim.statement = None;
+            if claim.verdict.is_judged() || claim.verdict == ClaimOutcome::Calibrated {
+                claim.verdict = ClaimOutcome::NotJudged;
+            }
+        }
     }
 
     fn leave_families(&mut self) {
@@ -270,7 +300,7 @@ impl Contents {
         });
         let is_open = |line: &&ClaimLine| {
             matches!(&line.verdict,
-            Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive)
+            Ok(claim) if claim.verdict.is_open())
         };
         let lines = self.lines(false).filter(is_open);
         cells
@@ -365,6 +395,10 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
         results,
         |name| behind.contains(name),
     );
+    if let Some(metric) = spec.kind.metric_of_unit() {
+        let notes = collapses::notes(&grid, metric, study, results);
+        grid.notes.extend(notes);
+    }
     for heading in grid.rows.iter_mut().chain(&mut grid.columns) {
         if results.imported.iter().any(|origin| origin.name == heading.name) {
             heading.label = marked(&heading.label);
@@ -385,7 +419,7 @@ impl ClaimLine {
     /// About how many fresh seeds would decide a claim that is open and has no look left.
     pub(super) fn seeds_to_decide(&self) -> Option<u32> {
         let claim = self.verdict.as_ref().ok()?;
-        let open = claim.verdict == ClaimOutcome::Inconclusive;
+        let open = claim.verdict.is_open();
         let more = claim.more_seeds.filter(|_| open)?;
         u32::try_from(claim.n).ok().map(|n| n + more)
     }
@@ -411,9 +445,13 @@ impl ClaimLine {
     /// The verdict, and the one that all claims of the study have together where it is another.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
-        self.together().map_or(self.word().into(), |outcome| {
-            format!("{} (Holm: {outcome})", self.word())
-        })
+        let at = match self.training {
+            Some(share) if self.word() == NOT_AT_THIS_BUDGET => format!(" ({})", share.percent()),
+            _ => String::new(),
+        };
+        let together = self.together();
+        let holm = together.map_or_else(String::new, |outcome| format!(" (Holm: {outcome})"));
+        format!("{}{at}{holm}", self.word())
     }
 
     /// The difference between the sides with its interval and the number of seeds; empty where nothing has
@@ -460,15 +498,23 @@ impl ClaimLine {
             .spec
             .exploratory
             .then(|| "exploratory: thought of after results were seen".to_owned());
-        let calibrated = self
-            .spec
-            .calibrated_on
-            .as_ref()
-            .map(|on| format!("calibrated: {on}"));
+        let calibrated =
+            self.spec
+                .calibrated_on
+                .as_ref()
+                .map(|on| match self.word() == ClaimOutcome::Refuted.word() {
+                    true => format!("in spite of calibration: {on}"),
+                    false => format!("calibrated: {on}"),
+                });
         let matters = self
-            .spec
             .matters
+            .map(|matters| match self.spec.matters {
+                Some(_) => matters.to_string(),
+                None => NumberFormat::fitting([matters].into_iter()).write(matters),
+            })
             .map(|matters| format!("differences of less than {matters} do not matter"));
+        let training = self.training.filter(|share| share.own < share.paper);
+        let training = training.map(|share| share.to_string());
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
         let unplanned = self.seen_at.map(unplanned_look_in_words);
         let changed = self.first_judged_by.as_deref().map(changed_rule_in_words);
@@ -479,16 +525,24 @@ impl ClaimLine {
         found
             .into_iter()
             .chain(
-                [unplanned, changed, exploratory, calibrated, matters, why]
-                    .into_iter()
-                    .flatten(),
+                [
+                    unplanned,
+                    changed,
+                    exploratory,
+                    calibrated,
+                    training,
+                    matters,
+                    why,
+                ]
+                .into_iter()
+                .flatten(),
             )
             .collect()
     }
 }
 
 fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
-    let open = claim.verdict == ClaimOutcome::Inconclusive;
+    let open = claim.verdict.is_open();
     let stage = claim
         .stage
         .filter(|_| claim.verdict.is_judged())
@@ -506,9 +560,21 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
         Err(error) => return vec![claim_line(number, spec, String::new(), Err(error.to_string()))],
     };
     let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
-        let (verdict, trials, looks) = held_in(&claim, spec, results, scope, setting);
+        let Held {
+            verdict,
+            matters,
+            trials,
+            looks,
+        } = held_in(&claim, (spec, study), results, scope, setting);
+        let training = TrainingShare::behind(&trials, results);
+        let verdict = ClaimVerdict {
+            verdict: verdict.verdict.at_budget(training),
+            ..verdict
+        };
         ClaimLine {
             looks,
+            matters,
+            training,
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
             ..claim_line(number, spec, place, Ok(verdict))
         }
@@ -560,6 +626,8 @@ fn claim_line(
         verdict,
         seen_at: None,
         first_judged_by: None,
+        matters: spec.matters,
+        training: None,
         looks: Seeds::default(),
         rests_on: BTreeSet::new(),
     }
@@ -575,15 +643,25 @@ fn plays_of(claim: &Claim) -> Option<String> {
     Some(plays.into_iter().collect::<Vec<_>>().join(", "))
 }
 
+/// A claim that was held against what the seeds say.
+struct Held<'r> {
+    verdict: ClaimVerdict,
+    /// The smallest difference that matters; `None` where any does.
+    matters: Option<f64>,
+    /// The trials that it rests on.
+    trials: Vec<&'r TrialResult>,
+    looks: Seeds,
+}
+
 /// The verdict on a claim in a scope, in one setting of agents that have several, with the trials that it
 /// rests on.
 fn held_in<'r>(
     claim: &Claim,
-    spec: &ClaimSpec,
+    (spec, study): (&ClaimSpec, &StudyInfo),
     results: &'r Results,
     scope: &Scope<'r>,
     setting: Option<&str>,
-) -> (ClaimVerdict, Vec<&'r TrialResult>, Seeds) {
+) -> Held<'r> {
     let operands = claim.operands().into_iter();
     let trials: Vec<&TrialResult> = operands
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
@@ -594,23 +672,61 @@ fn held_in<'r>(
         None => values(scope, operand, setting),
     };
     let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
-    let mut verdict = hold(claim, spec, &trials, &looks, &found, &imported);
+    let matters = spec.matters.or_else(|| margin(claim, study, &found));
+    let mut verdict = hold(claim, (spec, matters), &trials, &looks, &found, &imported);
+    let trained = trained(&trials, results);
+    if verdict.verdict.is_judged() && !floors::are_passed(claim, study, &trained, &found) {
+        verdict = ClaimVerdict {
+            verdict: ClaimOutcome::NotLearned,
+            statement: None,
+            notes: vec![floors::in_words(&study.floors)],
+            ..verdict
+        };
+    }
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
     verdict.notes = with_origins(notes, results, is_there);
-    (verdict, trials, looks)
+    Held {
+        verdict,
+        matters,
+        trials,
+        looks,
+    }
+}
+
+/// The difference that matters by the rule of the study, in the metric and the place of a claim's first operand.
+fn margin(
+    claim: &Claim,
+    study: &StudyInfo,
+    values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
+) -> Option<f64> {
+    let relevance = study
+        .relevance
+        .as_ref()
+        .filter(|_| claim.relation.is_direction())?;
+    let first = *claim.operands().first()?;
+    let of_agent = |agent: &str| {
+        let operand = Operand {
+            agent: agent.into(),
+            setting: Vec::new(),
+            ..first.clone()
+        };
+        let values = values(&operand, u64::MAX)?;
+        Some(values.into_iter().map(|(_, value)| value).collect())
+    };
+    relevance.margin(&of_agent)
 }
 
 /// The verdict on a claim, unless something keeps it from meaning what it says.
 fn hold(
     claim: &Claim,
-    spec: &ClaimSpec,
+    (spec, matters): (&ClaimSpec, Option<f64>),
     trials: &[&TrialResult],
     looks: &Seeds,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, spec.matters, values, imported, looks);
+    let verdict = evaluate(claim, matters, values, imported, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))
@@ -626,7 +742,8 @@ fn hold(
             ..verdict
         };
     }
-    if spec.calibrated_on.is_some() && verdict.verdict.is_judged() {
+    let agrees = [ClaimOutcome::Supported, ClaimOutcome::DirectionOnly].contains(&verdict.verdict);
+    if spec.calibrated_on.is_some() && agrees {
         return ClaimVerdict {
             verdict: ClaimOutcome::Calibrated,
             statement: None,

@@ -1,6 +1,6 @@
 //! The counts at the head of a report.
 
-use super::{Contents, Counts};
+use super::{Contents, Counts, StudyInfo};
 
 /// A line of the head: what is counted, and how many there are of each word that occurs.
 pub(super) struct Line {
@@ -11,8 +11,11 @@ pub(super) struct Line {
 }
 
 /// Published values and claims, taken together (Holm) and one by one where that differs, and what is
-/// exploratory; what does not occur is left out.
-pub(super) fn lines(contents: &Contents) -> Vec<Line> {
+/// exploratory; what does not occur is left out, and everything where nothing is judged.
+pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<Line> {
+    if study.is_rehearsal {
+        return Vec::new();
+    }
     let published = Families {
         alone: contents.verdicts(false),
         together: contents.verdicts_together(),

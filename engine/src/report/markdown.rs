@@ -1,6 +1,6 @@
 //! The report in Markdown.
 
-use super::{Parts, Period, files, head, sheet::Sheet, stages};
+use super::{Parts, Period, StudyInfo, answers, files, head, legend, sheet::Sheet, stages};
 use crate::{
     build::tally,
     count::count,
@@ -21,15 +21,32 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
     blocks.extend(
         study
             .asked_with()
-            .map(|options| format!("**Computed {}.**", escape(&options))),
+            .map(|options| format!("**{}**", escape(&options))),
+    );
+    blocks.extend(
+        study
+            .rehearsal()
+            .map(|banner| format!("**{}**", prose::markdown(banner))),
     );
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
+    blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
+    blocks.extend(first_departures(study));
+    blocks.extend(answers::next(study, |name| {
+        format!("[{name}](../{name}/report.md)")
+    }));
     blocks.push(prose::markdown(&parts.basis));
     blocks.extend(parts.head.iter().map(counts));
     let sections = [
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
+        (
+            "What the verdicts mean",
+            legend::entries(parts.contents)
+                .into_iter()
+                .map(|(word, meaning)| format!("- **{word}**: {meaning}"))
+                .collect(),
+        ),
         (
             "Departures",
             study
@@ -68,6 +85,22 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
             .filter_map(|(heading, items)| section(heading, &items)),
     );
     blocks.join("\n\n") + "\n"
+}
+
+/// The departures that matter most, where the section has more than these.
+fn first_departures(study: &StudyInfo) -> Vec<String> {
+    let first = study.departures.iter().take(answers::FIRST_DEPARTURES);
+    let lines: Vec<String> = first.map(|it| format!("- {}", prose::markdown(it))).collect();
+    match study.departures.len() {
+        n if n <= answers::FIRST_DEPARTURES => Vec::new(),
+        n => vec![
+            format!(
+                "What differs from the source, the first {} of {n}:",
+                answers::FIRST_DEPARTURES
+            ),
+            lines.join("\n"),
+        ],
+    }
 }
 
 /// The title, or the name of a study without one.

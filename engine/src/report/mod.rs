@@ -4,17 +4,21 @@
 //! Everything is a function of what is passed in: no clock, no random number and no version control is read
 //! here, so that the same results give the same bytes.
 
+mod answers;
 mod basis;
 mod budgets;
 mod by_seed;
 mod claims;
+mod collapses;
 mod contents;
 mod differences;
 mod files;
+mod floors;
 mod head;
 mod index;
 mod interactive;
 mod junit;
+mod legend;
 mod manifest;
 mod markdown;
 mod on_paper;
@@ -52,10 +56,10 @@ pub use summary::summary;
 pub use verdicts::{Passed, Verdicts};
 
 use crate::{
-    Build, Error, figure,
+    Better, Build, Error, figure,
     figure::FigureSpec,
     results::Results,
-    spec::{ClaimSpec, Repeats, Summary},
+    spec::{ClaimSpec, Relevance, Repeats, Summary},
     table,
     table::TableSpec,
 };
@@ -65,6 +69,9 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
+
+/// The profile that tries a study out: nothing that is computed under it is a result.
+pub const REHEARSAL: &str = "smoke";
 
 /// What a report must know of a study besides its results.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -95,6 +102,14 @@ pub struct StudyInfo {
     pub environments: Vec<String>,
     /// The entries of a study whose trials take from each other; empty where none does.
     pub stages: Vec<Stage>,
+    /// True under the profile that tries a study out: what it computes is no result.
+    pub is_rehearsal: bool,
+    /// Agents that a trained one must be better than to have learned.
+    pub floors: Vec<String>,
+    /// Which difference matters for claims that do not say it.
+    pub relevance: Option<Relevance>,
+    /// The better direction by metric.
+    pub better: BTreeMap<String, Better>,
     /// Units by metric.
     pub units: BTreeMap<String, String>,
     /// Agents that learn.
@@ -113,7 +128,15 @@ pub struct StudyInfo {
 impl StudyInfo {
     /// What the reader must know first: the options of the command line, where there are some.
     fn asked_with(&self) -> Option<String> {
-        (!self.options.is_empty()).then(|| format!("with {}", self.options.join(", ")))
+        (!self.options.is_empty()).then(|| format!("Computed with {}.", self.options.join(", ")))
+    }
+
+    /// That nothing here is a result, where that is so.
+    fn rehearsal(&self) -> Option<&'static str> {
+        self.is_rehearsal.then_some(
+            "This is no result: the profile `smoke` only tries the study out, with budgets from which nothing follows. \
+             Nothing is judged, and what the study says of budgets is said of another one.",
+        )
     }
 }
 
@@ -178,7 +201,8 @@ pub fn write(
         drawings: &drawings,
         sentence: sentence(study, contents),
         basis: basis(study, results, contents),
-        head: head::lines(contents),
+        answers: answers::sheet(contents).filter(|_| !study.is_rehearsal),
+        head: head::lines(study, contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
         settings: differences::sheets(study, results),
@@ -205,6 +229,8 @@ struct Parts<'a> {
     sentence: Option<String>,
     /// Seeds and what was exploratory.
     basis: String,
+    /// What is asked and what was found.
+    answers: Option<Sheet>,
     /// The counts at the head.
     head: Vec<head::Line>,
     claims: Option<Sheet>,

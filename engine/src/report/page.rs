@@ -1,8 +1,9 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    Parts, budgets, by_seed, files, head,
+    Parts, answers, budgets, by_seed, files, head,
     interactive::{self, Lines},
+    legend,
     markdown::{NO_SETTINGS, SETTINGS, all, end_states, failure, provenance, title},
     on_paper::{self, OnPaper},
     sheet::Sheet,
@@ -22,6 +23,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
+        ("What the verdicts mean", definitions(meanings(parts))),
         ("Departures", list(&parts.study.departures)),
         ("Stages", graph(parts)),
         ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
@@ -106,14 +108,18 @@ pub(super) fn document_with(title: &str, body: &str, extra: &Extra) -> String {
 
 fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = prose::html(&parts.study.source);
-    let note = |options: String| format!("<p><strong>Computed {}.</strong></p>\n", escape(&options));
+    let note = |options: String| format!("<p><strong>{}</strong></p>\n", escape(&options));
     let options = parts.study.asked_with().map_or_else(String::new, note);
-    let paragraphs: String = parts
-        .sentence
-        .iter()
-        .chain([&parts.basis])
-        .map(|text| format!("<p>{}</p>\n", prose::html(text)))
-        .collect();
+    let banner = |text: &str| format!("<p class=\"banner\">{}</p>\n", prose::html(text));
+    let banner = parts.study.rehearsal().map_or_else(String::new, banner);
+    let paragraph = |text: &String| format!("<p>{}</p>\n", prose::html(text));
+    let sentence = parts.sentence.as_ref().map_or_else(String::new, paragraph);
+    let answers = parts.answers.as_ref().map_or_else(String::new, Sheet::html);
+    let departures = first_departures(&parts.study.departures);
+    let link = |name: &String| format!("<a href=\"../{0}/index.html\">{0}</a>", escape(name));
+    let next = answers::next(parts.study, link);
+    let next = next.map_or_else(String::new, |text| format!("<p>{text}</p>\n"));
+    let basis = paragraph(&parts.basis);
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
         format!(
@@ -128,11 +134,33 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        paragraphs,
+        [banner, sentence, answers, departures, next, basis].concat(),
         parts.head.iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
         budgets::cost(parts.results).sentence(),
     )
+}
+
+/// The departures that matter most, where the section has more than these.
+fn first_departures(all: &[String]) -> String {
+    let first = answers::FIRST_DEPARTURES;
+    if all.len() <= first {
+        return String::new();
+    }
+    let link = format!(
+        "<a href=\"#{}\">{first} of {}</a>",
+        anchor("Departures"),
+        all.len()
+    );
+    format!(
+        "<p>What differs from the source, the first {link}:</p>\n{}",
+        list(&all[..first])
+    )
+}
+
+fn meanings<'a>(parts: &Parts<'a>) -> impl Iterator<Item = (&'a str, String)> + use<'a> {
+    let entries = legend::entries(parts.contents).into_iter();
+    entries.map(|(word, meaning)| (word, meaning.to_owned()))
 }
 
 fn tables(parts: &Parts<'_>) -> String {

@@ -13,6 +13,9 @@ const MISSING: &str = "–";
 /// The sentence of the study with everything filled in; `None` where it has none.
 #[must_use]
 pub fn sentence(study: &StudyInfo, contents: &Contents) -> Option<String> {
+    if study.is_rehearsal {
+        return None;
+    }
     let filled = |piece: &Piece| match piece {
         Piece::Text(text) => text.clone(),
         Piece::Slot(slot) => answer(&slot.asks, contents).unwrap_or_else(|| MISSING.into()),

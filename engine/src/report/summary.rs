@@ -25,11 +25,8 @@ pub fn summary(
         },
         width,
     )];
-    parts.extend(
-        study
-            .asked_with()
-            .map(|options| wrap(&format!("Computed {options}."), width)),
-    );
+    parts.extend(study.asked_with().map(|options| wrap(&options, width)));
+    parts.extend(study.rehearsal().map(|banner| wrap(banner, width)));
     parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     for (name, grid) in &contents.tables {
         parts.push(match grid {
@@ -47,7 +44,7 @@ pub fn summary(
     }
     let mut last: Vec<String> = budgets::untrained(results);
     last.push(basis(study, results, contents));
-    last.extend(counts(contents));
+    last.extend(counts(study, contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
     last.extend(
         study
@@ -99,7 +96,7 @@ fn verdicts(contents: &Contents, width: usize) -> String {
         .join("\n")
 }
 
-fn counts(contents: &Contents) -> Vec<String> {
+fn counts(study: &StudyInfo, contents: &Contents) -> Vec<String> {
     let line = |counts: &head::Line| {
         let words: Vec<String> = counts
             .words
@@ -108,5 +105,5 @@ fn counts(contents: &Contents) -> Vec<String> {
             .collect();
         format!("{}: {}", counts.what, words.join(", "))
     };
-    head::lines(contents).iter().map(line).collect()
+    head::lines(study, contents).iter().map(line).collect()
 }

@@ -140,14 +140,11 @@ fn info() -> StudyInfo {
         "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.";
     let unit = |(name, unit): (&str, &str)| (name.to_string(), unit.to_string());
     StudyInfo {
-        repeats: None,
         name: "table-3.2".into(),
-        stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
         summary: Some(Summary::parse(summary).unwrap()),
         departures: vec![departure.into()],
-        confirms: Vec::new(),
         tables: tables(),
         figures: figures(),
         claims: claims(),
@@ -164,6 +161,7 @@ fn info() -> StudyInfo {
         ),
         units: BTreeMap::from([("cycle_length", "h"), ("voltage", "V"), ("load", "W")].map(unit)),
         options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
+        ..StudyInfo::default()
     }
 }
 
@@ -450,6 +448,7 @@ fn the_sections_of_the_page_stand_in_their_order() {
         "tables",
         "figures",
         "claims",
+        "what-the-verdicts-mean",
         "departures",
         "budgets",
         "settings-that-differ",

@@ -80,6 +80,7 @@ impl Passed {
         let unasked = [
             Verdict::Calibrated.word(),
             Verdict::NotJudged.word(),
+            ClaimOutcome::NotLearned.word(),
             Verdict::NotTrained.word(),
             Verdict::NotRun.word(),
         ];
@@ -273,13 +274,26 @@ mod tests {
             ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED", "EQUIVALENT"]
         );
         let judged = those(Passed::is_judged);
-        let open = ["INCONCLUSIVE", "FAILED", "NOT READ", "NOT MADE"];
+        let open = [
+            "INCONCLUSIVE",
+            "NOT AT THIS BUDGET",
+            "DIRECTION ONLY",
+            "FAILED",
+            "NOT READ",
+            "NOT MADE",
+        ];
         assert!(
             open.iter()
                 .chain(&those(Passed::is_decided))
                 .all(|word| judged.contains(word))
         );
-        let unasked = ["CALIBRATED", "NOT JUDGED", "NOT TRAINED", "NOT RUN"];
+        let unasked = [
+            "CALIBRATED",
+            "NOT JUDGED",
+            "NOT LEARNED",
+            "NOT TRAINED",
+            "NOT RUN",
+        ];
         assert!(unasked.iter().all(|word| !judged.contains(word)));
         assert!(!passed("DIFFERS", true).is_judged());
     }

@@ -1,7 +1,65 @@
 //! Claims of a study: comparisons of agents' metrics.
 
+use crate::statistics::estimators::mean;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// The share of the range from floor to bound that matters, in every study that gives no reason for another.
+const SHARE: f64 = 0.05;
+
+/// Which difference matters for claims that do not say it: a share of the range between an agent that learned nothing
+/// and the best that is possible or known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Relevance {
+    /// The agent at the lower end of the range.
+    #[schemars(extend("x-kind" = "agent"))]
+    pub floor: String,
+    /// The agent at the upper end.
+    #[schemars(extend("x-kind" = "agent"))]
+    pub bound: String,
+    /// The share of the range that matters; another one than 0.05 needs a reason.
+    #[serde(default = "share")]
+    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
+    pub share: f64,
+    /// The reason, from the field, for another share.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub why: String,
+}
+
+fn share() -> f64 {
+    SHARE
+}
+
+impl Relevance {
+    /// True where the share is another one without a reason.
+    pub(super) fn lacks_reason(&self) -> bool {
+        #[allow(clippy::float_cmp, reason = "a constant, or another number")]
+        let is_another = self.share != SHARE;
+        is_another && self.why.trim().is_empty()
+    }
+
+    /// The smallest difference that matters, from the values of floor and bound; `None` where one has none.
+    #[must_use]
+    pub fn margin(&self, values: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<f64> {
+        let of = |agent: &str| {
+            values(agent)
+                .filter(|values| !values.is_empty())
+                .map(|values| mean(&values))
+        };
+        let range = (of(&self.bound)? - of(&self.floor)?).abs();
+        Some(self.share * range).filter(|margin| margin.is_finite() && *margin > 0.0)
+    }
+}
+
+impl std::fmt::Display for Relevance {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            floor, bound, share, ..
+        } = self;
+        write!(f, "{} % of the range from {floor} to {bound}", 100.0 * share)
+    }
+}
 
 /// A comparison that the results support, refute or leave open.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -19,13 +77,12 @@ pub struct ClaimSpec {
     #[serde(default)]
     pub why: String,
     /// The smallest difference between the two sides that matters, in their unit, of a claim with `>`, `>=`, `<` or `<=`.
-    /// Where the seeds show no direction and the whole interval is smaller, the verdict is EQUIVALENT. Any difference
-    /// matters where absent.
+    /// SUPPORTED then needs a larger one; a smaller one in the claimed direction is DIRECTION ONLY. Where the whole
+    /// interval is smaller, the verdict is EQUIVALENT. Where absent, `relevance` says it, and any difference matters without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub matters: Option<f64>,
-    /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is
-    /// CALIBRATED.
+    /// What was chosen with the claim in view. That it holds then says nothing: CALIBRATED stands for SUPPORTED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
     /// What was tried to find out why it is refuted; printed where it is.

@@ -64,7 +64,7 @@ mod way;
 mod written;
 
 pub(crate) use builds::can_learn;
-pub use claims::ClaimSpec;
+pub use claims::{ClaimSpec, Relevance};
 pub use confirms::Confirmed;
 pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
@@ -91,6 +91,7 @@ use crate::{
     statistics::spending::Design,
     store::Announcements,
     table::TableSpec,
+    training_share::PaperBudget,
 };
 pub(crate) use cells::{Cell, Place};
 use cells::{MOST_TRIALS, Sections};
@@ -141,6 +142,12 @@ pub struct Study {
     pub design: Option<Design>,
     /// What counts as a success of a seed.
     pub success: Option<Success>,
+    /// How long the source trained.
+    pub paper_budget: Option<PaperBudget>,
+    /// Agents that a trained one must be better than to have learned.
+    pub floors: Vec<String>,
+    /// Which difference matters for claims that do not say it.
+    pub relevance: Option<Relevance>,
     /// The profile that was used.
     pub profile: Option<String>,
     /// Names of all its profiles, in order.
@@ -368,6 +375,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let asked = names::Asked::read(root, &world, sources, sections.folder);
     found.extend(about_success.into_iter().chain(names::searches(sections, &world)));
+    found.extend(names::beside_the_source(root, &world, sources));
     found.extend(asked.found.iter().cloned());
     if !found.is_empty() {
         return Err(in_order(found));
@@ -430,6 +438,9 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         seeds: plan.seeds,
         design: plan.design,
         success,
+        paper_budget: section(root, "paper_budget"),
+        floors: section(root, "floors").unwrap_or_default(),
+        relevance: section(root, "relevance"),
         profile: None,
         profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
@@ -497,13 +508,16 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 10] = [
+    const SHOWN: [&str; 13] = [
         "confirms",
         "title",
         "source",
         "summary",
         "departures",
         "success",
+        "paper_budget",
+        "floors",
+        "relevance",
         "tables",
         "figures",
         "claims",

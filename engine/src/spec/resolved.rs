@@ -185,15 +185,14 @@ pub fn sections(
         .map(|(named, it)| (named.name.clone(), search(named, it)))
         .collect();
     let searches = (!searches.is_empty()).then(|| ("search".into(), Section::Searches(searches)));
-    let success = root
-        .get("success")
-        .map(|it| ("success".into(), Section::Plain(it.to_value())));
+    let plain = |name: &str| Some((name.into(), Section::Plain(root.get(name)?.to_value())));
+    let judged_by = ["success", "paper_budget", "floors", "relevance"];
     let named = [prepared].into_iter().chain(named_sections(root, plays));
     let named = named.filter(|(_, entries)| !entries.is_empty());
     let named = named.map(|(name, entries)| (name.into(), Section::Named(entries)));
     written
         .into_iter()
-        .chain(success)
+        .chain(judged_by.into_iter().filter_map(plain))
         .chain(named)
         .chain(searches)
         .collect()

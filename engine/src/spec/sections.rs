@@ -2,7 +2,7 @@
 //! against them before the sections are read one by one, with the positions of what is in them.
 
 use super::{
-    claims::ClaimSpec,
+    claims::{ClaimSpec, Relevance},
     cross_play::{EPISODES, Pairs},
     search::SearchText,
     seeds::SeedsText,
@@ -15,6 +15,7 @@ use crate::{
     results::Success,
     schema_check::{NAME, SLUG},
     table::TableSpec,
+    training_share::PaperBudget,
 };
 use schemars::JsonSchema;
 use serde_json::{Map, Value, json};
@@ -52,6 +53,15 @@ pub(super) struct Sections {
     seeds: SeedsText,
     /// What counts as a success of a seed; adds the metric `success`.
     success: Success,
+    /// How long the source trained. Where the trainings here are less than half as long, what differs and what is refuted
+    /// is NOT AT THIS BUDGET.
+    paper_budget: PaperBudget,
+    /// Agents that do nothing, act at random or by a plain rule. Where no trained agent is better than all of them, no
+    /// claim that compares trained agents is judged: NOT LEARNED.
+    #[schemars(extend("x-kind" = "agent"))]
+    floors: Vec<String>,
+    /// Which difference matters for claims of a direction without `matters`: a share of the range from floor to bound.
+    relevance: Relevance,
     /// Swept keys, each with the way its values are made.
     sweep: BTreeMap<String, Generator>,
     /// Searches for settings of agents, by name. What is shown of such an agent is the best setting, measured on

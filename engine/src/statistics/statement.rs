@@ -2,8 +2,9 @@
 //!
 //! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both
 //! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
-//! statement holds, outside it fails, across an edge it is open, unless the whole interval differs too little to matter. Where looks were planned ([`Design`]), the
-//! interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
+//! statement holds, outside it fails, across an edge it is open. Where only some differences matter, the whole interval
+//! must be one of these to hold; one that lies among those that do not matter is alike. Where looks were planned
+//! ([`Design`]), the interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
 //! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
 //! decides is final, whatever the seeds say that other statements ask for afterwards.
 //!
@@ -140,11 +141,17 @@ impl Region {
         }
     }
 
+    /// True for a value between the ends.
+    #[must_use]
+    pub fn contains(&self, value: f64) -> bool {
+        self.low < value && value < self.high
+    }
+
     /// What an interval around a value must stay clear of to decide: both ends from inside, the nearer one
     /// from outside.
     #[must_use]
     pub fn room(&self, value: f64) -> Room {
-        if self.low < value && value < self.high {
+        if self.contains(value) {
             return Room::in_band(value, self.low, self.high);
         }
         Room::to_edge((value - self.low).abs().min((value - self.high).abs()))
@@ -183,10 +190,19 @@ pub enum Outcome {
     Holds,
     /// The whole interval lies outside.
     Fails,
-    /// The interval crosses an edge, and the whole of it differs too little to matter.
+    /// The whole interval differs too little to matter.
     Alike,
+    /// The whole interval lies in the region, and part of it differs too little to matter.
+    Direction,
     /// The interval crosses an edge and is wide enough to matter, or there are too few seeds.
     Open,
+}
+
+impl Outcome {
+    /// False where further looks, or a less strict level, may say more.
+    fn is_final(self) -> bool {
+        !matches!(self, Outcome::Direction | Outcome::Open)
+    }
 }
 
 /// An outcome with the look it rests on.
@@ -227,7 +243,7 @@ impl Statement {
                 look: index,
                 interval,
             };
-            if last.outcome != Outcome::Open {
+            if last.outcome.is_final() {
                 break;
             }
         }
@@ -259,9 +275,11 @@ impl Look {
     /// One interval decides whether the statement holds, whether it fails and whether it matters, so that the three
     /// err together no more often than the interval.
     fn outcome_by(&self, interval: Interval) -> Outcome {
-        match self.region.outcome(interval) {
-            Outcome::Open if self.alike.is_some_and(|alike| alike.holds(interval)) => Outcome::Alike,
-            outcome => outcome,
+        let outcome = self.region.outcome(interval);
+        match self.alike {
+            Some(alike) if alike.holds(interval) => Outcome::Alike,
+            Some(alike) if outcome == Outcome::Holds && !alike.fails(interval) => Outcome::Direction,
+            _ => outcome,
         }
     }
 }
@@ -282,20 +300,15 @@ pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
     let mut outcomes = vec![Outcome::Open; family.len()];
     loop {
         let open: Vec<usize> = (0..family.len())
-            .filter(|&index| outcomes[index] == Outcome::Open)
+            .filter(|&index| !outcomes[index].is_final())
             .collect();
         let share = |index: usize| family[index].alpha / super::estimators::count(open.len());
-        let decided: Vec<(usize, Outcome)> = open
-            .iter()
-            .map(|&index| (index, family[index].decide_at(share(index)).outcome))
-            .filter(|it| it.1 != Outcome::Open)
-            .collect();
-        if decided.is_empty() {
+        for &index in &open {
+            outcomes[index] = family[index].decide_at(share(index)).outcome;
+        }
+        if open.iter().all(|&index| !outcomes[index].is_final()) {
             return outcomes;
         }
-        decided
-            .into_iter()
-            .for_each(|(index, outcome)| outcomes[index] = outcome);
     }
 }
 
@@ -391,7 +404,7 @@ mod tests {
 
     /// Mean 0.1 with a standard error of 0.2 over five seeds: the 90 % interval is 0.1 -+ 2.132 * 0.2.
     #[test]
-    fn what_crosses_an_edge_may_differ_too_little_to_matter() {
+    fn what_differs_may_differ_too_little_to_matter() {
         let sd = 0.2 * 5f64.sqrt();
         let values: Vec<f64> = [-1.264_911, -0.632_456, 0.0, 0.632_456, 1.264_911]
             .map(|z| 0.1 + sd * z)
@@ -410,9 +423,13 @@ mod tests {
         assert_eq!(outcome(0.0, None), Outcome::Open);
         assert_eq!(outcome(0.0, Some(0.52)), Outcome::Open);
         assert_eq!(outcome(0.0, Some(0.53)), Outcome::Alike);
-        // What is ahead is ahead, be it by little.
-        assert_eq!(outcome(0.4, Some(2.0)), Outcome::Holds);
-        assert_eq!(outcome(-0.6, Some(2.0)), Outcome::Fails);
+        // On the right side by 0.074 to 0.926: all of it matters, a part of it, none of it.
+        assert_eq!(outcome(0.4, Some(0.05)), Outcome::Holds);
+        assert_eq!(outcome(0.4, Some(0.5)), Outcome::Direction);
+        assert_eq!(outcome(0.4, Some(0.93)), Outcome::Alike);
+        // On the wrong side by 0.074 to 0.926.
+        assert_eq!(outcome(-0.6, Some(0.5)), Outcome::Fails);
+        assert_eq!(outcome(-0.6, Some(0.93)), Outcome::Alike);
     }
 
     /// Three seeds of three give 97.5 % limits of 0.2924 and 1.

@@ -15,11 +15,14 @@ use super::{
     spending::Design,
     statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
 };
-use crate::count::count;
+use crate::{count::count, training_share::TrainingShare};
 use std::{collections::BTreeMap, fmt};
 
 /// Probability of a wrong verdict on each side; a single look has an interval of 90 %.
 pub const ALPHA: f64 = 0.05;
+
+/// The word for what does not hold after much less training than that of the source.
+pub const NOT_AT_THIS_BUDGET: &str = "NOT AT THIS BUDGET";
 
 /// How a reproduced cell compares with the published value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,11 +31,13 @@ pub enum Verdict {
     Reproduced,
     /// The whole interval lies outside the band.
     Differs,
+    /// The whole interval lies outside the band, after much less training than that of the source.
+    NotAtThisBudget,
     /// The interval crosses an edge of the band, or there are too few seeds.
     Inconclusive,
-    /// The published value was used to choose a setting, so that agreement with it says nothing.
+    /// It would be reproduced, and the published value was used to choose a setting, so that this says nothing.
     Calibrated,
-    /// The cell is what it is by construction.
+    /// The cell is what it is by construction, of another system, or of a budget that no result comes from.
     NotJudged,
     /// An agent behind the cell made no update.
     NotTrained,
@@ -44,9 +49,10 @@ pub enum Verdict {
 
 impl Verdict {
     /// All of them, in the order in which they are counted.
-    pub const ALL: [Verdict; 8] = [
+    pub const ALL: [Verdict; 9] = [
         Verdict::Reproduced,
         Verdict::Differs,
+        Verdict::NotAtThisBudget,
         Verdict::Inconclusive,
         Verdict::Calibrated,
         Verdict::NotJudged,
@@ -61,6 +67,7 @@ impl Verdict {
         match self {
             Verdict::Reproduced => "REPRODUCED",
             Verdict::Differs => "DIFFERS",
+            Verdict::NotAtThisBudget => NOT_AT_THIS_BUDGET,
             Verdict::Inconclusive => "INCONCLUSIVE",
             Verdict::Calibrated => "CALIBRATED",
             Verdict::NotJudged => "NOT JUDGED",
@@ -75,8 +82,19 @@ impl Verdict {
     pub fn is_judged(self) -> bool {
         matches!(
             self,
-            Verdict::Reproduced | Verdict::Differs | Verdict::Inconclusive
+            Verdict::Reproduced | Verdict::Differs | Verdict::NotAtThisBudget | Verdict::Inconclusive
         )
+    }
+
+    /// The same after a training that was too short to speak against the source.
+    #[must_use]
+    pub fn at_budget(self, training: Option<TrainingShare>) -> Self {
+        let is_too_small = training.is_some_and(TrainingShare::is_too_small);
+        if self == Self::Differs && is_too_small {
+            Self::NotAtThisBudget
+        } else {
+            self
+        }
     }
 
     /// The verdict on a published value for what the seeds decide.
@@ -86,7 +104,7 @@ impl Verdict {
             Outcome::Holds => Verdict::Reproduced,
             Outcome::Fails => Verdict::Differs,
             // A published value has one band, inside which it counts as reproduced.
-            Outcome::Alike | Outcome::Open => Verdict::Inconclusive,
+            Outcome::Alike | Outcome::Direction | Outcome::Open => Verdict::Inconclusive,
         }
     }
 }
@@ -448,8 +466,12 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
         _ if look.evidence.n() < 2 => Some(missing),
         it if it.has_no_spread() && !look.deterministic => (missing > 0).then_some(missing),
         Evidence::Mean(estimate) => {
-            let rooms = [Some(look.region), look.alike].into_iter().flatten();
+            // On the side that holds, a difference has to be larger than what does not matter.
+            let holds = look.alike.is_some() && look.region.contains(estimate.value);
+            let rooms = [Some(look.region).filter(|_| !holds), look.alike];
             let more = rooms
+                .into_iter()
+                .flatten()
                 .filter_map(|it| estimate.more_seeds_for_power(it.room(estimate.value), alpha, POWER))
                 .min();
             more.map(|more| more.max(missing))

@@ -3,7 +3,7 @@
 
 use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
 use crate::count::count;
-use crate::statistics::Judgement;
+use crate::statistics::{Judgement, Verdict};
 
 /// How the medium shows intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -188,10 +188,16 @@ fn caution(cell: &Cell) -> Option<String> {
         .filter(|_| published)
         .map(|fixed| format!("not judged: {}", why(fixed)));
     let calibrated = cell.calibrated_on.as_ref().filter(|_| published);
-    let calibrated = calibrated.map(|on| format!("calibrated on the published value: {on}"));
+    let differs = cell.verdict() == Some(Verdict::Differs);
+    let calibrated = calibrated.map(|on| match differs {
+        true => format!("in spite of calibration on the published value: {on}"),
+        false => format!("calibrated on the published value: {on}"),
+    });
+    let training = cell.training.filter(|share| published && share.own < share.paper);
+    let training = training.map(|share| share.to_string());
     let seen = cell.seen_at.map(unplanned_look_in_words);
     let changed = cell.first_judged_by.as_deref().map(changed_rule_in_words);
-    let cautions: Vec<String> = [untrained, fixed, calibrated, seen, changed]
+    let cautions: Vec<String> = [untrained, fixed, calibrated, training, seen, changed]
         .into_iter()
         .flatten()
         .collect();

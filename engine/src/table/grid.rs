@@ -4,6 +4,7 @@ use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, 
 use crate::{
     results::{CellName, Results, TrialResult},
     statistics::{Judgement, MeanEstimate, Sample, Seeds, Verdict},
+    training_share::TrainingShare,
 };
 use std::{
     borrow::Cow,
@@ -171,6 +172,8 @@ pub struct Cell {
     pub is_share: bool,
     /// Agents behind the value that made no update.
     pub untrained: Vec<String>,
+    /// How much of the source's training is behind the value; `None` where the study does not say it.
+    pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
     /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
@@ -326,13 +329,15 @@ impl Cell {
         let Some(judgement) = &self.judgement else {
             return String::new();
         };
-        match judgement
+        let at = match self.training {
+            Some(share) if judgement.verdict == Verdict::NotAtThisBudget => format!(" ({})", share.percent()),
+            _ => String::new(),
+        };
+        let adjusted = judgement
             .adjusted
-            .filter(|adjusted| *adjusted != judgement.verdict)
-        {
-            Some(adjusted) => format!("{} (Holm: {adjusted})", judgement.verdict),
-            None => judgement.verdict.word().into(),
-        }
+            .filter(|adjusted| *adjusted != judgement.verdict);
+        let holm = adjusted.map_or_else(String::new, |adjusted| format!(" (Holm: {adjusted})"));
+        format!("{}{at}{holm}", judgement.verdict)
     }
 
     /// A cell with what is behind it, without values.
@@ -345,6 +350,7 @@ impl Cell {
             .collect();
         Self {
             untrained: untrained.into_iter().map(Into::into).collect(),
+            training: TrainingShare::behind(trials, results),
             looks: results.seeds_of(trials),
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
             ..Self::default()

@@ -64,8 +64,7 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
-    /// What was chosen with this value in view; agreement with it then says nothing, and the verdict is
-    /// CALIBRATED.
+    /// What was chosen with this value in view. Agreement with it then says nothing: CALIBRATED stands for REPRODUCED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
 }
@@ -313,17 +312,23 @@ impl Judging<'_> {
             band: Margin::band(self.margin, entry.value),
         };
         let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
-        let unjudged = match calibrated {
-            _ if cell.fixed.is_some() || self.of_another_system => Some(Verdict::NotJudged),
-            _ if cell.is_untrained() => Some(Verdict::NotTrained),
-            Some(_) => Some(Verdict::Calibrated),
-            None => None,
+        let unjudged = match () {
+            () if cell.seeds.is_empty() => None,
+            () if cell.fixed.is_some() || self.of_another_system => Some(Verdict::NotJudged),
+            () if cell.is_untrained() => Some(Verdict::NotTrained),
+            () => None,
+        };
+        let without = |verdict| Judgement::without(verdict, reference, &cell.seeds);
+        let judged = || judge(reference, cell.sample(), cell.failed, &cell.looks, cell.is_share);
+        let judgement = match unjudged.map_or_else(judged, without) {
+            it if it.verdict == Verdict::Reproduced && calibrated.is_some() => without(Verdict::Calibrated),
+            it => Judgement {
+                verdict: it.verdict.at_budget(cell.training),
+                ..it
+            },
         };
         cell.calibrated_on = calibrated.map(Into::into);
-        cell.judgement = Some(match unjudged {
-            Some(verdict) if !cell.seeds.is_empty() => Judgement::without(verdict, reference, &cell.seeds),
-            _ => judge(reference, cell.sample(), cell.failed, &cell.looks, cell.is_share),
-        });
+        cell.judgement = Some(judgement);
     }
 }
 

@@ -10,7 +10,7 @@ mod tables;
 use super::{
     builds::World,
     cells::{self, Sections},
-    claims::ClaimSpec,
+    claims::{ClaimSpec, Relevance},
     path::Target,
     search::Searched,
     summary::Summary,
@@ -140,6 +140,38 @@ pub fn success(
         "1 for a seed with success, 0 for one without",
     ));
     found
+}
+
+/// Checks the agents that `paper_budget`, `floors` and `relevance` name, and the reason of the latter.
+pub fn beside_the_source(root: &Node, world: &World, sources: &Sources) -> Vec<Diagnostic> {
+    let budget = root.get("paper_budget").and_then(|budget| budget.get("agents"));
+    let lists = [("paper_budget.agents", budget), ("floors", root.get("floors"))];
+    let items = lists.into_iter().flat_map(|(at, list)| {
+        let items = list.map_or(&[][..], Node::items).iter().enumerate();
+        items.map(move |(index, item)| (format!("{at}[{index}]"), item))
+    });
+    let ends = ["floor", "bound"].into_iter();
+    let ends = ends.filter_map(|key| Some((format!("relevance.{key}"), root.get("relevance")?.get(key)?)));
+    let unknown = items.chain(ends).filter_map(|(at, item)| {
+        let name = item.to_value().as_str()?.to_owned();
+        let is_known = world.agents.contains(&name);
+        let error = || sources.error(item.span, &at, format!("there is no agent `{name}`"));
+        (!is_known).then(|| error().help(suggest(&name, world.agents.iter().map(String::as_str))))
+    });
+    unknown.chain(unreasoned(root, sources)).collect()
+}
+
+/// Another share than the one of all studies, without a reason.
+fn unreasoned(root: &Node, sources: &Sources) -> Option<Diagnostic> {
+    let node = root.get("relevance")?;
+    let relevance: Relevance = typed(node)?;
+    let span = node.get("share").filter(|_| relevance.lacks_reason())?.span;
+    let message = format!(
+        "a share of {} is another one than that of all studies",
+        relevance.share
+    );
+    let error = sources.error(span, "relevance.share", message);
+    Some(error.help("say `why`, by what a difference is worth there, or leave the share out"))
 }
 
 /// Checks the metrics by which searches compare settings.

@@ -14,8 +14,9 @@
 //! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
 //! and `1 + N / 100` times the right side, whose seeds move the edges too.
 //!
-//! Where a study says which difference matters, a claim of a direction whose whole interval is smaller is EQUIVALENT
-//! if it holds both directions: neither side is ahead by as much as that.
+//! Where a study says which difference matters, a claim of a direction is SUPPORTED where the whole interval is larger,
+//! DIRECTION ONLY where it is on the claimed side and part of it is smaller, and EQUIVALENT where the whole of it is
+//! smaller: neither side is ahead by as much as that.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
 //! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
@@ -32,6 +33,7 @@ use crate::{
         statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
         verdict::{self, Stage, share_of, too_few_seeds_in_words},
     },
+    training_share::TrainingShare,
 };
 use std::{collections::BTreeMap, fmt};
 
@@ -41,16 +43,24 @@ const ALPHA_OF_DIRECTION: f64 = 0.025;
 /// What the seeds say of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClaimOutcome {
-    /// The whole interval is on the claimed side.
+    /// The whole interval is on the claimed side, and larger than what matters.
     Supported,
     /// The whole interval is on the other side.
     Refuted,
-    /// The interval is on both sides, and the whole of it smaller than what matters.
+    /// The whole interval is on the other side, after much less training than that of the source.
+    NotAtThisBudget,
+    /// The whole interval is smaller than what matters.
     Equivalent,
+    /// The whole interval is on the claimed side, and part of it is smaller than what matters.
+    DirectionOnly,
     /// The interval is on both sides, or there are too few seeds.
     Inconclusive,
-    /// It rests on a published value that was used to choose a setting.
+    /// It would be supported, and it rests on a published value that was used to choose a setting.
     Calibrated,
+    /// The budget is none that a result comes from.
+    NotJudged,
+    /// It compares trained agents, and none of them is better than those that learned nothing.
+    NotLearned,
     /// An agent that it speaks of made no update.
     NotTrained,
     /// One of its metrics has no value yet.
@@ -59,12 +69,16 @@ pub enum ClaimOutcome {
 
 impl ClaimOutcome {
     /// All of them, in the order in which they are counted.
-    pub const ALL: [ClaimOutcome; 7] = [
+    pub const ALL: [ClaimOutcome; 11] = [
         ClaimOutcome::Supported,
         ClaimOutcome::Refuted,
+        ClaimOutcome::NotAtThisBudget,
         ClaimOutcome::Equivalent,
+        ClaimOutcome::DirectionOnly,
         ClaimOutcome::Inconclusive,
         ClaimOutcome::Calibrated,
+        ClaimOutcome::NotJudged,
+        ClaimOutcome::NotLearned,
         ClaimOutcome::NotTrained,
         ClaimOutcome::NotRun,
     ];
@@ -75,7 +89,11 @@ impl ClaimOutcome {
         match self {
             ClaimOutcome::Supported => "SUPPORTED",
             ClaimOutcome::Refuted => "REFUTED",
+            ClaimOutcome::NotAtThisBudget => verdict::NOT_AT_THIS_BUDGET,
+            ClaimOutcome::NotJudged => "NOT JUDGED",
+            ClaimOutcome::NotLearned => "NOT LEARNED",
             ClaimOutcome::Equivalent => "EQUIVALENT",
+            ClaimOutcome::DirectionOnly => "DIRECTION ONLY",
             ClaimOutcome::Inconclusive => "INCONCLUSIVE",
             ClaimOutcome::Calibrated => "CALIBRATED",
             ClaimOutcome::NotTrained => "NOT TRAINED",
@@ -90,9 +108,28 @@ impl ClaimOutcome {
             self,
             ClaimOutcome::Supported
                 | ClaimOutcome::Refuted
+                | ClaimOutcome::NotAtThisBudget
                 | ClaimOutcome::Equivalent
+                | ClaimOutcome::DirectionOnly
                 | ClaimOutcome::Inconclusive
         )
+    }
+
+    /// True where more seeds may say more.
+    #[must_use]
+    pub fn is_open(self) -> bool {
+        matches!(self, ClaimOutcome::DirectionOnly | ClaimOutcome::Inconclusive)
+    }
+
+    /// The same after a training that was too short to speak against the source.
+    #[must_use]
+    pub fn at_budget(self, training: Option<TrainingShare>) -> Self {
+        let is_too_small = training.is_some_and(TrainingShare::is_too_small);
+        if self == Self::Refuted && is_too_small {
+            Self::NotAtThisBudget
+        } else {
+            self
+        }
     }
 
     /// The outcome of a claim for what the seeds decide.
@@ -102,6 +139,7 @@ impl ClaimOutcome {
             Outcome::Holds => ClaimOutcome::Supported,
             Outcome::Fails => ClaimOutcome::Refuted,
             Outcome::Alike => ClaimOutcome::Equivalent,
+            Outcome::Direction => ClaimOutcome::DirectionOnly,
             Outcome::Open => ClaimOutcome::Inconclusive,
         }
     }
@@ -506,7 +544,7 @@ fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds:
     let taken = &compared[decision.look];
     let verdict = ClaimOutcome::of(decision.outcome);
     let stage = Stage::of(seeds, Some(&decision));
-    let open = verdict == ClaimOutcome::Inconclusive && stage.is_none_or(|it| it.is_last());
+    let open = verdict.is_open() && stage.is_none_or(|it| it.is_last());
     ClaimVerdict {
         verdict,
         adjusted: None,

@@ -86,8 +86,13 @@ fn what_differs_too_little_to_matter_is_equivalent() {
         ("a.x > 10", Some(0.66), "EQUIVALENT"),
         ("a.x <= 10", Some(0.66), "EQUIVALENT"),
         ("10 > a.x", Some(0.66), "EQUIVALENT"),
-        ("a.x > 9", Some(2.0), "SUPPORTED"),
-        ("a.x < 9", Some(2.0), "REFUTED"),
+        ("a.x > 9", Some(2.0), "EQUIVALENT"),
+        ("a.x < 9", Some(2.0), "EQUIVALENT"),
+        // The interval of the difference from 9 is 1.1 -+ 0.555.
+        ("a.x > 9", Some(0.5), "SUPPORTED"),
+        ("a.x > 9", Some(0.6), "DIRECTION ONLY"),
+        ("a.x < 9", Some(0.6), "REFUTED"),
+        ("9 < a.x", Some(0.6), "DIRECTION ONLY"),
     ] {
         assert_eq!(word(text, matters), expected, "{text} {matters:?}");
     }

@@ -1,0 +1,78 @@
+//! The first lines of a report: a line for each published value and claim, with what was found and what that says.
+
+use super::{
+    ClaimLine, Contents, StudyInfo,
+    sheet::{Entry, NONE, Sheet, Tone},
+};
+use crate::{
+    statistics::Verdict,
+    table::{Cell, Grid},
+};
+
+const HEAD: [&str; 4] = ["question", "answer", "here", "published"];
+/// So many departures stand at the head of a report; the study names those that matter most first.
+pub(super) const FIRST_DEPARTURES: usize = 3;
+
+/// The answers to what the study asks, in its order; `None` where nothing is published or claimed. What is exploratory
+/// answers nothing.
+pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
+    let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
+    let values = grids.flat_map(values);
+    let claims = contents.claims.iter().filter(|line| !line.is_exploratory());
+    let rows: Vec<Vec<Entry>> = values.chain(claims.map(claim)).collect();
+    (!rows.is_empty()).then(|| Sheet {
+        head: HEAD.map(String::from).to_vec(),
+        words: 2,
+        rows,
+        ..Sheet::default()
+    })
+}
+
+/// Where to read on: the studies whose questions are put to other seeds here, as written by `link`.
+pub(super) fn next(study: &StudyInfo, link: impl Fn(&String) -> String) -> Option<String> {
+    let asked: Vec<String> = study.confirms.iter().map(link).collect();
+    (!asked.is_empty()).then(|| format!("The same questions on other seeds: {}.", asked.join(", ")))
+}
+
+fn values(grid: &Grid) -> Vec<Vec<Entry>> {
+    let published = |(place, cell): (String, &Cell)| {
+        let published = cell.published().filter(|_| !grid.is_exploratory(cell))?;
+        let verdict = cell.verdict()?;
+        Some(vec![
+            Entry::plain(place),
+            Entry::of(Tone::Verdict(verdict.word()), value_in_words(cell, verdict)),
+            Entry::plain(
+                cell.estimate
+                    .map_or(NONE.into(), |value| grid.format.write(value)),
+            ),
+            Entry::plain(grid.format.published(published)),
+        ])
+    };
+    grid.places().filter_map(published).collect()
+}
+
+fn value_in_words(cell: &Cell, verdict: Verdict) -> String {
+    let words = cell.verdict_in_words();
+    match cell.calibrated_on {
+        Some(_) if verdict == Verdict::Differs => format!("{words}, in spite of calibration"),
+        _ => words,
+    }
+}
+
+fn claim(line: &ClaimLine) -> Vec<Entry> {
+    let about = match line.spec.about.as_str() {
+        "" => line.spec.claim.clone(),
+        about => about.to_owned(),
+    };
+    let place = match line.place.as_str() {
+        "" => String::new(),
+        place => format!(" ({place})"),
+    };
+    let numbers = line.numbers();
+    vec![
+        Entry::plain(format!("{about}{place}")),
+        Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
+        Entry::plain(if numbers.is_empty() { NONE.into() } else { numbers }),
+        Entry::plain(NONE),
+    ]
+}
