@@ -8,11 +8,7 @@ mod summary;
 mod tables;
 
 use super::{
-    builds::World,
-    cells::{self, Sections},
-    claims::ClaimSpec,
-    path::Target,
-    search::Searched,
+    builds::World, cells::Sections, claims::ClaimSpec, known, path::Target, search::Searched,
     summary::Summary,
 };
 use crate::{
@@ -301,7 +297,7 @@ impl Names<'_> {
     /// Says where a search cannot pause its trials, or a population cannot go on from them.
     fn pauses(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
         let plugin = sections.written.protocol.plugin.as_str();
-        let config = cells::protocol_of(sections, searched);
+        let config = known::protocol_of(sections, searched);
         let entry = sections.registry.protocols.get(plugin);
         let built = entry
             .zip(config)
