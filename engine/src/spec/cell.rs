@@ -264,6 +264,13 @@ impl Cells {
             .chain(self.n_combinations..self.len())
     }
 
+    /// How many parts and changes are in memory for combinations.
+    #[cfg(test)]
+    pub(super) fn n_kept(&self) -> usize {
+        let grids = self.combinations.iter().flat_map(|(_, it)| &it.parts);
+        grids.map(|grid| grid.n_kept()).sum()
+    }
+
     /// The same cells with what they take.
     pub(super) fn taking(self, sources: BTreeMap<usize, Arc<[Source]>>) -> Self {
         Self { sources, ..self }

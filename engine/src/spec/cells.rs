@@ -230,12 +230,14 @@ impl Sections<'_> {
     }
 
     /// Makes the complete config of a part.
-    pub(super) fn resolve(&self, given: Given, files: &mut Files<'_>) -> Result<Resolved, Vec<Diagnostic>> {
+    pub(super) fn resolve(
+        &self,
+        plugin: &Plugin<'_>,
+        given: Given,
+        files: &mut Files<'_>,
+    ) -> Result<Resolved, Vec<Diagnostic>> {
         let config = self.assigned(&given);
-        let Some(plugin) = self.plugin(given.target) else {
-            return Err(Vec::new());
-        };
-        let mut part = config::resolve(&plugin, &config, files, self.sources)?;
+        let mut part = config::resolve(plugin, &config, files, self.sources)?;
         if !given.training {
             let entry = &self.registry.protocols[plugin.name];
             let config = (entry.without_training)(&part.config).map_err(|error| {

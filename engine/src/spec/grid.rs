@@ -2,7 +2,7 @@
 //! resolved once, on all cores, and then only that is kept of it which does not follow from its dimensions one by one.
 
 use super::{
-    config::Files,
+    config::{Files, Plugin},
     known::{Given, Known, Resolved},
 };
 use crate::{
@@ -62,6 +62,7 @@ impl Grid {
         });
         let maker = Maker {
             known,
+            plugin: known.sections.plugin(given.target).ok_or_else(Vec::new)?,
             given,
             first: first.as_deref().ok(),
             names_products: AtomicBool::new(false),
@@ -136,6 +137,7 @@ fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option
 /// Resolves points.
 struct Maker<'a> {
     known: &'a Known<'a>,
+    plugin: Plugin<'a>,
     given: &'a Given,
     /// `None` where it was refused.
     first: Option<&'a Resolved>,
@@ -152,7 +154,7 @@ impl Maker<'_> {
             points,
             ..self.given.clone()
         };
-        let resolved = self.known.sections.resolve(given, files)?;
+        let resolved = self.known.sections.resolve(&self.plugin, given, files)?;
         if !named_in(&resolved.part.config).is_empty() {
             self.names_products.store(true, Ordering::Relaxed);
         }

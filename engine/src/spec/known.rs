@@ -221,7 +221,8 @@ impl<'a> Known<'a> {
         if let Some(known) = self.parts.get(&given) {
             return known.clone();
         }
-        let resolved = self.sections.resolve(given.clone(), &mut self.files);
+        let plugin = self.sections.plugin(given.target).ok_or_else(Vec::new);
+        let resolved = plugin.and_then(|it| self.sections.resolve(&it, given.clone(), &mut self.files));
         let outcome = resolved.map(Arc::new);
         self.parts.insert(given, outcome.clone());
         outcome
