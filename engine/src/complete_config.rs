@@ -146,7 +146,11 @@ fn compare(base: &Value, value: &Value, at: &mut String, found: &mut Vec<Change>
         (Value::Object(one), Value::Object(other))
             if one.len() == other.len() && one.keys().eq(other.keys()) =>
         {
-            for ((key, one), other) in one.iter().zip(other.values()) {
+            let differ = one
+                .iter()
+                .zip(other.values())
+                .filter(|((_, one), other)| one != other);
+            for ((key, one), other) in differ {
                 let length = at.len();
                 at.push('/');
                 at.push_str(&key.replace('~', "~0").replace('/', "~1"));

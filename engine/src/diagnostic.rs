@@ -280,15 +280,18 @@ pub fn are_unavailable(diagnostics: &[Diagnostic]) -> bool {
 #[must_use]
 pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     diagnostics.sort_by_key(Diagnostic::order);
-    let mut kept: Vec<Diagnostic> = Vec::with_capacity(diagnostics.len());
-    for diagnostic in diagnostics {
-        let said =
-            |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
-        if !kept.iter().rev().take(8).any(said) {
-            kept.push(diagnostic);
-        }
-    }
+    let mut kept = Vec::with_capacity(diagnostics.len());
+    diagnostics.into_iter().for_each(|it| say_once(&mut kept, it));
     kept
+}
+
+/// Adds a diagnostic, unless one of the last says the same.
+pub(crate) fn say_once(kept: &mut Vec<Diagnostic>, diagnostic: Diagnostic) {
+    let said =
+        |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
+    if !kept.iter().rev().take(8).any(said) {
+        kept.push(diagnostic);
+    }
 }
 
 /// How many diagnostics are shown; a file with more mistakes has one that they all come from.

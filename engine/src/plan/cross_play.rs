@@ -1,7 +1,7 @@
 //! The trials of plays: every combination of agents over roles and every seed, after the trials that train
 //! them.
 
-use super::DEVICE;
+use super::{DEVICE, OfCells};
 use crate::{
     cast::{Cast, Member, Seating},
     cross_play::title,
@@ -11,7 +11,7 @@ use crate::{
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.
-pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Arc<Trial>>]) -> Vec<Arc<Trial>> {
+pub(super) fn trials(study: &Study, play: &Play, trained: &OfCells) -> Vec<Arc<Trial>> {
     let mut trials = Vec::new();
     for players in play.combinations() {
         for places in meetings(play.pairs, &players, study.seeds.len()) {
@@ -49,19 +49,13 @@ fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>
 
 /// One meeting. Its own seed is the latest of those that meet, so that a study that stops at some number of
 /// seeds has every meeting among them.
-fn encounter(
-    study: &Study,
-    play: &Play,
-    players: &[&Player],
-    places: &[usize],
-    trained: &[Vec<Arc<Trial>>],
-) -> Trial {
+fn encounter(study: &Study, play: &Play, players: &[&Player], places: &[usize], trained: &OfCells) -> Trial {
     let of_role = || play.roles.iter().zip(players);
     let roles: BTreeMap<String, String> = of_role()
         .map(|((role, _), player)| (role.clone(), player.name.clone()))
         .collect();
     let members = of_role().zip(places).filter_map(|(((role, seats), player), at)| {
-        let member = member(seats.clone(), player, &trained[player.cell][*at])?;
+        let member = member(seats.clone(), player, &trained[&player.cell][*at])?;
         Some((role.clone(), member))
     });
     let latest = places.iter().copied().max().unwrap_or_default();

@@ -50,6 +50,9 @@ pub struct Plan {
 /// first look's.
 pub type Wanted = BTreeMap<CellName, u32>;
 
+/// Trials of cells that others take from, by the index of the cell, seed after seed.
+type OfCells = BTreeMap<usize, Vec<Arc<Trial>>>;
+
 impl Study {
     /// The trials that the study has whatever its results are: all of them, or those of the first look.
     #[must_use]
@@ -66,10 +69,9 @@ impl Study {
             plan.keep_once();
             return plan.trials.len();
         }
-        let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
-        let of_cell =
-            |(index, seeds): (usize, &Vec<u64>)| if waiting.contains(&index) { 0 } else { seeds.len() };
-        seeds.iter().enumerate().map(of_cell).sum()
+        let (taken, waiting) = (self.seeds_taken(), self.waiting());
+        let ready = (0..self.cells.len()).filter(|index| !waiting.contains(index));
+        ready.map(|index| self.seeds_of(index, &taken).len()).sum()
     }
 
     /// The trials where some combinations have come to a later look. Those of a look follow those of the one
@@ -109,8 +111,8 @@ impl Study {
     }
 
     fn plan_of_all_seeds(&self) -> Plan {
-        let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
-        let mut of_cells: Vec<Vec<Arc<Trial>>> = vec![Vec::new(); self.cells.len()];
+        let (seeds, waiting) = (self.seeds_taken(), self.waiting());
+        let mut of_cells = OfCells::new();
         // What others take from comes first; the rest is made where it is put into the plan.
         let taken = self.taken_from();
         for &index in self
@@ -118,19 +120,19 @@ impl Study {
             .iter()
             .filter(|index| taken.contains(index) && !waiting.contains(index))
         {
-            of_cells[index] = self.trials_of(index, &seeds, &of_cells);
+            of_cells.insert(index, self.trials_of(index, &seeds, &of_cells));
         }
         let is_ready = |play: &&Play| !play.players.iter().any(|player| waiting.contains(&player.cell));
         let plays = self.plays.iter().filter(is_ready);
         let plays: Vec<Arc<Trial>> = plays
             .flat_map(|play| cross_play::trials(self, play, &of_cells))
             .collect();
-        let mut trials = Vec::with_capacity(seeds.iter().map(Vec::len).sum::<usize>() + plays.len());
+        let n_combinations = self.cells.n_combinations();
+        let mut trials = Vec::with_capacity(n_combinations * self.seeds.len() + plays.len());
         // Entries of `prepare` come first, then what searches try, then combinations.
-        let n_combinations = self.cells.iter().filter(|cell| cell.pair().is_some()).count();
         for index in (n_combinations..self.cells.len()).chain(0..n_combinations) {
-            if taken.contains(&index) {
-                trials.extend(of_cells[index].iter().cloned());
+            if let Some(made) = of_cells.get(&index) {
+                trials.extend(made.iter().cloned());
             } else if !waiting.contains(&index) {
                 trials.extend(self.trials_of(index, &seeds, &of_cells));
             }
@@ -145,7 +147,7 @@ impl Study {
 
     /// The cells that others take from, or whose policies play.
     fn taken_from(&self) -> BTreeSet<usize> {
-        let sources = self.cells.iter().flat_map(|cell| &cell.sources);
+        let sources = self.order.iter().flat_map(|index| self.cells.sources(*index));
         let players = self.plays.iter().flat_map(|play| &play.players);
         sources
             .map(|source| source.cell)
@@ -203,62 +205,75 @@ impl Study {
         };
         let mut waiting = BTreeSet::new();
         for &index in &self.order {
-            let cell = &self.cells[index];
-            let own = cell.pair().is_some_and(|(_, agent)| open(&self.agents[agent]));
-            if own || cell.sources.iter().any(|source| waiting.contains(&source.cell)) {
+            let pair = self.cells.place(index).pair();
+            let own = pair.is_some_and(|(_, agent)| open(&self.agents[agent]));
+            let mut sources = self.cells.sources(index).iter();
+            if own || sources.any(|source| waiting.contains(&source.cell)) {
                 waiting.insert(index);
             }
         }
         waiting
     }
 
-    /// The seeds that each cell runs: those of the study, and for an entry of `prepare` those that something
-    /// takes.
-    fn seeds_of_cells(&self) -> Vec<Vec<u64>> {
-        let mut taken: Vec<BTreeSet<u64>> = vec![BTreeSet::new(); self.cells.len()];
-        let mut seeds = vec![Vec::new(); self.cells.len()];
+    /// The seeds that are taken from cells.
+    fn seeds_taken(&self) -> BTreeMap<usize, Vec<u64>> {
+        let mut taken: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
         for &index in self.order.iter().rev() {
-            let cell = &self.cells[index];
-            seeds[index] = match cell.place {
-                Place::Combination(..) => self.seeds.clone(),
-                Place::Tried(search) => self.searches[search].0.seeds.clone(),
-                Place::Prepared(_) | Place::Leading(..) => taken[index].iter().copied().collect(),
-            };
-            for source in &cell.sources {
-                taken[source.cell].extend(seeds[index].iter().map(|seed| source.seed_for(*seed)));
+            for source in self.cells.sources(index) {
+                let seeds = self.seeds_of(index, &taken).iter();
+                let more: Vec<u64> = seeds.map(|seed| source.seed_for(*seed)).collect();
+                let of_source = taken.entry(source.cell).or_default();
+                of_source.extend(more);
+                of_source.sort_unstable();
+                of_source.dedup();
             }
         }
-        seeds
+        taken
+    }
+
+    /// The seeds that a cell runs: those of the study, and for an entry of `prepare` those that something takes.
+    fn seeds_of<'a>(&'a self, index: usize, taken: &'a BTreeMap<usize, Vec<u64>>) -> &'a [u64] {
+        match self.cells.place(index) {
+            Place::Combination(..) => &self.seeds,
+            Place::Tried(search) => &self.searches[search].0.seeds,
+            Place::Prepared(_) | Place::Leading(..) => taken.get(&index).map_or(&[], Vec::as_slice),
+        }
     }
 
     /// The trials of a cell, once those are there that it takes from. What does not depend on the seed is made and
     /// hashed once.
-    fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Arc<Trial>>]) -> Vec<Arc<Trial>> {
-        let cell = &self.cells[index];
+    fn trials_of(
+        &self,
+        index: usize,
+        taken: &BTreeMap<usize, Vec<u64>>,
+        of_cells: &OfCells,
+    ) -> Vec<Arc<Trial>> {
+        let cell = self.cells.at(index);
         // A source runs the seeds that are taken from it, and comes before in the order of cells.
         let source = |cell: usize, seed: u64| {
-            let place = seeds[cell].iter().position(|it| *it == seed).unwrap_or_default();
-            &*of_cells[cell][place]
+            let seeds = self.seeds_of(cell, taken);
+            let place = seeds.iter().position(|it| *it == seed).unwrap_or_default();
+            &*of_cells[&cell][place]
         };
-        let named = Arc::new(self.named(cell));
-        let shared = cell.sources.is_empty().then(|| self.key(cell, 0, &source));
+        let named = Arc::new(self.named(&cell));
+        let shared = cell.sources.is_empty().then(|| self.key(&cell, 0, &source));
         let trial = |&seed: &u64| {
             let (id, key) = match &shared {
-                Some(shared) => (self.id(cell, seed), shared.with_seed(seed)),
+                Some(shared) => (self.id(&cell, seed), shared.with_seed(seed)),
                 None => {
-                    let key = self.key(cell, seed, &source);
+                    let key = self.key(&cell, seed, &source);
                     (key.id(), key)
                 }
             };
             let cell = Arc::clone(&named);
             Arc::new(Trial { id, cell, key })
         };
-        seeds[index].iter().map(trial).collect()
+        self.seeds_of(index, taken).iter().map(trial).collect()
     }
 
     /// The id of a trial of a cell that takes nothing.
     fn id(&self, cell: &Cell, seed: u64) -> String {
-        let parts = cell.parts.each_ref().map(|part| part.id.as_str());
+        let parts = cell.parts.each_ref().map(|part| part.id());
         trial_id(parts, seed, self.numerics, DEVICE)
     }
 
@@ -272,7 +287,7 @@ impl Study {
         TrialCell {
             environment,
             agent,
-            setting: cell.setting.to_string(),
+            setting: cell.point.to_string(),
             point: cell.point.clone(),
             purpose,
         }

@@ -2,17 +2,19 @@
 //! built environment and protocol know what trials record.
 
 use super::{
-    cells::{Cell, Resolved, Sections},
+    cell::{Cell, Cells},
+    cells::Sections,
     config::locate,
     cross_play::Play,
     facts::Facts,
+    known::{self, Resolved},
     path::Target,
     specimens::Specimens,
 };
 use crate::{
     Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     describe::fit,
-    diagnostic::{Diagnostic, in_order},
+    diagnostic::{Diagnostic, in_order, say_once},
     panics, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
@@ -29,6 +31,8 @@ use std::{
 
 /// Agents are built for each named pair, and for this many further settings; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
+/// When an agent may learn that is not built, or is refused.
+const FROM_THE_FIRST_STEP: u64 = 1;
 
 /// What the trials of a study record, and the names they have.
 #[derive(Debug, Default)]
@@ -138,7 +142,7 @@ enum Given {
 ///
 /// # Errors
 /// What plugins refuse, at the key that they name.
-pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<World, Vec<Diagnostic>> {
+pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<World, Vec<Diagnostic>> {
     let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
     let mut world = World {
         environments: names(&sections.written.environments),
@@ -149,6 +153,7 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             .iter()
             .map(|it| (it.search.name.clone(), it.search.by.clone()))
             .collect(),
+        settings: cells.settings(),
         ..World::default()
     };
     for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
@@ -177,13 +182,10 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         is_recalled: false,
         announced: BTreeMap::new(),
     };
-    let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
-    for cell in cells {
-        if cell.pair().is_some() && settings.insert(&*cell.setting) {
-            world.settings.push(Arc::clone(&cell.setting));
-        }
-        if let Err(error) = builder.cell(cell, &mut world) {
-            found.push(*error);
+    let mut found = Vec::new();
+    for cell in cells.iter() {
+        if let Err(error) = builder.cell(&cell, &mut world) {
+            say_once(&mut found, *error);
         }
     }
     for searched in sections.searches {
@@ -197,8 +199,14 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
 
-fn address(part: &Arc<Resolved>) -> usize {
-    Arc::as_ptr(part).addr()
+/// What is given for the environment and the agent of a cell, which tells its agent from others.
+fn given(cell: &Cell) -> [known::Given; 2] {
+    [0, 1].map(|part| cell.parts[part].given.clone())
+}
+
+/// The ids of the environment and the protocol of a cell.
+fn ids(cell: &Cell) -> [String; 2] {
+    [0, 2].map(|part| cell.parts[part].id().to_owned())
 }
 
 /// What the trials of a pair record and trace; `of_agent` is what its agent records.
@@ -238,18 +246,17 @@ fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Me
 
 pub(super) struct Builder<'a> {
     pub(super) sections: &'a Sections<'a>,
-    pub(super) cells: &'a [Cell],
+    pub(super) cells: &'a Cells,
     pub(super) specimens: Specimens,
     /// By id; `None` where the build failed and was reported.
-    pub(super) environments: BTreeMap<String, Option<Facts>>,
+    pub(super) environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<Measures>>,
-    /// What a built agent asks for before it learns, by the addresses of environment and agent: equal parts
-    /// of cells are one.
-    agents: BTreeMap<(usize, usize), u64>,
-    /// Environments and agents, each with the variants of environment and protocol that were noted.
-    recorded: BTreeSet<(usize, usize, usize, usize)>,
+    /// What a built agent asks for before it learns, by what is given for environment and agent.
+    agents: BTreeMap<[known::Given; 2], u64>,
+    /// Environments and agents, each with the ids of environment and protocol that were noted.
+    recorded: BTreeSet<((usize, usize), [String; 2])>,
     /// Environments and protocols that were asked whether they fit, by id.
-    accepted: BTreeSet<(String, String)>,
+    accepted: BTreeSet<[String; 2]>,
     extra: usize,
     /// What warnings say: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
@@ -268,7 +275,7 @@ pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Er
     panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
     fn cell(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
         // What a source is refused for is said where the source is.
         if !self.sources_are_there(cell)? {
@@ -277,47 +284,49 @@ impl Builder<'_> {
         self.environment(cell)?;
         self.protocol(cell, world)?;
         let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
-        let Some(interface) = self.accepted_interface(cell)? else {
+        let Some(facts) = self.accepted(cell)? else {
             return Ok(());
         };
         self.extra += usize::from(!first);
-        self.build_once(cell, &interface, first, world)?;
-        self.goes_on_well(cell, &interface)?;
+        self.build_once(cell, &facts.interface, first, world)?;
+        self.goes_on_well(cell, &facts.interface)?;
         if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell)) {
-            let updates = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
-            let of_agent = entry.metrics.iter().cloned();
-            let of_agent: Vec<Metric> = of_agent.chain(updates.into_iter().flatten()).collect();
-            self.note(cell, pair, &of_agent, world)?;
+            let updates = || entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
+            let of_agent = || {
+                entry
+                    .metrics
+                    .iter()
+                    .cloned()
+                    .chain(updates().into_iter().flatten())
+            };
+            self.note(cell, pair, || of_agent().collect(), world)?;
         }
         self.warn_of_short_training(cell, world);
         Ok(())
     }
 
     /// What the registry has of the cell's agent; `None` for a policy of another trial.
-    fn entry(&self, cell: &Cell) -> Option<&AgentEntry> {
+    fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
         let sections = self.sections;
         sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
     }
 
-    /// What the cell's environment shows, once its protocol has accepted that and gives the agent what it learns
+    /// What is known of the cell's environment, once its protocol has accepted that and gives the agent what it learns
     /// from; `None` where one of the two could not be built, which was said.
-    fn accepted_interface(&mut self, cell: &Cell) -> Outcome<Option<Interface>> {
-        let [environment, agent, protocol] = &cell.parts;
-        let (Some(Some(facts)), Some(Some(measures))) = (
-            self.environments.get(&environment.id),
-            self.protocols.get(&protocol.id),
-        ) else {
+    fn accepted(&mut self, cell: &Cell) -> Outcome<Option<Arc<Facts>>> {
+        let [_, agent, protocol] = &cell.parts;
+        let (Some(facts), Some(Some(measures))) = (self.facts(cell), self.protocols.get(protocol.id()))
+        else {
             return Ok(None);
         };
         if let Some(why) = self.entry(cell).and_then(|entry| measures.gives_another(entry)) {
             return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
         }
-        let pair = (environment.id.clone(), protocol.id.clone());
-        if self.accepted.insert(pair) {
+        if self.accepted.insert(ids(cell)) {
             let accepts = measures.protocol.accepts(&facts.interface, &facts.metrics);
             accepts.map_err(|error| Box::new(self.refused(protocol, &error)))?;
         }
-        Ok(self.interface(cell))
+        Ok(Some(facts))
     }
 
     /// Builds an agent in an environment, unless it was or too many settings of its pair were.
@@ -328,29 +337,26 @@ impl Builder<'_> {
         first: bool,
         world: &mut World,
     ) -> Outcome<()> {
-        let addresses = (address(&cell.parts[0]), address(&cell.parts[1]));
-        if self.agents.contains_key(&addresses) {
+        let given = given(cell);
+        if self.agents.contains_key(&given) || !first && self.extra > MOST_SETTINGS_BUILT {
             return Ok(());
         }
-        // One that is not built, or is refused, may learn from the first step on.
-        self.agents.insert(addresses, 1);
-        if !first && self.extra > MOST_SETTINGS_BUILT {
-            return Ok(());
-        }
+        self.agents.insert(given.clone(), FROM_THE_FIRST_STEP);
         let built = self.agent(cell, interface)?;
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
-        self.agents.insert(addresses, learns_after);
+        self.agents.insert(given, learns_after);
         if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
-            self.note(cell, pair, &built.decision_metrics(), world)?;
+            self.note(cell, pair, || built.decision_metrics(), world)?;
         }
         Ok(())
     }
 
     /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
     fn warn_of_short_training(&mut self, cell: &Cell, world: &mut World) {
-        let [environment, agent, protocol] = &cell.parts;
-        let learns_after = self.agents[&(address(environment), address(agent))];
-        let Some(Some(measures)) = self.protocols.get(&protocol.id) else {
+        let [_, agent, protocol] = &cell.parts;
+        let learns_after = self.agents.get(&given(cell)).copied();
+        let learns_after = learns_after.unwrap_or(FROM_THE_FIRST_STEP);
+        let Some(Some(measures)) = self.protocols.get(protocol.id()) else {
             return;
         };
         if measures.protocol.compares_untrained() {
@@ -370,24 +376,20 @@ impl Builder<'_> {
         &mut self,
         cell: &Cell,
         pair: (usize, usize),
-        of_agent: &[Metric],
+        of_agent: impl FnOnce() -> Vec<Metric>,
         world: &mut World,
     ) -> Outcome<()> {
         let [environment, _, protocol] = &cell.parts;
-        let known = (
-            self.environments.get(&environment.id),
-            self.protocols.get(&protocol.id),
-        );
-        if let (Some(Some(facts)), Some(Some(measures))) = known
-            && self
-                .recorded
-                .insert((pair.0, pair.1, address(environment), address(protocol)))
+        let known = (self.facts(cell), self.protocols.get(protocol.id()));
+        if let (Some(facts), Some(Some(measures))) = known
+            && self.recorded.insert((pair, ids(cell)))
         {
+            let of_agent = of_agent();
             let metrics = measures.metrics.len() + facts.metrics.len() + of_agent.len();
             if metrics > MOST_METRICS {
                 return Err(Box::new(self.records_too_much(environment, metrics)));
             }
-            note(pair, facts, measures, of_agent, world);
+            note(pair, &facts, measures, &of_agent, world);
         }
         Ok(())
     }
@@ -524,7 +526,7 @@ impl Builder<'_> {
 
     fn protocol(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
         let resolved = &cell.parts[2];
-        if self.protocols.contains_key(&resolved.id) {
+        if self.protocols.contains_key(resolved.id()) {
             return Ok(());
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
@@ -541,7 +543,7 @@ impl Builder<'_> {
             }
             Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
         };
-        self.protocols.insert(resolved.id.clone(), measures);
+        self.protocols.insert(resolved.id().to_owned(), measures);
         refusal.map_or(Ok(()), Err)
     }
 

@@ -1,112 +1,28 @@
-//! The cells of a study: each combination of environment, agent and setting that is not left out, and each
-//! entry of `prepare`, with its resolved parts.
+//! From the sections of a study to its cells.
 
 use super::{
+    cell::{Cell, Cells, Combination, Swept},
     config::{self, Files, Plugin},
-    grid::{self, Grid},
+    known::{Given, Known, Resolved, words},
     overrides::Override,
     path::{self, Target},
-    schedule::Stretch,
     search::Searched,
     sweep::{Dimension, SweptKey},
-    taking::Source,
     written::{Chosen, Named, PartKind, Prepared, Selection, Written},
 };
 use crate::{
     Registry, cast,
-    complete_config::CompleteConfig,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
     limits::Limits,
     schema_check::View,
-    setting::Setting,
     store::Announcements,
-    trial::Part,
 };
 use serde_json::Value;
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 /// Largest number of trials of one study.
 pub const MOST_TRIALS: u64 = 1_000_000;
-
-/// What trials of different seeds have in common.
-#[derive(Debug, Clone)]
-pub struct Cell {
-    /// What it is in the study.
-    pub place: Place,
-    /// The point of the sweep, as `key=value` words.
-    pub setting: Arc<str>,
-    /// The same with the values themselves.
-    pub point: Setting,
-    /// Environment, agent and protocol.
-    pub parts: [Arc<Resolved>; 3],
-    /// What the parts take from other cells.
-    pub sources: Vec<Source>,
-}
-
-/// What a cell is in the study.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
-    /// A combination of an environment and an agent, by their indices.
-    Combination(usize, usize),
-    /// The entry of `prepare` with this index.
-    Prepared(usize),
-    /// A setting that the search with this index tries.
-    Tried(usize),
-    /// What leads an environment and an agent, by their indices, to the last setting of a schedule.
-    Leading(usize, usize),
-}
-
-impl Cell {
-    /// Indices of environment and agent; `None` for an entry of `prepare`.
-    #[must_use]
-    pub fn pair(&self) -> Option<(usize, usize)> {
-        match self.place {
-            Place::Combination(environment, agent) => Some((environment, agent)),
-            Place::Prepared(_) | Place::Tried(_) | Place::Leading(..) => None,
-        }
-    }
-
-    /// The search and the place there of the setting that the agent has.
-    #[must_use]
-    pub fn tried(&self) -> Option<(usize, usize)> {
-        self.parts[1].given.tried
-    }
-
-    /// True where the agent is the policy of another trial.
-    #[must_use]
-    pub fn is_policy(&self) -> bool {
-        self.parts[1].part.plugin == cast::POLICY
-    }
-}
-
-/// A plugin with its complete config, hashed.
-#[derive(Debug)]
-pub struct Resolved {
-    /// What is built.
-    pub part: Arc<Part>,
-    /// Its hash.
-    pub id: String,
-    /// What was given for it, to find the place of a mistake.
-    pub given: Given,
-}
-
-/// What sets a part's config apart from what is written for it.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Given {
-    /// The part.
-    pub target: Target,
-    /// Overrides that apply, by index.
-    pub overrides: Vec<usize>,
-    /// Dimensions of the sweep with the point taken.
-    pub points: Vec<(usize, usize)>,
-    /// A search with the setting taken.
-    pub tried: Option<(usize, usize)>,
-    /// The part of a schedule that a protocol takes.
-    pub stretch: Option<Stretch>,
-    /// False for a protocol that is given to an agent which does not learn.
-    pub training: bool,
-}
 
 /// All that cells are made of.
 pub struct Sections<'a> {
@@ -140,66 +56,48 @@ impl Sections<'_> {
     ///
     /// # Errors
     /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
-    pub fn cells(&self) -> Result<Vec<Cell>, Vec<Diagnostic>> {
-        let (mut cells, mut found) = (Vec::new(), Vec::new());
+    pub fn cells(&self) -> Result<Cells, Vec<Diagnostic>> {
+        let (mut combinations, mut others, mut found) = (Vec::new(), Vec::new(), Vec::new());
         let mut known = Known::new(self);
-        for (environment, agent) in self.pairs() {
+        let values = self.values();
+        for pair in self.pairs() {
             let targets = [
-                Target::Environment(environment),
-                Target::Agent(agent),
+                Target::Environment(pair.0),
+                Target::Agent(pair.1),
                 Target::Protocol,
             ];
-            let [one, two, three] = match known.grids(targets, (environment, agent)) {
-                Ok(grids) => grids,
-                Err(errors) => {
-                    found.extend(errors);
-                    continue;
-                }
-            };
-            let dimensions = self.concerned(&targets);
-            let count = dimensions.iter().map(|(_, count)| count).product();
-            let words = self.words(&targets);
-            cells.reserve(count);
-            for place in 0..count {
-                let points = grid::points(&dimensions, place);
-                let parts = [one.at(&points), two.at(&points), three.at(&points)];
-                let [Some(one), Some(two), Some(three)] = parts.map(Option::<&Arc<Resolved>>::cloned) else {
-                    continue;
-                };
-                let point = self.setting(&words, &points);
-                cells.push(Cell {
-                    place: Place::Combination(environment, agent),
-                    setting: point.to_string().into(),
-                    point,
-                    parts: [one, two, three],
-                    sources: Vec::new(),
-                });
-            }
-        }
-        for (index, entry) in self.written.prepared.iter().enumerate() {
-            match self
-                .parts_of(index, entry)
-                .and_then(|targets| known.prepared(index, targets))
-            {
-                Ok(cell) => cells.push(cell),
+            match known.grids(targets, pair) {
+                Ok(parts) => combinations.push(Combination {
+                    pair,
+                    dimensions: self.concerned(&targets),
+                    keys: self.swept(&targets, &values),
+                    parts,
+                }),
                 Err(errors) => found.extend(errors),
             }
         }
+        let mut keep = |made: Result<Cell, Vec<Diagnostic>>| match made {
+            Ok(cell) => others.push(cell),
+            Err(errors) => found.extend(errors),
+        };
+        for (index, entry) in self.written.prepared.iter().enumerate() {
+            let targets = self.parts_of(index, entry);
+            keep(targets.and_then(|targets| known.prepared(index, targets)));
+        }
         for (index, searched) in self.searches.iter().enumerate() {
-            for point in 0..searched.points.len() {
-                match known.tried(index, point) {
-                    Ok(cell) => cells.push(cell),
-                    Err(errors) => found.extend(errors),
-                }
-            }
+            (0..searched.points.len()).for_each(|point| keep(known.tried(index, point)));
         }
         for (environment, agent) in self.pairs() {
             match known.leading(environment, agent) {
-                Ok(leading) => cells.extend(leading),
+                Ok(leading) => others.extend(leading),
                 Err(errors) => found.extend(errors),
             }
         }
-        if found.is_empty() { Ok(cells) } else { Err(found) }
+        if found.is_empty() {
+            Ok(Cells::new(combinations, others))
+        } else {
+            Err(found)
+        }
     }
 
     /// Where the parts of an entry of `prepare` are written.
@@ -332,12 +230,14 @@ impl Sections<'_> {
     }
 
     /// Makes the complete config of a part.
-    pub(super) fn resolve(&self, given: Given, files: &mut Files<'_>) -> Result<Resolved, Vec<Diagnostic>> {
+    pub(super) fn resolve(
+        &self,
+        plugin: &Plugin<'_>,
+        given: Given,
+        files: &mut Files<'_>,
+    ) -> Result<Resolved, Vec<Diagnostic>> {
         let config = self.assigned(&given);
-        let Some(plugin) = self.plugin(given.target) else {
-            return Err(Vec::new());
-        };
-        let mut part = config::resolve(&plugin, &config, files, self.sources)?;
+        let mut part = config::resolve(plugin, &config, files, self.sources)?;
         if !given.training {
             let entry = &self.registry.protocols[plugin.name];
             let config = (entry.without_training)(&part.config).map_err(|error| {
@@ -346,11 +246,7 @@ impl Sections<'_> {
             })?;
             part.config = config.into();
         }
-        Ok(Resolved {
-            id: part.id(),
-            part: part.into(),
-            given,
-        })
+        Ok(Resolved::new(part, given))
     }
 
     /// The setting that was chosen for an agent: the search and its place there.
@@ -359,32 +255,30 @@ impl Sections<'_> {
         Some((search, self.searches[search].chosen?))
     }
 
-    /// The swept keys of these targets, each with its dimension and the word that it has in settings.
-    fn words(&self, targets: &[Target]) -> Vec<(usize, &SweptKey<'_>, Arc<str>)> {
-        let of_dimension = |(index, dimension): (usize, &'_ Dimension<'_>)| {
-            (0..dimension.keys.len())
-                .map(move |place| (index, place))
-                .collect::<Vec<_>>()
-        };
-        let all = self.dimensions.iter().enumerate().flat_map(of_dimension);
-        let keys: Vec<(usize, &SweptKey<'_>)> = all
-            .map(|(index, place)| (index, &self.dimensions[index].keys[place]))
-            .filter(|(_, key)| targets.contains(&key.path.target))
-            .collect();
-        let words = words(&keys.iter().map(|(_, key)| key.text.as_str()).collect::<Vec<_>>());
-        keys.into_iter()
-            .zip(words)
-            .map(|((index, key), word)| (index, key, word))
-            .collect()
+    /// The values of all swept keys, by dimension.
+    fn values(&self) -> Vec<Vec<Arc<[Value]>>> {
+        let of_key = |key: &SweptKey<'_>| key.values.iter().map(Node::to_value).collect();
+        let of_dimension = |it: &Dimension<'_>| it.keys.iter().map(of_key).collect();
+        self.dimensions.iter().map(of_dimension).collect()
     }
 
-    /// The point of the sweep.
-    fn setting(&self, words: &[(usize, &SweptKey<'_>, Arc<str>)], points: &[(usize, usize)]) -> Setting {
-        let value = |(index, key, word): &(usize, &SweptKey<'_>, Arc<str>)| {
-            let (_, point) = points.iter().find(|(dimension, _)| dimension == index)?;
-            Some((Arc::clone(word), key.values[*point].to_value()))
+    /// The swept keys of these targets, with the words that they have in settings.
+    fn swept(&self, targets: &[Target], values: &[Vec<Arc<[Value]>>]) -> Vec<Swept> {
+        let all = self.dimensions.iter().zip(values).enumerate();
+        let all = all.flat_map(|(index, (dimension, values))| {
+            let keys = dimension.keys.iter().zip(values);
+            keys.map(move |(key, values)| (index, key, values))
+        });
+        let concerned: Vec<_> = all
+            .filter(|(_, key, _)| targets.contains(&key.path.target))
+            .collect();
+        let texts: Vec<&str> = concerned.iter().map(|(_, key, _)| key.text.as_str()).collect();
+        let with_word = |((dimension, _, values), word): ((usize, _, &Arc<[Value]>), _)| Swept {
+            dimension,
+            word,
+            values: Arc::clone(values),
         };
-        words.iter().filter_map(value).collect()
+        concerned.into_iter().zip(words(&texts)).map(with_word).collect()
     }
 
     /// The plugin of a part.
@@ -415,214 +309,5 @@ impl Sections<'_> {
             at: format!("{at}.{}", named.plugin),
             span: named.plugin_span,
         })
-    }
-}
-
-/// How keys are written in a setting: each with its last word, or as a whole where that is not unique.
-fn words(keys: &[&str]) -> Vec<Arc<str>> {
-    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
-    let word = |text: &&str| {
-        let is_unique = keys.iter().filter(|other| last(other) == last(text)).count() == 1;
-        if is_unique {
-            last(text).into()
-        } else {
-            Arc::from(*text)
-        }
-    };
-    keys.iter().map(word).collect()
-}
-
-/// The complete config of the protocol with which settings are compared.
-pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
-    let mut known = Known::new(sections);
-    let targets = [
-        Target::Environment(searched.environment),
-        Target::Agent(searched.agent),
-        Target::Protocol,
-    ];
-    let parts = known
-        .parts(targets, (searched.environment, searched.agent), &[], None)
-        .ok()?;
-    Some(parts[2].part.config.clone())
-}
-
-pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
-
-/// Parts that were resolved already: a part is resolved once, however many cells share it.
-pub(super) struct Known<'a> {
-    pub(super) sections: &'a Sections<'a>,
-    pub(super) files: Files<'a>,
-    parts: BTreeMap<Given, Outcome>,
-    /// By what is given at the first point.
-    grids: BTreeMap<Given, Arc<Grid>>,
-}
-
-impl<'a> Known<'a> {
-    pub(super) fn new(sections: &'a Sections<'a>) -> Self {
-        Self {
-            sections,
-            files: Files::new(sections.folder),
-            parts: BTreeMap::new(),
-            grids: BTreeMap::new(),
-        }
-    }
-
-    /// The parts of an environment and an agent at every point of the sweep.
-    fn grids(
-        &mut self,
-        targets: [Target; 3],
-        pair: (usize, usize),
-    ) -> Result<[Arc<Grid>; 3], Vec<Diagnostic>> {
-        let mut mistakes = Vec::new();
-        let chosen = self.sections.chosen(pair.1);
-        let grids = [0, 1, 2].map(|place| {
-            let dimensions = self.sections.concerned(&targets[place..=place]);
-            let first: Vec<(usize, usize)> = dimensions.iter().map(|(index, _)| (*index, 0)).collect();
-            let given = self.given(targets, pair, &first, chosen, place);
-            let grid = self.grids.get(&given).cloned().unwrap_or_else(|| {
-                let grid = Arc::new(Grid::resolve(self, &given, dimensions));
-                self.grids.insert(given, Arc::clone(&grid));
-                grid
-            });
-            mistakes.extend(grid.mistakes.iter().cloned());
-            grid
-        });
-        if mistakes.is_empty() {
-            Ok(grids)
-        } else {
-            Err(mistakes)
-        }
-    }
-
-    /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from
-    /// the study, apply to it too.
-    fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
-        let swept = self
-            .sections
-            .dimensions
-            .iter()
-            .flat_map(|it| &it.keys)
-            .find(|key| targets.contains(&key.path.target));
-        if let Some(key) = swept {
-            let entry = &self.sections.written.prepared[index];
-            let message = format!(
-                "`{}` is swept, so that the entry `{}` would have several settings",
-                key.text, entry.name
-            );
-            let error =
-                self.sections
-                    .sources
-                    .error(entry.name_span, &format!("prepare.{}", entry.name), message);
-            return Err(vec![error.help("write the part that is meant into the entry")]);
-        }
-        self.needs_no_schedule(index, targets[1])?;
-        let index_of = |target| match target {
-            Target::Environment(index) | Target::Agent(index) => index,
-            _ => usize::MAX,
-        };
-        let (environment, agent) = (index_of(targets[0]), index_of(targets[1]));
-        let parts = self.parts(targets, (environment, agent), &[], self.sections.chosen(agent))?;
-        let (setting, point) = ("".into(), Setting::default());
-        Ok(Cell {
-            place: Place::Prepared(index),
-            setting,
-            point,
-            parts,
-            sources: Vec::new(),
-        })
-    }
-
-    /// A setting that a search tries.
-    fn tried(&mut self, search: usize, place: usize) -> Result<Cell, Vec<Diagnostic>> {
-        let searched = &self.sections.searches[search];
-        let (environment, agent) = (searched.environment, searched.agent);
-        let targets = [
-            Target::Environment(environment),
-            Target::Agent(agent),
-            Target::Protocol,
-        ];
-        let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
-        let point = self.point(search, place);
-        Ok(Cell {
-            place: Place::Tried(search),
-            setting: point.to_string().into(),
-            point,
-            parts,
-            sources: Vec::new(),
-        })
-    }
-
-    /// A setting of a search, with its keys as they are written.
-    pub(super) fn point(&self, search: usize, place: usize) -> Setting {
-        let searched = &self.sections.searches[search];
-        let keys: Vec<&str> = searched
-            .search
-            .keys
-            .iter()
-            .map(|(text, _)| text.as_str())
-            .collect();
-        let values = searched.points[place].iter().map(Node::to_value);
-        words(&keys).into_iter().zip(values).collect()
-    }
-
-    pub(super) fn parts(
-        &mut self,
-        targets: [Target; 3],
-        pair: (usize, usize),
-        points: &[(usize, usize)],
-        tried: Option<(usize, usize)>,
-    ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
-        let [one, two, three] = [0, 1, 2].map(|place| {
-            let given = self.given(targets, pair, points, tried, place);
-            self.part(given)
-        });
-        Ok([one?, two?, three?])
-    }
-
-    /// What is given for one of the parts of a pair, at a point of the sweep.
-    fn given(
-        &self,
-        targets: [Target; 3],
-        (environment, agent): (usize, usize),
-        points: &[(usize, usize)],
-        tried: Option<(usize, usize)>,
-        place: usize,
-    ) -> Given {
-        let plugin = self.sections.written.plugin(targets[1]);
-        let learns = self
-            .sections
-            .registry
-            .agents
-            .get(plugin)
-            .is_some_and(|entry| entry.learns);
-        let of_setting =
-            |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
-        let stretch = tried.and_then(of_setting);
-        let target = targets[place];
-        let overrides = self.sections.overrides.iter().enumerate();
-        let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
-        let overrides = overrides
-            .filter(|(_, it)| applies(it))
-            .map(|(index, _)| index)
-            .collect();
-        let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
-        Given {
-            target,
-            overrides,
-            points: points.iter().filter(concerned).copied().collect(),
-            tried: tried.filter(|_| target == Target::Agent(agent)),
-            stretch: stretch.filter(|_| target == Target::Protocol),
-            training: learns || place < 2,
-        }
-    }
-
-    pub(super) fn part(&mut self, given: Given) -> Outcome {
-        if let Some(known) = self.parts.get(&given) {
-            return known.clone();
-        }
-        let resolved = self.sections.resolve(given.clone(), &mut self.files);
-        let outcome = resolved.map(Arc::new);
-        self.parts.insert(given, outcome.clone());
-        outcome
     }
 }

@@ -3,7 +3,7 @@
 //! A claim that is open after all seeds of its study is no better for a few more of them, which were added because
 //! of what was seen. It is for other seeds to say, and for a study that names them before the first trial.
 
-use super::{ClaimSpec, Options, Place, Study, along, cells::Resolved, include, load_alone};
+use super::{ClaimSpec, Options, Place, Study, along, include, known::Resolved, load_alone};
 use crate::{
     Registry,
     diagnostic::{self, Diagnostic, Sources, Span},
@@ -315,10 +315,10 @@ fn combinations(study: &Study) -> impl Iterator<Item = (String, [String; 3])> {
             Place::Prepared(index) => format!("`{}`", study.prepared.get(index)?),
             Place::Tried(_) | Place::Leading(..) => return None,
         };
-        let setting = if cell.setting.is_empty() {
+        let setting = if cell.point.is_empty() {
             String::new()
         } else {
-            format!(" ({})", cell.setting)
+            format!(" ({})", cell.point)
         };
         let hash = |resolved: &Resolved| {
             let part = Part::clone(&resolved.part);

@@ -1,7 +1,8 @@
 //! Plays: who meets whom, in which environment, with what to be trained before.
 
 use super::{
-    cells::{Cell, MOST_TRIALS, Sections},
+    cell::Cells,
+    cells::{MOST_TRIALS, Sections},
     config::{self, Files, locate},
     path::{KeyPath, Target},
     written::Named,
@@ -91,7 +92,7 @@ impl Play {
 /// Names that do not exist, seats without exactly one role, agents that cannot be set against each other.
 pub(super) fn resolve(
     sections: &Sections<'_>,
-    cells: &[Cell],
+    cells: &Cells,
     n_seeds: usize,
 ) -> Result<Vec<Play>, Vec<Diagnostic>> {
     let (mut plays, mut found) = (Vec::new(), Vec::new());
@@ -114,7 +115,7 @@ pub(super) fn resolve(
 
 struct Reader<'a> {
     sections: &'a Sections<'a>,
-    cells: &'a [Cell],
+    cells: &'a Cells,
     named: &'a Named,
     at: String,
     found: Vec<Diagnostic>,
@@ -221,11 +222,7 @@ impl Reader<'_> {
         };
         let listed = self.named.config.entry("agents");
         let span = listed.map_or(self.named.name_span, |entry| entry.key_span);
-        let here = |index: &usize| {
-            self.cells
-                .iter()
-                .any(|cell| cell.pair() == Some((environment, *index)))
-        };
+        let here = |index: &usize| !self.cells.of_pair((environment, *index)).is_empty();
         let all = || {
             (0..agents.len())
                 .filter(|index| learns(*index) && here(index))
@@ -239,7 +236,7 @@ impl Reader<'_> {
                 let name = self.sections.written.agents[index].name.clone();
                 players.push(Player {
                     name,
-                    learns: self.cells[cell].parts[2].given.training,
+                    learns: self.cells.at(cell).parts[2].given.training,
                     cell,
                 });
             }
@@ -294,18 +291,11 @@ impl Reader<'_> {
 
     /// The one cell that trains an agent here.
     fn only_cell(&mut self, environment: usize, agent: usize, span: Span) -> Option<usize> {
-        let is_here = |(_, cell): &(usize, &Cell)| cell.pair() == Some((environment, agent));
-        let found: Vec<usize> = self
-            .cells
-            .iter()
-            .enumerate()
-            .filter(is_here)
-            .map(|(index, _)| index)
-            .collect();
+        let found = self.cells.of_pair((environment, agent));
         let name = &self.sections.written.agents[agent].name;
-        match found.as_slice() {
-            [one] => return Some(*one),
-            [] => {
+        match found.len() {
+            1 => return Some(found.start),
+            0 => {
                 let message = format!("no trial feeds the agent `{name}` here");
                 self.say(
                     span,
@@ -315,10 +305,8 @@ impl Reader<'_> {
                 );
             }
             several => {
-                let message = format!(
-                    "`{name}` has {} settings here, and each would be another player",
-                    several.len()
-                );
+                let message =
+                    format!("`{name}` has {several} settings here, and each would be another player");
                 self.say(
                     span,
                     "agents",
@@ -335,7 +323,7 @@ impl Reader<'_> {
         let Some((first, others)) = players.split_first() else {
             return;
         };
-        let environment = |player: &Player| self.cells[player.cell].parts[0].id.clone();
+        let environment = |player: &Player| self.cells.at(player.cell).parts[0].id().to_owned();
         if let Some(other) = others
             .iter()
             .find(|other| environment(other) != environment(first))
@@ -355,7 +343,8 @@ impl Reader<'_> {
 
     /// The environment of a cell with the keys of `environment_config` written over it.
     fn arena(&mut self, cell: usize, over: &Node) -> Option<(Part, Box<dyn Environment>)> {
-        let given = &self.cells[cell].parts[0].given;
+        let [trained, ..] = self.cells.at(cell).parts;
+        let given = &trained.given;
         let plugin = self.sections.plugin(given.target)?;
         let at = format!("{}.environment_config", self.at);
         let mut checker = Checker::new(self.sections.sources);
@@ -389,7 +378,7 @@ impl Reader<'_> {
         let resolved = config::resolve(&plugin, &config, &mut files, self.sections.sources);
         let part = resolved.map_err(|errors| self.found.extend(errors)).ok()?;
         let build = &self.sections.registry.environments[part.plugin.as_str()].build;
-        match (build(&part.config), build(&self.cells[cell].parts[0].part.config)) {
+        match (build(&part.config), build(&trained.part.config)) {
             (Ok(arena), Ok(trained)) if arena.interface() == trained.interface() => {
                 return Some((part, arena));
             }

@@ -2,12 +2,15 @@
 
 use super::{
     builds::{Builder, Outcome, built},
-    cells::Cell,
+    cell::Cell,
 };
 use crate::{Environment, Error, Interface, Metric, patience};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// What is known of a built environment.
 #[derive(Serialize, Deserialize)]
@@ -38,13 +41,14 @@ impl Builder<'_> {
     /// What it refuses.
     pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
         let resolved = &cell.parts[0];
-        if self.environments.contains_key(&resolved.id) {
+        if self.environments.contains_key(resolved.id()) {
             return Ok(());
         }
         let known = self.sections.announced;
-        if let Some(facts) = known.and_then(|known| known.recall(&resolved.id)) {
+        if let Some(facts) = known.and_then(|known| known.recall(resolved.id())) {
             self.is_recalled = true;
-            self.environments.insert(resolved.id.clone(), Some(facts));
+            self.environments
+                .insert(resolved.id().to_owned(), Some(Arc::new(facts)));
             return Ok(());
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
@@ -57,28 +61,22 @@ impl Builder<'_> {
             Ok((environment, doubts)) => {
                 let facts = Facts::of(&*environment);
                 if doubts.is_some() {
-                    self.announced.insert(resolved.id.clone(), json!(facts));
+                    self.announced.insert(resolved.id().to_owned(), json!(facts));
                 }
                 let warning = |doubt: &Error| self.refused(resolved, doubt).as_warning();
                 let doubts: Vec<_> = doubts.iter().flatten().map(warning).collect();
                 self.doubts.extend(doubts);
-                (Some(facts), None)
+                (Some(Arc::new(facts)), None)
             }
             Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
         };
-        self.environments.insert(resolved.id.clone(), facts);
+        self.environments.insert(resolved.id().to_owned(), facts);
         refusal.map_or(Ok(()), Err)
     }
 
-    /// The seats of the environment of a cell, where it could be built.
-    pub(super) fn interface(&self, cell: &Cell) -> Option<Interface> {
-        Some(
-            self.environments
-                .get(&cell.parts[0].id)?
-                .as_ref()?
-                .interface
-                .clone(),
-        )
+    /// What is known of the environment of a cell, where it could be built.
+    pub(super) fn facts(&self, cell: &Cell) -> Option<Arc<Facts>> {
+        self.environments.get(cell.parts[0].id())?.clone()
     }
 }
 

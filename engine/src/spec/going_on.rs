@@ -1,6 +1,6 @@
 //! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
 
-use super::{builds::Builder, cells::Cell, schedule, search::Searched, taking};
+use super::{builds::Builder, cell::Cell, schedule, search::Searched, taking};
 use crate::{
     Agent, Interface, ProductKind,
     diagnostic::Diagnostic,
@@ -20,9 +20,9 @@ impl Builder<'_> {
         let Some(source) = from.filter(|_| cell.parts[2].given.stretch.is_none()) else {
             return Ok(());
         };
-        let begun = &self.cells[source.cell];
-        let name = taking::name(self.sections, begun);
-        if begun.parts[0].id != cell.parts[0].id {
+        let begun = self.cells.at(source.cell);
+        let name = taking::name(self.sections, begun.place);
+        if begun.parts[0].id() != cell.parts[0].id() {
             let message =
                 format!("`{name}` learns in another environment than the one in which that shall go on");
             return Err(Box::new(self.at(cell, source, message)));
@@ -41,15 +41,15 @@ impl Builder<'_> {
             return Ok(());
         }
         let pair = (searched.environment, searched.agent);
-        let Some(cell) = self.cells.iter().find(|cell| cell.pair() == Some(pair)) else {
+        let first = self.cells.of_pair(pair).next().map(|index| self.cells.at(index));
+        let facts = first.and_then(|cell| self.facts(&cell));
+        let (Some(facts), Ok(folder)) = (facts, tempfile::tempdir()) else {
             return Ok(());
         };
-        let (Some(interface), Ok(folder)) = (self.interface(cell), tempfile::tempdir()) else {
-            return Ok(());
-        };
+        let interface = &facts.interface;
         let shares = vec![0.0; searched.paths.len()];
         // What cannot be built is said of the settings themselves.
-        let Some(first) = self.member(searched, &shares, &interface) else {
+        let Some(first) = self.member(searched, &shares, interface) else {
             return Ok(());
         };
         if write_checkpoint_specimen(folder.path(), &*first).is_err() {
@@ -58,7 +58,7 @@ impl Builder<'_> {
         for key in 0..shares.len() {
             let mut other = shares.clone();
             other[key] = 1.0;
-            if let Some(member) = self.member(searched, &other, &interface) {
+            if let Some(member) = self.member(searched, &other, interface) {
                 self.takes_up(searched, key, member, folder.path())?;
             }
         }

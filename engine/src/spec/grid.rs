@@ -1,85 +1,116 @@
 //! The configs of one part at every point of the dimensions that concern it. A sweep may have a million points: each is
-//! resolved once, on all cores, and of its config only that is kept in which it differs from the first point's.
+//! resolved once, on all cores, and then only that is kept of it which does not follow from its dimensions one by one.
 
 use super::{
-    cells::{Given, Known, Outcome, Resolved},
-    config::Files,
+    config::{Files, Plugin},
+    known::{Given, Known, Resolved},
 };
 use crate::{
     complete_config::{Change, CompleteConfig, changes},
     diagnostic::Diagnostic,
+    product::named_in,
+    trial::Part,
 };
 use rayon::prelude::*;
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
 
-/// From so many points on they are shared out among the cores.
+/// Of so many points each is kept; from there on they are also shared out among the cores.
 const MANY: usize = 2000;
+/// So many points are resolved between two looks at what was found.
+const AT_ONCE: usize = 20 * MANY;
 /// So many mistakes of one part are told; those of a sweep mostly come from one key.
 const MOST_MISTAKES: usize = 100;
 
+/// What one point of one dimension changes of the first point's config; `None` where that is not all that differs.
+type Changed = Option<Box<[Arc<Change>]>>;
+
 /// A part at every point of some dimensions.
+#[derive(Debug)]
 pub(super) struct Grid {
-    /// The dimensions, by their places in the sweep, with how many points each has.
+    /// The dimensions, by their places in the sweep, with how many points each has; the first changes slowest.
     dimensions: Vec<(usize, usize)>,
-    /// The parts; the first dimension changes slowest.
-    parts: Vec<Arc<Resolved>>,
-    /// What keeps points from being resolved.
-    pub(super) mistakes: Vec<Diagnostic>,
+    /// The part at the first point.
+    first: Arc<Resolved>,
+    /// By dimension and point. A part that is not kept has the changes of its points together.
+    single: Vec<Vec<Changed>>,
+    /// Parts that are kept, by their place among all points.
+    kept: BTreeMap<usize, Arc<Resolved>>,
+    /// True where some config names a product of another trial.
+    pub(super) names_products: bool,
 }
 
 impl Grid {
-    /// The part at a point of all dimensions of a combination.
-    pub(super) fn at(&self, points: &[(usize, usize)]) -> Option<&Arc<Resolved>> {
-        let mut place = 0;
-        for (dimension, count) in &self.dimensions {
-            let (_, point) = points.iter().find(|(index, _)| index == dimension)?;
-            place = place * count + point;
+    /// Resolves what `given` says at every point of some dimensions.
+    ///
+    /// # Errors
+    /// What keeps points from being resolved.
+    pub(super) fn resolve(
+        known: &mut Known<'_>,
+        given: &Given,
+        dimensions: Vec<(usize, usize)>,
+    ) -> Result<Self, Vec<Diagnostic>> {
+        let points = points(&dimensions, 0);
+        let first = known.part(Given {
+            points,
+            ..given.clone()
+        });
+        let maker = Maker {
+            known,
+            plugin: known.sections.plugin(given.target).ok_or_else(Vec::new)?,
+            given,
+            first: first.as_deref().ok(),
+            names_products: AtomicBool::new(false),
+        };
+        let single = maker.single(&dimensions);
+        let mut mistakes = first.as_ref().err().cloned().unwrap_or_default();
+        let kept = maker.kept(&dimensions, &single, &mut mistakes);
+        let names_products = maker.names_products.into_inner();
+        match first {
+            Ok(first) if mistakes.is_empty() => Ok(Self {
+                names_products: names_products || !named_in(&first.part.config).is_empty(),
+                dimensions,
+                first,
+                single,
+                kept,
+            }),
+            _ => Err(mistakes),
         }
-        self.parts.get(place)
     }
 
-    /// Resolves what `given` says at every point of some dimensions.
-    pub(super) fn resolve(known: &mut Known<'_>, given: &Given, dimensions: Vec<(usize, usize)>) -> Self {
-        let count: usize = dimensions.iter().map(|(_, count)| count).product();
-        let at = |place: usize| Given {
-            points: points(&dimensions, place),
-            ..given.clone()
-        };
-        let first = known.part(at(0));
-        let outcomes: Vec<Outcome> = match &first {
-            Ok(base) if count > 1 => {
-                let shared = Changes::of(known, base, given, &dimensions);
-                let resolve = |files: &mut Files<'_>, place: usize| {
-                    let part = known.sections.resolve(at(place), files)?;
-                    Ok(Arc::new(shared.only_changes(part)))
-                };
-                let files = known.files.clone();
-                let rest: Vec<Outcome> = if count > MANY {
-                    (1..count).into_par_iter().map_with(files, resolve).collect()
-                } else {
-                    let mut files = files;
-                    (1..count).map(|place| resolve(&mut files, place)).collect()
-                };
-                std::iter::once(first).chain(rest).collect()
-            }
-            _ => (1..count).fold(vec![first], |mut all, place| {
-                all.push(known.part(at(place)));
-                all
-            }),
-        };
-        let (mut parts, mut mistakes) = (Vec::with_capacity(count), Vec::new());
-        for outcome in outcomes {
-            match outcome {
-                Ok(part) => parts.push(part),
-                Err(errors) if mistakes.len() < MOST_MISTAKES => mistakes.extend(errors),
-                Err(_) => {}
-            }
+    /// The part at a point of all dimensions of a combination.
+    pub(super) fn at(&self, points: &[(usize, usize)]) -> Arc<Resolved> {
+        let is_own = |(index, _): &&(usize, usize)| self.dimensions.iter().any(|(own, _)| own == index);
+        let points: Vec<(usize, usize)> = points.iter().filter(is_own).copied().collect();
+        let counts = self.dimensions.iter().map(|(_, count)| count);
+        let place = counts
+            .zip(&points)
+            .fold(0, |place, (count, (_, point))| place * count + point);
+        if place == 0 {
+            return Arc::clone(&self.first);
         }
-        Self {
-            dimensions,
-            parts,
-            mistakes,
+        if let Some(kept) = self.kept.get(&place) {
+            return Arc::clone(kept);
         }
+        let changes = together(&self.single, &points).unwrap_or_default();
+        let changes = changes.into_iter().cloned().collect();
+        let part = Part {
+            config: CompleteConfig::changed(&self.first.part.config, changes),
+            ..Part::clone(&self.first.part)
+        };
+        let given = self.first.given.clone();
+        Resolved::new(part, Given { points, ..given }).into()
+    }
+
+    /// How many parts and changes are in memory.
+    #[cfg(test)]
+    pub(super) fn n_kept(&self) -> usize {
+        self.kept.len() + self.single.iter().map(Vec::len).sum::<usize>()
     }
 }
 
@@ -94,50 +125,119 @@ pub(super) fn points(dimensions: &[(usize, usize)], mut place: usize) -> Vec<(us
     points
 }
 
-/// What single dimensions change of the first point's config: points share these.
-struct Changes {
-    base: CompleteConfig,
-    /// By pointer and by the text of the value.
-    single: BTreeMap<String, BTreeMap<String, Arc<Change>>>,
+/// The changes of all points; `None` where that of one is not all that differs.
+fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option<Vec<&'a Arc<Change>>> {
+    let mut all = Vec::new();
+    for (changes, (_, point)) in single.iter().zip(points).filter(|(_, (_, point))| *point > 0) {
+        all.extend(changes.get(point - 1)?.as_deref()?);
+    }
+    Some(all)
 }
 
-impl Changes {
-    fn of(known: &mut Known<'_>, base: &Resolved, given: &Given, dimensions: &[(usize, usize)]) -> Self {
-        let base = base.part.config.clone();
-        let mut single: BTreeMap<String, BTreeMap<String, Arc<Change>>> = BTreeMap::new();
-        for (place, (_, count)) in dimensions.iter().enumerate() {
-            for point in 1..*count {
-                let mut points: Vec<(usize, usize)> =
-                    dimensions.iter().map(|(index, _)| (*index, 0)).collect();
+/// Resolves points.
+struct Maker<'a> {
+    known: &'a Known<'a>,
+    plugin: Plugin<'a>,
+    given: &'a Given,
+    /// `None` where it was refused.
+    first: Option<&'a Resolved>,
+    names_products: AtomicBool,
+}
+
+impl Maker<'_> {
+    fn resolve(
+        &self,
+        points: Vec<(usize, usize)>,
+        files: &mut Files<'_>,
+    ) -> Result<Resolved, Vec<Diagnostic>> {
+        let given = Given {
+            points,
+            ..self.given.clone()
+        };
+        let resolved = self.known.sections.resolve(&self.plugin, given, files)?;
+        if !named_in(&resolved.part.config).is_empty() {
+            self.names_products.store(true, Ordering::Relaxed);
+        }
+        Ok(resolved)
+    }
+
+    /// What each point of each dimension changes alone. A grid of few points keeps them all instead.
+    fn single(&self, dimensions: &[(usize, usize)]) -> Vec<Vec<Changed>> {
+        let count: usize = dimensions.iter().map(|(_, count)| count).product();
+        if count <= MANY {
+            return Vec::new();
+        }
+        let of_dimension = |place: usize| {
+            let changed = |files: &mut Files<'_>, point: usize| {
+                let mut points = points(dimensions, 0);
                 points[place].1 = point;
-                let given = Given {
-                    points,
-                    ..given.clone()
-                };
-                let Ok(part) = known.sections.resolve(given, &mut known.files) else {
-                    continue;
-                };
-                for change in changes(&base, &part.part.config.whole()) {
-                    let of_place = single.entry(change.pointer.clone()).or_default();
-                    of_place.insert(change.value.to_string(), Arc::new(change));
+                // A mistake is found again where all points are resolved.
+                let part = self.resolve(points, files).ok()?.part;
+                let first = &self.first?.part;
+                let changes = changes(&first.config, &part.config).into_iter().map(Arc::new);
+                (first.files == part.files).then(|| changes.collect())
+            };
+            let all = (1..dimensions[place].1).into_par_iter();
+            all.map_with(self.known.files.clone(), changed).collect()
+        };
+        (0..dimensions.len()).map(of_dimension).collect()
+    }
+
+    /// The parts that are more than the changes of their points together; ends early once there are many mistakes.
+    fn kept(
+        &self,
+        dimensions: &[(usize, usize)],
+        single: &[Vec<Changed>],
+        mistakes: &mut Vec<Diagnostic>,
+    ) -> BTreeMap<usize, Arc<Resolved>> {
+        let count: usize = dimensions.iter().map(|(_, count)| count).product();
+        let mut kept = BTreeMap::new();
+        for begin in (1..count).step_by(AT_ONCE) {
+            let places = (begin..count.min(begin + AT_ONCE))
+                .into_par_iter()
+                .with_min_len(MANY);
+            let found: Vec<_> = places
+                .map_with(self.known.files.clone(), |files, place| {
+                    let outcome = self.to_keep(points(dimensions, place), single, files);
+                    outcome.transpose().map(|outcome| (place, outcome))
+                })
+                .flatten_iter()
+                .collect();
+            for (place, outcome) in found {
+                match outcome {
+                    Ok(part) => drop(kept.insert(place, part)),
+                    Err(errors) if mistakes.len() < MOST_MISTAKES => mistakes.extend(errors),
+                    Err(_) => return kept,
                 }
             }
         }
-        Self { base, single }
+        kept
     }
 
-    /// The same part, with a config that holds what differs from the first point's.
-    fn only_changes(&self, mut resolved: Resolved) -> Resolved {
-        let found = changes(&self.base, &resolved.part.config);
-        let shared = found.into_iter().map(|change| self.shared(change)).collect();
-        let part = Arc::make_mut(&mut resolved.part);
-        part.config = CompleteConfig::changed(&self.base, shared);
-        resolved
-    }
-
-    fn shared(&self, change: Change) -> Arc<Change> {
-        let of_place = self.single.get(&change.pointer);
-        let known = of_place.and_then(|all| all.get(&change.value.to_string()));
-        known.map_or_else(|| Arc::new(change), Arc::clone)
+    /// The part at some points, unless it is the changes of the points together.
+    fn to_keep(
+        &self,
+        points: Vec<(usize, usize)>,
+        single: &[Vec<Changed>],
+        files: &mut Files<'_>,
+    ) -> Result<Option<Arc<Resolved>>, Vec<Diagnostic>> {
+        let expected = together(single, &points).filter(|_| !single.is_empty());
+        let is_single = points.iter().filter(|(_, point)| *point > 0).count() == 1;
+        if is_single && expected.is_some() {
+            return Ok(None);
+        }
+        let mut resolved = self.resolve(points, files)?;
+        let Some(first) = self.first else { return Ok(None) };
+        let found = changes(&first.part.config, &resolved.part.config);
+        let is_expected = |expected: Vec<&Arc<Change>>| {
+            let is_there = |change: &Change| expected.iter().any(|it| ***it == *change);
+            expected.len() == found.len() && found.iter().all(is_there)
+        };
+        if first.part.files == resolved.part.files && expected.is_some_and(is_expected) {
+            return Ok(None);
+        }
+        let changes = found.into_iter().map(Arc::new).collect();
+        Arc::make_mut(&mut resolved.part).config = CompleteConfig::changed(&first.part.config, changes);
+        Ok(Some(resolved.into()))
     }
 }

@@ -31,6 +31,7 @@
 
 mod blocks;
 mod builds;
+mod cell;
 mod cells;
 mod claims;
 mod config;
@@ -43,6 +44,7 @@ mod grid;
 mod imported;
 mod include;
 mod json_schema;
+mod known;
 mod lay;
 pub(crate) mod names;
 mod overrides;
@@ -93,7 +95,7 @@ use crate::{
     table::TableSpec,
     training_share::PaperBudget,
 };
-pub(crate) use cells::{Cell, Place};
+pub(crate) use cell::{Cell, Cells, Place};
 use cells::{MOST_TRIALS, Sections};
 use seeds::SeedPlan;
 use serde_json::Value;
@@ -183,7 +185,7 @@ pub struct Study {
     pub searches: Vec<(Search, Progress)>,
     /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
     /// searches try.
-    pub(crate) cells: Vec<Cell>,
+    pub(crate) cells: Cells,
     /// The cells in an order in which each comes after those that it takes from.
     pub(crate) order: Vec<usize>,
     /// Version of the shared numerical code.
@@ -342,7 +344,7 @@ fn compose(
 struct Made {
     plan: SeedPlan,
     success: Option<Success>,
-    cells: Vec<Cell>,
+    cells: Cells,
     order: Vec<usize>,
     world: builds::World,
     imported: Vec<Imported>,
@@ -366,8 +368,8 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         return Err(with(vec![error]));
     }
     let success: Option<Success> = section(root, "success");
-    let mut cells = sections.cells().map_err(&with)?;
-    let order = taking::link(sections, &mut cells, &plan.seeds).map_err(&with)?;
+    let cells = sections.cells().map_err(&with)?;
+    let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
     let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
     let imported = imported::resolve(root, sections, &plan, &mut world).map_err(&with)?;
     let about_success = names::success(root, success.as_ref(), &mut world, sources);

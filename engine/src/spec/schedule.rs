@@ -2,8 +2,10 @@
 //! the checkpoint that the stretch before left.
 
 use super::{
-    cells::{Cell, Known, Place, Sections},
+    cell::{Cell, Place},
+    cells::Sections,
     config,
+    known::Known,
     path::Target,
     search::Searched,
 };
@@ -64,14 +66,9 @@ impl Known<'_> {
         ];
         let way = self.sections.searches[search].way_to_chosen();
         let cell = |place: usize| {
+            let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
             let point = self.point(search, place);
-            Ok(Cell {
-                place: Place::Leading(environment, agent),
-                setting: point.to_string().into(),
-                point,
-                parts: self.parts(targets, (environment, agent), &[], Some((search, place)))?,
-                sources: Vec::new(),
-            })
+            Ok(Cell::new(Place::Leading(environment, agent), point, parts))
         };
         way.into_iter().map(cell).collect()
     }

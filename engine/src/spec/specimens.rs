@@ -4,7 +4,7 @@
 
 use super::{
     builds::Builder,
-    cells::Cell,
+    cell::Cell,
     taking::{self, Source},
 };
 use crate::{
@@ -43,7 +43,7 @@ impl Builder<'_> {
     /// # Errors
     /// A cell that does not leave what is taken from it.
     pub(super) fn sources_are_there(&mut self, cell: &Cell) -> Result<bool, Box<Diagnostic>> {
-        for source in &cell.sources {
+        for source in cell.sources.iter() {
             let Some(folder) = self.specimen(source.cell) else {
                 return Ok(false);
             };
@@ -60,29 +60,26 @@ impl Builder<'_> {
             return known.clone();
         }
         // Every stretch of a schedule leaves the same things as its first one.
-        let first = match self.cells[index].parts[2].given.stretch {
-            Some(_) => self
-                .cells
-                .iter()
-                .position(|it| it.place == self.cells[index].place),
-            None => None,
-        };
+        let cell = self.cells.at(index);
+        let first = cell.parts[2].given.stretch.and_then(|_| {
+            let mut all = 0..self.cells.len();
+            all.find(|other| self.cells.place(*other) == cell.place)
+        });
         let made = match first.filter(|first| *first != index) {
             Some(first) => self.specimen(first),
-            None => self.make_specimen(index),
+            None => self.make_specimen(index, &cell),
         };
         self.specimens.folders.insert(index, made.clone());
         made
     }
 
-    fn make_specimen(&mut self, index: usize) -> Option<PathBuf> {
-        let cell = &self.cells[index];
+    fn make_specimen(&mut self, index: usize, cell: &Cell) -> Option<PathBuf> {
         if !self.sources_are_there(cell).ok()? {
             return None;
         }
         self.environment(cell).ok()?;
-        let interface = self.interface(cell)?;
-        let agent = self.agent(cell, &interface).ok()?;
+        let facts = self.facts(cell)?;
+        let agent = self.agent(cell, &facts.interface).ok()?;
         let protocol = &self.sections.registry.protocols[cell.parts[2].part.plugin.as_str()];
         let protocol = (protocol.build)(&self.config(cell, 2).ok()?).ok()?;
         let folder = self.specimens.new_folder(index).ok()?;
@@ -92,7 +89,7 @@ impl Builder<'_> {
         if protocol.leaves().contains(&ProductKind::Checkpoint) {
             write_checkpoint_specimen(&folder, &*agent).ok()?;
         }
-        protocol.write_specimen(&interface, &folder).ok()?;
+        protocol.write_specimen(&facts.interface, &folder).ok()?;
         Some(folder)
     }
 
@@ -125,7 +122,7 @@ impl Builder<'_> {
         interface: &Interface,
     ) -> Result<Box<dyn Agent>, Box<Diagnostic>> {
         let unusable = |builder: &Self, source: &Source, problem: String| {
-            let name = taking::name(builder.sections, &builder.cells[source.cell]);
+            let name = taking::name(builder.sections, builder.cells.place(source.cell));
             Box::new(builder.at(
                 cell,
                 source,
@@ -140,7 +137,7 @@ impl Builder<'_> {
                 "this policy has no source",
             )));
         };
-        let trained = &self.cells[source.cell];
+        let trained = self.cells.at(source.cell);
         let entry = self
             .sections
             .registry
@@ -154,7 +151,7 @@ impl Builder<'_> {
             ));
         };
         let built = self
-            .config(trained, 1)
+            .config(&trained, 1)
             .and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
         let mut agent = built.map_err(|error| unusable(self, source, error.to_string()))?;
         let folder = self.specimen(source.cell).unwrap_or_default();
@@ -170,7 +167,7 @@ impl Builder<'_> {
     }
 
     fn leaves_another(&self, cell: &Cell, source: &Source, folder: &Path) -> Diagnostic {
-        let name = taking::name(self.sections, &self.cells[source.cell]);
+        let name = taking::name(self.sections, self.cells.place(source.cell));
         let left: Vec<&str> = ProductKind::ALL
             .into_iter()
             .filter(|kind| kind.lies_in(folder))

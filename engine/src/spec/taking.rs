@@ -2,16 +2,17 @@
 //! of the study.
 
 use super::{
-    cells::{Cell, Place, Resolved, Sections},
+    cell::{Cell, Cells, Place},
+    cells::Sections,
     config::locate,
+    known::Resolved,
     path::Target,
 };
 use crate::{
-    diagnostic::{Diagnostic, Span, suggest},
-    product::{ProductKind, Reference, Taken, named_in},
-    trial::Part,
+    diagnostic::{Diagnostic, Span, say_once, suggest},
+    product::{ProductKind, Reference, named_in},
 };
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 /// A product that a cell takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,65 +43,42 @@ impl Source {
 /// Names that do not exist or mean several cells, seeds that do not run, cells that need themselves.
 pub fn link(
     sections: &Sections<'_>,
-    cells: &mut [Cell],
+    cells: Cells,
     seeds: &[u64],
-) -> Result<Vec<usize>, Vec<Diagnostic>> {
+) -> Result<(Cells, Vec<usize>), Vec<Diagnostic>> {
     let mut found = Vec::new();
-    let mut all: Vec<Vec<Source>> = Vec::with_capacity(cells.len());
-    for index in 0..cells.len() {
+    let mut all: BTreeMap<usize, Arc<[Source]>> = BTreeMap::new();
+    for index in cells.naming() {
         let mut reader = Reader {
             sections,
-            cells,
+            cells: &cells,
             seeds,
-            cell: &cells[index],
+            cell: cells.at(index),
             found: Vec::new(),
         };
-        all.push(reader.sources());
-        found.extend(reader.found);
+        let sources = reader.sources();
+        reader.found.into_iter().for_each(|it| say_once(&mut found, it));
+        if sources.is_empty() {
+            continue;
+        }
+        // Neighbours mostly take the same.
+        let shared = all.last_key_value().filter(|(_, before)| before[..] == sources);
+        let sources = shared.map_or_else(|| sources.into(), |(_, before)| Arc::clone(before));
+        all.insert(index, sources);
     }
     if !found.is_empty() {
         return Err(found);
     }
-    for (cell, sources) in cells.iter_mut().zip(all) {
-        cell.sources = sources;
-        for place in 0..cell.parts.len() {
-            if cell.sources.iter().any(|source| source.part == place) {
-                cell.parts[place] = told_apart(
-                    &cell.parts[place],
-                    cell.sources.iter().filter(|source| source.part == place),
-                );
-            }
-        }
-    }
-    in_order(sections, cells)
-}
-
-/// The part with what it takes named by cells: two parts with one config are two where they take from
-/// different cells.
-fn told_apart<'a>(resolved: &Resolved, sources: impl Iterator<Item = &'a Source>) -> Arc<Resolved> {
-    let named = |source: &Source| Taken {
-        trial: format!("cell {} seed {:?}", source.cell, source.seed),
-        kind: source.kind,
-    };
-    let products = sources
-        .map(|source| (source.pointer.clone(), named(source)))
-        .collect();
-    let part = Part {
-        products,
-        ..Part::clone(&resolved.part)
-    };
-    Arc::new(Resolved {
-        id: part.id(),
-        part: part.into(),
-        given: resolved.given.clone(),
-    })
+    let cells = cells.taking(all);
+    let order = in_order(sections, &cells)?;
+    Ok((cells, order))
 }
 
 struct Reader<'a> {
     sections: &'a Sections<'a>,
-    cells: &'a [Cell],
+    cells: &'a Cells,
     seeds: &'a [u64],
-    cell: &'a Cell,
+    cell: Cell,
     found: Vec<Diagnostic>,
 }
 
@@ -139,7 +117,7 @@ impl Reader<'_> {
             of_its_kind => of_its_kind,
         };
         let is_before = |cell: &Cell| cell.place == place && cell.tried() == before;
-        self.cells.iter().position(is_before)
+        self.cells.other(is_before)
     }
 
     fn cell_of(&mut self, named: &Named<'_>) -> Option<usize> {
@@ -158,10 +136,7 @@ impl Reader<'_> {
                 self.say(named, "environment", message, "leave `environment` out");
                 return None;
             }
-            return self
-                .cells
-                .iter()
-                .position(|cell| cell.place == Place::Prepared(entry));
+            return self.cells.other(|cell| cell.place == Place::Prepared(entry));
         }
         let Some(agent) = written.agents.iter().position(|it| it.name == *from) else {
             let known = written
@@ -218,27 +193,22 @@ impl Reader<'_> {
     }
 
     fn only_cell(&mut self, named: &Named<'_>, environment: usize, agent: usize) -> Option<usize> {
-        let pair = Some((environment, agent));
-        let found: Vec<usize> = (0..self.cells.len())
-            .filter(|index| self.cells[*index].pair() == pair)
-            .collect();
+        let found = self.cells.of_pair((environment, agent));
         let written = self.sections.written;
         let (place, agent) = (
             &written.environments[environment].name,
             &written.agents[agent].name,
         );
-        match found.as_slice() {
-            [one] => return Some(*one),
-            [] => {
+        match found.len() {
+            1 => return Some(found.start),
+            0 => {
                 let message =
                     format!("no trial runs `{agent}` in `{place}`, so that nothing can be taken from there");
                 self.say(named, "from", message, "`exclude` leaves out this combination");
             }
             several => {
-                let message = format!(
-                    "`{agent}` has {} settings in `{place}`, and each leaves something else",
-                    several.len()
-                );
+                let message =
+                    format!("`{agent}` has {several} settings in `{place}`, and each leaves something else");
                 self.say(
                     named,
                     "from",
@@ -255,7 +225,7 @@ impl Reader<'_> {
         let Some(seed) = named.reference.seed.filter(|seed| !self.seeds.contains(seed)) else {
             return true;
         };
-        if self.cells[cell].pair().is_none() {
+        if self.cells.place(cell).pair().is_none() {
             return true;
         }
         let message = format!("the study does not run seed {seed} of `{}`", named.reference.from);
@@ -309,7 +279,7 @@ pub fn place(sections: &Sections<'_>, part: &Resolved, pointer: &str, key: &str)
 }
 
 /// Cells in an order in which each comes after those that it takes from.
-fn in_order(sections: &Sections<'_>, cells: &[Cell]) -> Result<Vec<usize>, Vec<Diagnostic>> {
+fn in_order(sections: &Sections<'_>, cells: &Cells) -> Result<Vec<usize>, Vec<Diagnostic>> {
     let mut order = Order {
         cells,
         done: vec![false; cells.len()],
@@ -318,12 +288,13 @@ fn in_order(sections: &Sections<'_>, cells: &[Cell]) -> Result<Vec<usize>, Vec<D
     };
     for index in 0..cells.len() {
         if let Err((cell, source)) = order.visit(index) {
-            let source = &cells[cell].sources[source];
-            let (span, at) = place(sections, &cells[cell].parts[source.part], &source.pointer, "from");
+            let cell = cells.at(cell);
+            let source = &cell.sources[source];
+            let (span, at) = place(sections, &cell.parts[source.part], &source.pointer, "from");
             let way: Vec<String> = order
                 .way
                 .iter()
-                .map(|index| format!("`{}`", name(sections, &cells[*index])))
+                .map(|index| format!("`{}`", name(sections, cells.place(*index))))
                 .collect();
             let message = format!(
                 "this makes a circle: {} takes from itself",
@@ -342,7 +313,7 @@ fn in_order(sections: &Sections<'_>, cells: &[Cell]) -> Result<Vec<usize>, Vec<D
 
 /// A search that remembers the way to where it is.
 struct Order<'a> {
-    cells: &'a [Cell],
+    cells: &'a Cells,
     done: Vec<bool>,
     way: Vec<usize>,
     order: Vec<usize>,
@@ -357,7 +328,7 @@ impl Order<'_> {
         }
         self.way.push(index);
         let cells = self.cells;
-        for (number, source) in cells[index].sources.iter().enumerate() {
+        for (number, source) in cells.sources(index).iter().enumerate() {
             if let Some(start) = self.way.iter().position(|on_way| *on_way == source.cell) {
                 self.way.drain(..start);
                 return Err((index, number));
@@ -372,9 +343,9 @@ impl Order<'_> {
 }
 
 /// What a cell is called in messages.
-pub fn name(sections: &Sections<'_>, cell: &Cell) -> String {
+pub fn name(sections: &Sections<'_>, place: Place) -> String {
     let written = sections.written;
-    match cell.place {
+    match place {
         Place::Prepared(index) => written.prepared[index].name.clone(),
         Place::Tried(index) => sections.searches[index].search.name.clone(),
         Place::Combination(environment, agent) | Place::Leading(environment, agent) => {

@@ -482,6 +482,56 @@ fn a_hundred_thousand_trials_are_planned() {
     assert_eq!(settings.plan().trials.len(), 20_000);
 }
 
+/// What is in memory grows with the values of keys, and not with their combinations.
+#[test]
+fn a_large_grid_keeps_what_single_values_change() {
+    let only_one = "exclude: [{ agent: right }, { environment: short }]";
+    let rates: Vec<f64> = (1..=250).map(|index| f64::from(index) / 1000.0).collect();
+    let widths: Vec<u32> = (1..=80).collect();
+    let large = with(&format!(
+        "{only_one}\nsweep: {{ learner.discount: {{ grid: {rates:?} }}, learner.network.width: {{ grid: {widths:?} }} }}"
+    ));
+    assert_eq!(large.cells.len(), 20_000);
+    assert!(large.cells.n_kept() <= 250 + 80, "{}", large.cells.n_kept());
+    let trials = large.plan().trials;
+    for index in [0, 1, 79, 80, 81, 12_345, 19_999] {
+        let (rate, width) = (rates[index / 80], widths[index % 80]);
+        let agent = format!("q_learning: {{ discount: {rate}, network: {{ width: {width} }} }}");
+        let alone = read(&format!("{}{only_one}", HEAD.replace("q_learning: {}", &agent))).unwrap();
+        assert_eq!(ids(&alone), [trials[index].id.as_str()]);
+        assert_eq!(trials[index].id, trials[index].key.id());
+    }
+}
+
+/// A point at which another file is named has another hash of what that holds, and is kept whole.
+#[test]
+fn a_large_grid_keeps_what_does_not_follow_from_single_values() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in [("flat.csv", "1\n"), ("steep.csv", "2\n")] {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let read = |keys: &str, rest: &str| {
+        let text = HEAD.replace("cells: 5", keys);
+        let text = format!("{text}exclude: [{{ agent: right }}, {{ environment: long }}]\n{rest}");
+        load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default()).unwrap()
+    };
+    let slips: Vec<f64> = (0..1100).map(|index| f64::from(index) / 10_000.0).collect();
+    let large = read(
+        "cells: 5",
+        &format!(
+            "sweep: {{ short.slip: {{ grid: {slips:?} }}, short.terrain.file: {{ grid: [flat.csv, steep.csv] }} }}"
+        ),
+    );
+    assert!(large.cells.n_kept() >= 1100);
+    let trials = large.plan().trials;
+    for index in [0, 1, 2, 3, 2198, 2199] {
+        let (slip, file) = (slips[index / 2], ["flat.csv", "steep.csv"][index % 2]);
+        let keys = format!("cells: 5, slip: {slip}, terrain: {{ file: {file} }}");
+        assert_eq!(ids(&read(&keys, "")), [trials[index].id.as_str()]);
+        assert_eq!(trials[index].id, trials[index].key.id());
+    }
+}
+
 #[test]
 fn the_schema_names_all_plugins() {
     let registry = toys();

@@ -9,8 +9,9 @@ mod tables;
 
 use super::{
     builds::World,
-    cells::{self, Sections},
+    cells::Sections,
     claims::{ClaimSpec, Relevance},
+    known,
     path::Target,
     search::Searched,
     summary::Summary,
@@ -333,7 +334,7 @@ impl Names<'_> {
     /// Says where a search cannot pause its trials, or a population cannot go on from them.
     fn pauses(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
         let plugin = sections.written.protocol.plugin.as_str();
-        let config = cells::protocol_of(sections, searched);
+        let config = known::protocol_of(sections, searched);
         let entry = sections.registry.protocols.get(plugin);
         let built = entry
             .zip(config)

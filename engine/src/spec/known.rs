@@ -1,0 +1,258 @@
+//! The parts that cells are made of, each resolved once however many cells share it.
+
+use super::{
+    cell::{Cell, Place},
+    cells::Sections,
+    config::Files,
+    grid::Grid,
+    overrides::Override,
+    path::Target,
+    schedule::Stretch,
+    search::Searched,
+};
+use crate::{
+    complete_config::CompleteConfig, diagnostic::Diagnostic, document::Node, setting::Setting, trial::Part,
+};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, OnceLock},
+};
+
+/// A plugin with its complete config.
+#[derive(Debug)]
+pub struct Resolved {
+    /// What is built.
+    pub part: Arc<Part>,
+    /// Its hash, once somebody has asked for it.
+    id: OnceLock<String>,
+    /// What was given for it, to find the place of a mistake.
+    pub given: Given,
+}
+
+impl Resolved {
+    /// A part, and what was given for it.
+    #[must_use]
+    pub fn new(part: Part, given: Given) -> Self {
+        Self {
+            part: part.into(),
+            id: OnceLock::new(),
+            given,
+        }
+    }
+
+    /// The hash of the part.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        self.id.get_or_init(|| self.part.id())
+    }
+}
+
+/// What sets a part's config apart from what is written for it.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Given {
+    /// The part.
+    pub target: Target,
+    /// Overrides that apply, by index.
+    pub overrides: Vec<usize>,
+    /// Dimensions of the sweep with the point taken.
+    pub points: Vec<(usize, usize)>,
+    /// A search with the setting taken.
+    pub tried: Option<(usize, usize)>,
+    /// The part of a schedule that a protocol takes.
+    pub stretch: Option<Stretch>,
+    /// False for a protocol that is given to an agent which does not learn.
+    pub training: bool,
+}
+
+pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
+
+/// Parts that were resolved already: a part is resolved once, however many cells share it.
+pub(super) struct Known<'a> {
+    pub(super) sections: &'a Sections<'a>,
+    pub(super) files: Files<'a>,
+    parts: BTreeMap<Given, Outcome>,
+    /// By what is given at the first point.
+    grids: BTreeMap<Given, Result<Arc<Grid>, Vec<Diagnostic>>>,
+}
+
+impl<'a> Known<'a> {
+    pub(super) fn new(sections: &'a Sections<'a>) -> Self {
+        Self {
+            sections,
+            files: Files::new(sections.folder),
+            parts: BTreeMap::new(),
+            grids: BTreeMap::new(),
+        }
+    }
+
+    /// The parts of an environment and an agent at every point of the sweep.
+    pub(super) fn grids(
+        &mut self,
+        targets: [Target; 3],
+        pair: (usize, usize),
+    ) -> Result<[Arc<Grid>; 3], Vec<Diagnostic>> {
+        let chosen = self.sections.chosen(pair.1);
+        let outcomes = [0, 1, 2].map(|place| {
+            let dimensions = self.sections.concerned(&targets[place..=place]);
+            let first: Vec<(usize, usize)> = dimensions.iter().map(|(index, _)| (*index, 0)).collect();
+            let given = self.given(targets, pair, &first, chosen, place);
+            if let Some(known) = self.grids.get(&given) {
+                return known.clone();
+            }
+            let outcome = Grid::resolve(self, &given, dimensions).map(Arc::new);
+            self.grids.insert(given, outcome.clone());
+            outcome
+        });
+        match outcomes {
+            [Ok(one), Ok(two), Ok(three)] => Ok([one, two, three]),
+            outcomes => Err(outcomes.into_iter().filter_map(Result::err).flatten().collect()),
+        }
+    }
+
+    /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from
+    /// the study, apply to it too.
+    pub(super) fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
+        let swept = self
+            .sections
+            .dimensions
+            .iter()
+            .flat_map(|it| &it.keys)
+            .find(|key| targets.contains(&key.path.target));
+        if let Some(key) = swept {
+            let entry = &self.sections.written.prepared[index];
+            let message = format!(
+                "`{}` is swept, so that the entry `{}` would have several settings",
+                key.text, entry.name
+            );
+            let error =
+                self.sections
+                    .sources
+                    .error(entry.name_span, &format!("prepare.{}", entry.name), message);
+            return Err(vec![error.help("write the part that is meant into the entry")]);
+        }
+        self.needs_no_schedule(index, targets[1])?;
+        let index_of = |target| match target {
+            Target::Environment(index) | Target::Agent(index) => index,
+            _ => usize::MAX,
+        };
+        let (environment, agent) = (index_of(targets[0]), index_of(targets[1]));
+        let parts = self.parts(targets, (environment, agent), &[], self.sections.chosen(agent))?;
+        Ok(Cell::new(Place::Prepared(index), Setting::default(), parts))
+    }
+
+    /// A setting that a search tries.
+    pub(super) fn tried(&mut self, search: usize, place: usize) -> Result<Cell, Vec<Diagnostic>> {
+        let searched = &self.sections.searches[search];
+        let (environment, agent) = (searched.environment, searched.agent);
+        let targets = [
+            Target::Environment(environment),
+            Target::Agent(agent),
+            Target::Protocol,
+        ];
+        let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
+        Ok(Cell::new(Place::Tried(search), self.point(search, place), parts))
+    }
+
+    /// A setting of a search, with its keys as they are written.
+    pub(super) fn point(&self, search: usize, place: usize) -> Setting {
+        let searched = &self.sections.searches[search];
+        let keys: Vec<&str> = searched
+            .search
+            .keys
+            .iter()
+            .map(|(text, _)| text.as_str())
+            .collect();
+        let values = searched.points[place].iter().map(Node::to_value);
+        words(&keys).into_iter().zip(values).collect()
+    }
+
+    pub(super) fn parts(
+        &mut self,
+        targets: [Target; 3],
+        pair: (usize, usize),
+        points: &[(usize, usize)],
+        tried: Option<(usize, usize)>,
+    ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
+        let [one, two, three] = [0, 1, 2].map(|place| {
+            let given = self.given(targets, pair, points, tried, place);
+            self.part(given)
+        });
+        Ok([one?, two?, three?])
+    }
+
+    /// What is given for one of the parts of a pair, at a point of the sweep.
+    fn given(
+        &self,
+        targets: [Target; 3],
+        (environment, agent): (usize, usize),
+        points: &[(usize, usize)],
+        tried: Option<(usize, usize)>,
+        place: usize,
+    ) -> Given {
+        let plugin = self.sections.written.plugin(targets[1]);
+        let learns = self
+            .sections
+            .registry
+            .agents
+            .get(plugin)
+            .is_some_and(|entry| entry.learns);
+        let of_setting =
+            |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
+        let stretch = tried.and_then(of_setting);
+        let target = targets[place];
+        let overrides = self.sections.overrides.iter().enumerate();
+        let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
+        let overrides = overrides
+            .filter(|(_, it)| applies(it))
+            .map(|(index, _)| index)
+            .collect();
+        let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
+        Given {
+            target,
+            overrides,
+            points: points.iter().filter(concerned).copied().collect(),
+            tried: tried.filter(|_| target == Target::Agent(agent)),
+            stretch: stretch.filter(|_| target == Target::Protocol),
+            training: learns || place < 2,
+        }
+    }
+
+    pub(super) fn part(&mut self, given: Given) -> Outcome {
+        if let Some(known) = self.parts.get(&given) {
+            return known.clone();
+        }
+        let plugin = self.sections.plugin(given.target).ok_or_else(Vec::new);
+        let resolved = plugin.and_then(|it| self.sections.resolve(&it, given.clone(), &mut self.files));
+        let outcome = resolved.map(Arc::new);
+        self.parts.insert(given, outcome.clone());
+        outcome
+    }
+}
+
+/// How keys are written in a setting: each with its last word, or as a whole where that is not unique.
+pub(super) fn words(keys: &[&str]) -> Vec<Arc<str>> {
+    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
+    let word = |text: &&str| {
+        let is_unique = keys.iter().filter(|other| last(other) == last(text)).count() == 1;
+        if is_unique {
+            last(text).into()
+        } else {
+            Arc::from(*text)
+        }
+    };
+    keys.iter().map(word).collect()
+}
+
+/// The complete config of the protocol with which settings are compared.
+pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
+    let mut known = Known::new(sections);
+    let targets = [
+        Target::Environment(searched.environment),
+        Target::Agent(searched.agent),
+        Target::Protocol,
+    ];
+    let parts = known
+        .parts(targets, (searched.environment, searched.agent), &[], None)
+        .ok()?;
+    Some(parts[2].part.config.clone())
+}
