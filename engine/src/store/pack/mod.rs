@@ -125,6 +125,20 @@ impl Store {
         metrics_in(&mut readers(&packs)?, id, digest)
     }
 
+    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has others.
+    pub(super) fn without_metrics(&self, id: &str, path: PathBuf) -> Error {
+        match self.packs_with(id).into_iter().next() {
+            Some(pack) => Error::Damaged {
+                path: self.root.join(pack),
+                problem: format!("the metrics of trial {id} in it are not those that were acknowledged"),
+            },
+            None => Error::Damaged {
+                path,
+                problem: "it is not there".into(),
+            },
+        }
+    }
+
     /// What packs hold, whole, of a trial that had paused.
     ///
     /// # Errors

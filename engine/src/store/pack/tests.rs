@@ -1,5 +1,7 @@
 //! Packs in a store, whole and damaged.
 
+mod damage;
+
 use super::*;
 use crate::{
     Phase, Recorder,
