@@ -6,6 +6,7 @@
 //! has a folder of its own is read from there: packs come second, so that a trial may be in both, and one whose place in
 //! a pack is damaged runs again as one that is missing.
 
+mod at_end;
 mod form;
 mod outline;
 mod packing;
