@@ -149,6 +149,127 @@ fn a_damaged_pack_costs_its_damaged_trial_which_runs_again() {
     assert_eq!(folders(&bench.path("store")), 21);
 }
 
+/// A thousand trials of one episode each.
+const MANY: &str = "
+study: many
+environments: { cells: { battery: { cells: 2 } } }
+agents: { equal: { equal_split: {} }, random: { random_allocation: {} } }
+protocol: { train_evaluate: { steps: 0, final_episodes: 1, trace_episodes: 0 } }
+seeds: 500
+tables: { lengths: { comparison: { rows: agent, value: cycle_length } } }
+";
+
+/// A store with these trials, as workers leave it.
+fn many() -> Bench {
+    let bench = Bench::new();
+    bench.write("many.yaml", MANY);
+    bench.ok(&["worker", "many.yaml", "--store", "store", "-j", "2"]);
+    bench
+}
+
+/// Files and folders of the store.
+fn inodes(folder: &Path) -> usize {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    let each = entries.map(|entry| match entry.file_type().unwrap().is_dir() {
+        true => 1 + inodes(&entry.path()),
+        false => 1,
+    });
+    each.sum()
+}
+
+/// The answers of commands that read the store.
+fn answers(bench: &Bench, to: &str) -> Vec<String> {
+    let export = [
+        "export",
+        "many.yaml",
+        "--store",
+        "store",
+        "--to",
+        to,
+        "--as",
+        "csv",
+    ];
+    bench.ok(&export);
+    bench.ok(&["report", "many.yaml", "--store", "store", "-o", "results"]);
+    let mut exported: Vec<PathBuf> = fs::read_dir(bench.path(to))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "csv"))
+        .collect();
+    exported.sort();
+    assert!(!exported.is_empty());
+    exported.extend(["report.md", "tables/lengths.csv"].map(|name| bench.path("results").join(name)));
+    let mut said: Vec<String> = exported
+        .iter()
+        .map(|path| fs::read_to_string(path).unwrap())
+        .collect();
+    for verb in ["status", "plan"] {
+        said.push(bench.ok(&[verb, "many.yaml", "--store", "store"]));
+    }
+    said.push(bench.ok(&["fsck", "store"]));
+    said.push(bench.ok(&["verify", "many.yaml", "--store", "store", "--sample", "3"]));
+    said
+}
+
+#[test]
+fn a_run_of_very_many_short_trials_leaves_few_files_and_every_answer_stays() {
+    let bench = many();
+    let before = answers(&bench, "before");
+    assert!(inodes(&bench.path("store")) > 3000);
+    let ran = bench.run(&["run", "many.yaml", "--store", "store", "-o", "results"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(
+        ran.err.contains("1000 short trials lie in `store/packs` now"),
+        "{}",
+        ran.err
+    );
+    let left = inodes(&bench.path("store"));
+    assert!(left < 300, "{left} files and folders");
+    assert_eq!(answers(&bench, "after"), before);
+    let again = bench.run(&["run", "many.yaml", "--store", "store", "-o", "results"]);
+    assert!(
+        again.code == 0 && !again.err.contains("short trials"),
+        "{}",
+        again.err
+    );
+}
+
+#[test]
+fn a_run_that_is_killed_while_it_packs_loses_nothing_and_the_next_one_ends_it() {
+    let bench = many();
+    let digests = bench.digests("store");
+    let mut rng = engine::random::stream(&["kill a run that packs"]);
+    let mut kills = 0;
+    while folders(&bench.path("store")) > 0 && kills < 8 {
+        let before = folders(&bench.path("store"));
+        let mut child = bench
+            .command(&["run", "many.yaml", "--store", "store", "-o", "results"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let has_begun = || !packs(&bench).is_empty() && folders(&bench.path("store")) < before;
+        while child.try_wait().unwrap().is_none() && !has_begun() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_micros(rng.random_range(0..20_000)));
+        kills += usize::from(child.try_wait().unwrap().is_none());
+        let _ = child.kill();
+        child.wait().unwrap();
+        let store = Store::at(bench.path("store"));
+        for (id, digest) in &digests {
+            let end = store.end(id).unwrap().unwrap_or_else(|| panic!("{id} is gone"));
+            assert_eq!(end.digest, *digest);
+        }
+    }
+    assert!(kills > 0, "it packs faster than it can be killed");
+    let ran = bench.run(&["run", "many.yaml", "--store", "store", "-o", "results"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("nothing runs"), "{}", ran.err);
+    assert!(inodes(&bench.path("store")) < 300);
+    bench.ok(&["fsck", "store"]);
+}
+
 #[test]
 fn without_a_store_there_is_nothing_to_pack() {
     let answer = Bench::new().run(&["pack", "nowhere"]);

@@ -2,6 +2,8 @@
 //!
 //! The hosts are daemons of OpenSSH on this machine, each on a port of its own and with a home of its own.
 
+mod stopped;
+
 use crate::{
     needs,
     program::{Answer, Bench, answer, trial_files},
@@ -148,7 +150,6 @@ impl Drop for Hosts {
     }
 }
 
-/// A program of the system; daemons lie where a person's shell does not look.
 /// A process and all that it started, in the order of their beginnings.
 fn descendants(root: u32) -> Vec<u32> {
     let parents: Vec<(u32, u32)> = std::fs::read_dir("/proc")

@@ -1,12 +1,28 @@
 //! `pack`: short trials of a store in one file.
 
-use super::{BAD_SPEC, Common, Failure, Format, OK, say, settings};
+use super::{
+    BAD_SPEC, Common, Failure, Format, OK, complain,
+    compute::listen_for_signals,
+    say,
+    settings::{self, Settings},
+    study::Planned,
+};
 use crate::{
     count::{count, either},
     store::{self, Leases, Packing, Store},
 };
 use clap::Args;
-use std::{path::PathBuf, time::Duration};
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+/// A run packs its trials where so many of them have a folder and left nothing but metrics.
+const MANY: usize = 1000;
 
 /// Which store, and how careful.
 #[derive(Debug, Clone, Args)]
@@ -36,6 +52,29 @@ pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<u8, Failure
         Format::Text => say(&as_text(&done)),
     }
     Ok(OK)
+}
+
+/// Packs the trials of finished studies at the end of a run, where they are many. A store that cannot be packed is a
+/// warning: nothing is lost by it.
+pub(super) fn at_end(planned: &[Planned], store: &Store, settings: &Settings) -> Result<(), Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    listen_for_signals(&stop)?;
+    let trials = planned.iter().flat_map(|one| &one.plan.trials);
+    let stopping = || stop.load(Ordering::SeqCst);
+    let ids = trials.map(|trial| trial.id.as_str());
+    match store.pack_at_end(ids, MANY, settings.lease_expiry, &stopping) {
+        Ok(Some(done)) => {
+            let removed = count(done.removed, "short trial");
+            let lie = either(&done.removed, "lies", "lie");
+            complain(&format!(
+                "{removed} {lie} in `{}` now, without folders of their own",
+                store.root().join("packs").display()
+            ));
+        }
+        Ok(None) => {}
+        Err(error) => complain(&format!("warning: short trials keep their folders: {error}")),
+    }
+    Ok(())
 }
 
 fn as_text(done: &Packing) -> String {

@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions,
     RunOptions, Selection, TRIALS_FAILED, complain,
     compute::Compute,
-    folders, hosts, looks, overview, profiles, provenance, say, searches, settings, stages,
+    folders, hosts, looks, overview, pack, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -74,6 +74,9 @@ pub(super) fn run(
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     overview::index(&planned, selection, reporting, common)?;
+    if computed == OK && kind.is_none() {
+        pack::at_end(&planned, &store, &settings)?;
+    }
     Ok(if computed == OK { code } else { computed })
 }
 

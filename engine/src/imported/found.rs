@@ -289,6 +289,30 @@ mod tests {
     }
 
     #[test]
+    fn an_archive_of_numpy_is_refused_by_its_name_whichever_bit_was_changed_and_wherever_it_ends() {
+        let npz = include_bytes!("../../../tests/fixtures/imported/steps.npz");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("steps.npz");
+        let refusal = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            let text = read(std::slice::from_ref(&path), &mapping())
+                .unwrap_err()
+                .to_string();
+            assert!(text.contains("steps.npz"), "{text}");
+            text
+        };
+        assert!(refusal(npz).contains("a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write"));
+        for place in 0..npz.len() {
+            refusal(&npz[..place]);
+            for bit in 0..8 {
+                let mut changed = npz.to_vec();
+                changed[place] ^= 1 << bit;
+                refusal(&changed);
+            }
+        }
+    }
+
+    #[test]
     fn a_run_without_a_value_is_named_or_left_out() {
         let (_folder, files) = written(&[
             ("a.csv", "step,x\n0,1\n"),

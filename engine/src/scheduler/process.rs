@@ -251,20 +251,20 @@ impl Shared {
         }
     }
 
-    /// Tells a busy process, once, to save a checkpoint and stop. From then on a silent one is waited for less long.
+    /// Tells a busy process, once, to save a checkpoint and stop. From now on a silent one is waited for less long, also
+    /// where it is not busy yet: one to which a connection is made, or that a trial is brought to.
     pub(super) fn ask_to_stop(&self) {
-        if let Some(Process {
-            requests,
-            patience,
-            busy: Some(busy),
-            ..
-        }) = self.look().as_deref_mut().and_then(Option::as_mut)
+        let mut process = self.look();
+        let Some(process) = process.as_deref_mut().and_then(Option::as_mut) else {
+            return;
+        };
+        process.patience = process.patience.map(|patience| patience.min(STOPS_WITHIN));
+        if let Some(busy) = process.busy.as_mut()
             && !busy.told_to_stop
             && let Ok(text) = serde_json::to_string(&Message::Stop)
-            && let Ok(mut requests) = requests.try_lock()
+            && let Ok(mut requests) = process.requests.try_lock()
         {
             let _ = writeln!(requests, "{text}");
-            *patience = patience.map(|patience| patience.min(STOPS_WITHIN));
             busy.told_to_stop = true;
         }
     }
@@ -392,6 +392,24 @@ mod tests {
             }
             assert!(writer.join().unwrap().is_err());
         });
+        shared.bury();
+    }
+
+    #[test]
+    fn whoever_stops_waits_less_for_one_that_is_silent_before_it_was_asked_anything() {
+        let shared = Shared::default();
+        let mut replies = silent(&shared, STOPS_WITHIN * 100);
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| replies.read_line(&mut String::new()));
+            while !reader.is_finished() {
+                assert!(clock::since(begun) < STOPS_WITHIN * 10);
+                shared.ask_to_stop();
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+        });
+        assert!(shared.fell_silent() && clock::since(begun) >= STOPS_WITHIN);
         shared.bury();
     }
 

@@ -359,10 +359,10 @@ impl Store {
                 problem: "its hash is not the acknowledged one".into(),
             }),
             // It may have gone into a pack, also in this moment.
-            None => self.metrics_in_pack(id, digest)?.ok_or(Error::Damaged {
-                path,
-                problem: "it is not there".into(),
-            }),
+            None => match self.metrics_in_pack(id, digest)? {
+                Some(bytes) => Ok(bytes),
+                None => Err(self.without_metrics(id, path)),
+            },
         }
     }
 }

@@ -133,3 +133,49 @@ pub(super) fn flush_within(trial: &Path, file: &Path) -> Result<(), Error> {
         .into_iter()
         .try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Phase, Recorder, product::ProductKind, store::specimen};
+    use std::fs;
+
+    #[test]
+    fn every_changed_bit_and_every_cut_of_a_policy_is_found_and_its_file_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::at(dir.path().join("store"));
+        let trial = specimen::trial(4, 0);
+        let path = store.folder(&trial.id).join("policy.safetensors");
+        let whole: Vec<u8> = (0..64).collect();
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, &whole).unwrap();
+        let mut record = Recorder::default();
+        record.add(Phase::Final, 10, 0, 0, "return", 1.0);
+        store.finish(&trial, &record, 1.0).unwrap();
+        let taken = Taken {
+            trial: trial.id.clone(),
+            kind: ProductKind::Policy,
+        };
+        store.product(&taken).unwrap();
+        let to = dir.path().join("taken");
+        let refused = |bytes: &[u8]| {
+            fs::write(&path, bytes).unwrap();
+            assert!(store.has_damaged_product(&trial.id));
+            for error in [
+                store.product(&taken).unwrap_err(),
+                store.copy_product(&taken, "", &to).unwrap_err(),
+            ] {
+                assert!(error.to_string().contains("`policy.safetensors`"), "{error}");
+            }
+            assert!(!to.exists(), "nothing of it arrives");
+        };
+        for place in 0..whole.len() {
+            refused(&whole[..place]);
+            for bit in 0..8 {
+                let mut changed = whole.clone();
+                changed[place] ^= 1 << bit;
+                refused(&changed);
+            }
+        }
+    }
+}

@@ -8,7 +8,10 @@
 //! | h | `activation(x W + b)` in hidden layers, `x W + b` in the last one | `[outputs]` |
 
 use engine::Error;
-use safetensors::SafeTensors;
+use safetensors::{
+    SafeTensors,
+    tensor::{Dtype, TensorView},
+};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -72,15 +75,13 @@ impl PolicyNetwork {
         let text = metadata.metadata().as_ref().and_then(|it| it.get("header"));
         let header: Header =
             serde_json::from_str(text.map_or("", |text| text)).map_err(|error| damaged(&error))?;
-        let layers = (0..=header.activations.len())
-            .map(|layer| Layer::read(&file, layer).ok_or_else(|| damaged(&"a layer is missing")))
-            .collect::<Result<Vec<_>, Error>>()?;
+        header.fits().map_err(|problem| damaged(&problem))?;
         let mut width = header.inputs.len();
-        for layer in &layers {
-            if layer.weight.len() != width * layer.bias.len() {
-                return Err(damaged(&"its layers do not follow each other"));
-            }
-            width = layer.bias.len();
+        let mut layers = Vec::new();
+        for layer in 0..=header.activations.len() {
+            let read = Layer::read(&file, layer, width).map_err(|problem| damaged(&problem))?;
+            width = read.bias.len();
+            layers.push(read);
         }
         if width != header.outputs.len() {
             return Err(damaged(
@@ -109,6 +110,28 @@ impl PolicyNetwork {
     }
 }
 
+impl Header {
+    /// Holds what it says against itself: nothing else is told by the tensors.
+    fn fits(&self) -> Result<(), String> {
+        let n = self.inputs.len();
+        if [&self.center, &self.spread].iter().any(|it| it.len() != n) {
+            return Err(format!(
+                "it names {n} inputs with {} centers and {} spreads",
+                self.center.len(),
+                self.spread.len()
+            ));
+        }
+        let is_known = |name: &&String| ACTIVATIONS.contains(&name.as_str());
+        match self.activations.iter().find(|name| !is_known(name)) {
+            Some(other) => Err(format!("its activation `{other}` is not known")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Names of activations that are computed here.
+const ACTIVATIONS: [&str; 3] = ["relu", "leaky_relu", "tanh"];
+
 fn activated(activation: &str, x: f64) -> f64 {
     match activation {
         "tanh" => x.tanh(),
@@ -119,15 +142,31 @@ fn activated(activation: &str, x: f64) -> f64 {
 }
 
 impl Layer {
-    fn read(file: &SafeTensors<'_>, layer: usize) -> Option<Self> {
-        let numbers = |what: &str| {
-            let tensor = file.tensor(&format!("policy.layers.{layer}.{what}")).ok()?;
-            let number = |bytes: &[u8]| Some(f64::from(f32::from_le_bytes(bytes.try_into().ok()?)));
-            tensor.data().chunks(4).map(number).collect::<Option<Vec<f64>>>()
+    /// Reads a layer of so many inputs.
+    fn read(file: &SafeTensors<'_>, layer: usize, inputs: usize) -> Result<Self, String> {
+        let tensor = |what: &str| {
+            let tensor = file.tensor(&format!("policy.layers.{layer}.{what}"));
+            let tensor = tensor.map_err(|_| "a layer is missing".to_string())?;
+            match tensor.dtype() {
+                Dtype::F32 => Ok(tensor),
+                other => Err(format!("layer {layer} holds {other:?}, where F32 is read")),
+            }
         };
-        Some(Self {
-            weight: numbers("weight")?,
-            bias: numbers("bias")?,
+        let (weight, bias) = (tensor("weight")?, tensor("bias")?);
+        let outputs = bias.shape().iter().product();
+        if weight.shape() != [inputs, outputs] || bias.shape().len() != 1 || outputs == 0 {
+            return Err(format!(
+                "its layers do not follow each other: layer {layer} of {inputs} inputs has a weight of {:?} and a bias \
+                 of {:?}",
+                weight.shape(),
+                bias.shape()
+            ));
+        }
+        let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
+        let numbers = |tensor: &TensorView<'_>| tensor.data().as_chunks().0.iter().map(number).collect();
+        Ok(Self {
+            weight: numbers(&weight),
+            bias: numbers(&bias),
         })
     }
 
@@ -148,8 +187,7 @@ impl Layer {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use safetensors::tensor::{Dtype, TensorView};
-    use serde_json::Value;
+    use serde_json::{Value, json};
     use std::collections::HashMap;
 
     /// A file with these tensors and this header in a folder.
@@ -172,6 +210,82 @@ pub(crate) mod tests {
         let text = safetensors::serialize(views, Some(metadata)).unwrap();
         std::fs::write(folder.path().join(FILE), text).unwrap();
         folder
+    }
+
+    fn header() -> Value {
+        json!({ "inputs": ["a", "b"], "center": [0.5, 1.0], "spread": [1.0, 2.0], "outputs": ["c"],
+            "head": "identity", "activations": ["tanh"] })
+    }
+
+    /// Two inputs, three hidden units, one output.
+    fn example(header: &Value) -> tempfile::TempDir {
+        written(
+            header,
+            &[
+                ("policy.layers.0.weight", vec![2, 3], &[0.5; 6]),
+                ("policy.layers.0.bias", vec![3], &[0.1; 3]),
+                ("policy.layers.1.weight", vec![3, 1], &[2.0; 3]),
+                ("policy.layers.1.bias", vec![1], &[0.25]),
+            ],
+        )
+    }
+
+    fn refusal(folder: &tempfile::TempDir) -> String {
+        let path = folder.path().join(FILE);
+        let text = PolicyNetwork::open("key", &path).unwrap_err().to_string();
+        assert!(text.contains(&*path.to_string_lossy()), "{text}");
+        text
+    }
+
+    #[test]
+    fn a_file_that_says_something_else_than_it_holds_is_refused() {
+        assert!(PolicyNetwork::open("key", &example(&header()).path().join(FILE)).is_ok());
+        for (key, value, problem) in [
+            ("center", json!([0.5]), "2 inputs with 1 centers"),
+            ("spread", json!([]), "2 inputs with 2 centers and 0 spreads"),
+            ("activations", json!(["tanj"]), "`tanj` is not known"),
+            ("activations", json!([]), "another number of outputs"),
+            ("outputs", json!([]), "another number of outputs"),
+        ] {
+            let mut changed = header();
+            changed[key] = value;
+            let text = refusal(&example(&changed));
+            assert!(text.contains(problem), "{text}");
+        }
+        let mut none = header();
+        (none["outputs"], none["activations"]) = (json!([]), json!([]));
+        let empty: [(&str, Vec<usize>, &[f32]); 2] = [
+            ("policy.layers.0.weight", vec![2, 0], &[]),
+            ("policy.layers.0.bias", vec![0], &[]),
+        ];
+        let text = refusal(&written(&none, &empty));
+        assert!(text.contains("do not follow each other"), "{text}");
+    }
+
+    #[test]
+    fn whatever_bit_was_changed_the_file_is_refused_by_its_name_or_computes_and_a_cut_one_is_refused() {
+        let folder = example(&header());
+        let path = folder.path().join(FILE);
+        let whole = std::fs::read(&path).unwrap();
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            PolicyNetwork::open("key", &path)
+        };
+        for place in 0..whole.len() {
+            for bit in 0..8 {
+                let mut changed = whole.clone();
+                changed[place] ^= 1 << bit;
+                match read(&changed) {
+                    Ok(network) => {
+                        let n = network.outputs([1.0, 2.0].into_iter()).len();
+                        assert_eq!(n, network.header.outputs.len(), "bit {bit} of byte {place}");
+                    }
+                    Err(error) => assert!(error.to_string().contains(FILE), "{error}"),
+                }
+            }
+            let error = read(&whole[..place]).unwrap_err().to_string();
+            assert!(error.contains(FILE), "cut at {place}: {error}");
+        }
     }
 
     #[test]

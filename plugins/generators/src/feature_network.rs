@@ -41,6 +41,34 @@ pub struct Form {
     pub classes: usize,
 }
 
+/// Most pixels a side that a stored network may say: images are interpolated to that.
+const LARGEST: usize = 1024;
+
+impl Form {
+    /// Holds what a file says against its tensors, before anything is made of these sizes.
+    fn fits(self, file: &TensorFile) -> Result<(), TensorFileError> {
+        let last = &file.get(&format!("{PREFIX}.last.0"))?.shape;
+        let is_of = |shape: &[usize]| match (shape, self.channels.checked_mul(4)) {
+            (&[features, classes], Some(expected)) => features == expected && classes == self.classes,
+            _ => false,
+        };
+        let first = &file.get(&format!("{PREFIX}.layers.0.weight"))?.shape;
+        let is_sized = (4..=LARGEST).contains(&self.size) && self.size.is_multiple_of(4);
+        if is_sized
+            && self.channels > 0
+            && self.classes > 0
+            && is_of(last)
+            && first.last() == Some(&self.channels)
+        {
+            return Ok(());
+        }
+        Err(TensorFileError::Shape {
+            expected: format!("layers of {self:?}"),
+            found: format!("a first one of {first:?} and a last one of {last:?}"),
+        })
+    }
+}
+
 /// One layer.
 #[derive(Module, Debug)]
 struct Convolution {
@@ -137,15 +165,21 @@ impl FeatureNetwork {
     /// # Errors
     /// [`TensorFileError`] where the file is missing or something else.
     pub fn read(folder: &Path) -> Result<(Self, Form), TensorFileError> {
-        let file = TensorFile::read(&folder.join(FILE_NAME))?;
+        let path = folder.join(FILE_NAME);
+        let file = TensorFile::read(&path)?;
+        Self::of(&file).map_err(|problem| problem.in_file(&path))
+    }
+
+    fn of(file: &TensorFile) -> Result<(Self, Form), TensorFileError> {
         let form: Option<Form> = serde_json::from_value(file.header["form"].clone()).ok();
         let form = form
             .filter(|_| file.header["kind"] == KIND)
             .ok_or_else(|| TensorFileError::Format {
                 problem: "it is no classifier of images".into(),
             })?;
+        form.fits(file)?;
         let blank = Self::new(form, &mut Nothing);
-        Ok((restore(blank, PREFIX, &file)?.valid(), form))
+        Ok((restore(blank, PREFIX, file)?.valid(), form))
     }
 }
 
@@ -233,6 +267,67 @@ mod tests {
         let small = network.see_resized(images(4), FORM);
         let by_hand = network.see(resize_bilinear(images(4), [8, 8]));
         assert_eq!(values(small.logits), values(by_hand.logits));
+    }
+
+    #[test]
+    fn sizes_that_no_tensor_bears_out_are_refused_before_anything_is_made_of_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let much = 1 << 40;
+        for form in [
+            Form { size: much, ..FORM },
+            Form { size: 6, ..FORM },
+            Form {
+                channels: much,
+                ..FORM
+            },
+            Form {
+                channels: usize::MAX,
+                ..FORM
+            },
+            Form {
+                classes: much,
+                ..FORM
+            },
+            Form { classes: 0, ..FORM },
+        ] {
+            network().write(form, folder.path()).unwrap();
+            let text = FeatureNetwork::read(folder.path()).unwrap_err().to_string();
+            assert!(
+                text.contains(FILE_NAME) && text.contains("expected layers"),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_changed_bit_or_a_cut_is_refused_by_the_name_of_the_file_or_leaves_a_network_of_its_form() {
+        let folder = tempfile::tempdir().unwrap();
+        network().write(FORM, folder.path()).unwrap();
+        let path = folder.path().join(FILE_NAME);
+        let whole = std::fs::read(&path).unwrap();
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            FeatureNetwork::read(folder.path())
+        };
+        // What stands before the numbers, and one bit of each eighth number.
+        let header = 8 + usize::try_from(u64::from_le_bytes(whole[..8].try_into().unwrap())).unwrap();
+        let numbers = (header..whole.len()).step_by(29).map(|place| (place, place % 8));
+        for (place, bit) in (0..header)
+            .flat_map(|place| (0..8).map(move |bit| (place, bit)))
+            .chain(numbers)
+        {
+            let mut changed = whole.clone();
+            changed[place] ^= 1 << bit;
+            match read(&changed) {
+                Ok((network, form)) => {
+                    let seen = network.see(images(FORM.size)).logits.dims();
+                    assert_eq!(seen, [2, form.classes], "bit {bit} of byte {place}");
+                }
+                Err(error) => assert!(error.to_string().contains(FILE_NAME), "{error}"),
+            }
+            let error = read(&whole[..place]).unwrap_err().to_string();
+            assert!(error.contains(FILE_NAME), "cut at {place}: {error}");
+        }
     }
 
     #[test]

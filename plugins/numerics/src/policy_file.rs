@@ -148,13 +148,18 @@ impl Policy {
     /// # Errors
     /// [`TensorFileError`] where the file is missing, damaged or of another format.
     pub fn read(dir: &Path) -> Result<Self, TensorFileError> {
-        let file = TensorFile::read(&dir.join(FILE_NAME))?;
+        let path = dir.join(FILE_NAME);
+        let file = TensorFile::read(&path)?;
+        Self::of(&file).map_err(|problem| problem.in_file(&path))
+    }
+
+    fn of(file: &TensorFile) -> Result<Self, TensorFileError> {
         let header: PolicyHeader =
             serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
-        header.fits(&file)?;
+        header.fits(file)?;
         let blank = Mlp::new(&header.sizes, &header.activations, 0.0, &mut Zeros, &device());
         Ok(Self {
-            network: restore(blank, PREFIX, &file)?,
+            network: restore(blank, PREFIX, file)?,
             header,
         })
     }
@@ -309,6 +314,14 @@ mod tests {
     use super::*;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
+    /// What is wrong with a file, without its name.
+    fn problem(error: TensorFileError) -> TensorFileError {
+        match error {
+            TensorFileError::Damaged { problem, .. } => *problem,
+            unnamed => panic!("{unnamed} names no file"),
+        }
+    }
+
     fn policy(head: Head) -> Policy {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let network = Mlp::new(&[2, 8, 3], &[Activation::Tanh], 1.0, &mut rng, &device());
@@ -348,7 +361,7 @@ mod tests {
             let mut policy = policy(Head::Tanh);
             change(&mut policy.header);
             policy.write(dir.path()).unwrap();
-            Policy::read(dir.path()).unwrap_err()
+            problem(Policy::read(dir.path()).unwrap_err())
         };
         // Networks of these sizes would take all memory.
         for change in [
@@ -415,9 +428,34 @@ mod tests {
         let mut policy = policy(Head::SoftmaxMean);
         policy.header.format = 2;
         policy.write(dir.path()).unwrap();
-        assert!(matches!(
-            Policy::read(dir.path()),
-            Err(TensorFileError::Format { .. })
-        ));
+        let error = problem(Policy::read(dir.path()).unwrap_err());
+        assert!(matches!(error, TensorFileError::Format { .. }), "{error}");
+    }
+
+    #[test]
+    fn whatever_bit_was_changed_the_file_is_refused_by_its_name_or_acts_and_a_cut_one_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE_NAME);
+        policy(Head::Tanh).write(dir.path()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            Policy::read(dir.path())
+        };
+        for place in 0..whole.len() {
+            for bit in 0..8 {
+                let mut changed = whole.clone();
+                changed[place] ^= 1 << bit;
+                match read(&changed) {
+                    Ok(policy) => {
+                        let n = policy.act(&vec![0.5; policy.header.inputs.len()]).len();
+                        assert_eq!(n, policy.header.outputs.len(), "bit {bit} of byte {place}");
+                    }
+                    Err(error) => assert!(error.to_string().contains(FILE_NAME), "{error}"),
+                }
+            }
+            let error = read(&whole[..place]).unwrap_err().to_string();
+            assert!(error.contains(FILE_NAME), "cut at {place}: {error}");
+        }
     }
 }

@@ -43,6 +43,28 @@ pub enum TensorFileError {
         /// Names and shapes that are there.
         found: String,
     },
+    /// One of these things is wrong with a file that has a name.
+    #[error("`{}`: {problem}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: Box<TensorFileError>,
+    },
+}
+
+impl TensorFileError {
+    /// The same error, with the name of the file in which it was found.
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Self {
+        match self {
+            named @ (Self::File { .. } | Self::Damaged { .. }) => named,
+            problem => Self::Damaged {
+                path: path.into(),
+                problem: Box::new(problem),
+            },
+        }
+    }
 }
 
 /// Numbers with a shape.
@@ -114,14 +136,14 @@ impl TensorFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] or [`TensorFileError::Format`].
+    /// [`TensorFileError::File`] or [`TensorFileError::Damaged`].
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
         let bytes = std::fs::read(path).map_err(|source| TensorFileError::File {
             doing: "read",
             path: path.into(),
             source,
         })?;
-        Self::from_bytes(&bytes)
+        Self::from_bytes(&bytes).map_err(|problem| problem.in_file(path))
     }
 
     fn to_bytes(&self) -> Result<Vec<u8>, TensorFileError> {
@@ -250,5 +272,38 @@ mod tests {
         assert!(TensorFile::from_bytes(&bytes[..bytes.len() - 1]).is_err());
         assert!(TensorFile::from_bytes(b"nonsense").is_err());
         assert!(matches!(example().get("c"), Err(TensorFileError::Missing { .. })));
+    }
+
+    /// How many numbers are held, whose memory has to be in proportion to the file.
+    fn n_values(file: &TensorFile) -> usize {
+        file.tensors.values().map(|tensor| tensor.values.len()).sum()
+    }
+
+    #[test]
+    fn whatever_bit_was_changed_the_file_is_refused_or_read_as_it_is_and_a_cut_one_is_refused() {
+        let bytes = example().to_bytes().unwrap();
+        for place in 0..bytes.len() {
+            assert!(TensorFile::from_bytes(&bytes[..place]).is_err(), "cut at {place}");
+            for bit in 0..8 {
+                let mut changed = bytes.clone();
+                changed[place] ^= 1 << bit;
+                if let Ok(file) = TensorFile::from_bytes(&changed) {
+                    assert!(n_values(&file) * 4 <= bytes.len(), "bit {bit} of byte {place}");
+                    let again = TensorFile::from_bytes(&file.to_bytes().unwrap()).unwrap();
+                    assert_eq!(again.to_bytes().unwrap(), file.to_bytes().unwrap());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_damaged_file_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.safetensors");
+        let mut bytes = example().to_bytes().unwrap();
+        bytes.pop();
+        std::fs::write(&path, bytes).unwrap();
+        let error = TensorFile::read(&path).unwrap_err().to_string();
+        assert!(error.contains(&*path.to_string_lossy()), "{error}");
     }
 }

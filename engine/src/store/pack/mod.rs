@@ -6,6 +6,7 @@
 //! has a folder of its own is read from there: packs come second, so that a trial may be in both, and one whose place in
 //! a pack is damaged runs again as one that is missing.
 
+mod at_end;
 mod form;
 mod outline;
 mod packing;
@@ -123,6 +124,20 @@ impl Store {
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
         let packs = self.packs_of(id)?;
         metrics_in(&mut readers(&packs)?, id, digest)
+    }
+
+    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has others.
+    pub(super) fn without_metrics(&self, id: &str, path: PathBuf) -> Error {
+        match self.packs_with(id).into_iter().next() {
+            Some(pack) => Error::Damaged {
+                path: self.root.join(pack),
+                problem: format!("the metrics of trial {id} in it are not those that were acknowledged"),
+            },
+            None => Error::Damaged {
+                path,
+                problem: "it is not there".into(),
+            },
+        }
     }
 
     /// What packs hold, whole, of a trial that had paused.

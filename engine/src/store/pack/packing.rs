@@ -32,7 +32,7 @@ use std::{
 const MOST_BYTES: usize = 1 << 20;
 
 /// The files of a trial that can be packed.
-const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
+pub(super) const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
 
 /// What a packing did.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
@@ -61,16 +61,31 @@ impl Store {
         if done.packed > 0 {
             clock::sleep(settle);
         }
-        let packs = self.packs()?;
-        for id in &ids {
-            done.removed += usize::from(self.leave_to_packs(id, &packs, leases)?);
-        }
-        done.kept = ids.len() - done.removed;
+        self.leave_all_to_packs(&ids, leases, &mut done, &|| false)?;
         Ok(done)
     }
 
+    /// Removes the folders of trials that packs have, until it is to stop.
+    pub(super) fn leave_all_to_packs(
+        &self,
+        ids: &[String],
+        leases: &Leases,
+        done: &mut Packing,
+        stopping: &dyn Fn() -> bool,
+    ) -> Result<(), Error> {
+        let packs = self.packs()?;
+        for id in ids {
+            if stopping() {
+                break;
+            }
+            done.removed += usize::from(self.leave_to_packs(id, &packs, leases)?);
+        }
+        done.kept = ids.len() - done.removed;
+        Ok(())
+    }
+
     /// Writes those of the trials that no pack has yet into a new one.
-    fn write_pack(&self, ids: &[String]) -> Result<Packing, Error> {
+    pub(super) fn write_pack(&self, ids: &[String]) -> Result<Packing, Error> {
         let packs = self.packs()?;
         let is_new = |id: &String, trial: &Short| {
             let has = |pack: &Arc<Pack>| pack.trial(id).is_ok_and(|held| held.as_ref() == Some(trial));

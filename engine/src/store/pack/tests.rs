@@ -1,5 +1,7 @@
 //! Packs in a store, whole and damaged.
 
+mod damage;
+
 use super::*;
 use crate::{
     Phase, Recorder,
@@ -14,13 +16,13 @@ fn trial(seed: u64) -> Trial {
 }
 
 /// A store.
-struct Bench {
+pub(super) struct Bench {
     folder: tempfile::TempDir,
-    store: Store,
+    pub(super) store: Store,
 }
 
 impl Bench {
-    fn finished(seeds: u64) -> Self {
+    pub(super) fn finished(seeds: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path().join("store"));
         let bench = Self { folder, store };
@@ -28,7 +30,7 @@ impl Bench {
         bench
     }
 
-    fn finish(&self, seed: u64) {
+    pub(super) fn finish(&self, seed: u64) {
         self.finish_in(seed, 1.0);
     }
 

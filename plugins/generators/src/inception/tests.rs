@@ -245,6 +245,29 @@ fn a_file_that_is_cut_off_is_refused_wherever_it_ends() {
 }
 
 #[test]
+fn whatever_bit_of_a_tensor_was_changed_it_is_refused_or_has_its_shape() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("weights.safetensors");
+    let view = TensorView::new(Dtype::F32, vec![2, 3], &[0; 24]).unwrap();
+    safetensors::serialize_to_file([("last", view)], None, &path).unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        WeightFile::read(&path)?.tensor("last", &[2, 3])
+    };
+    for place in 0..whole.len() {
+        assert!(read(&whole[..place]).is_err(), "cut at {place}");
+        for bit in 0..8 {
+            let mut changed = whole.clone();
+            changed[place] ^= 1 << bit;
+            if let Ok(values) = read(&changed) {
+                assert_eq!(values.len(), 6, "bit {bit} of byte {place}");
+            }
+        }
+    }
+}
+
+#[test]
 fn half_precision_is_read_and_other_numbers_are_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("inception.safetensors");

@@ -53,6 +53,16 @@ pub enum InceptionError {
         /// What it holds, as the file says it.
         found: String,
     },
+    /// The bytes of a tensor are not as many as its shape needs.
+    #[error("the tensor `{name}` has {found} bytes; its shape needs {expected}")]
+    Length {
+        /// Its name.
+        name: String,
+        /// How many bytes its shape needs.
+        expected: usize,
+        /// How many it has.
+        found: usize,
+    },
     /// The file ends before or inside of a tensor.
     #[error("the file ends before the end of the tensor `{name}`")]
     CutOff {
@@ -115,19 +125,34 @@ impl WeightFile {
     }
 
     fn values(&self, name: &str, info: &TensorInfo) -> Result<Vec<f32>, InceptionError> {
-        let (start, end) = info.data_offsets;
-        let bytes = self
-            .data
-            .get(start..end)
-            .ok_or_else(|| InceptionError::CutOff { name: name.into() })?;
         match info.dtype {
-            Dtype::F32 => Ok(entries(bytes, f32::from_le_bytes)),
-            Dtype::F16 => Ok(entries(bytes, |two| f16::from_le_bytes(two).to_f32())),
+            Dtype::F32 => Ok(entries(self.bytes(name, info, 4)?, f32::from_le_bytes)),
+            Dtype::F16 => Ok(entries(self.bytes(name, info, 2)?, |two| {
+                f16::from_le_bytes(two).to_f32()
+            })),
             other => Err(InceptionError::Type {
                 name: name.into(),
                 found: format!("{other:?}"),
             }),
         }
+    }
+
+    /// The bytes of a tensor whose entries have `width` bytes; its shape is one that was asked for.
+    fn bytes(&self, name: &str, info: &TensorInfo, width: usize) -> Result<&[u8], InceptionError> {
+        let (start, end) = info.data_offsets;
+        let (expected, found) = (
+            info.shape.iter().product::<usize>() * width,
+            end.saturating_sub(start),
+        );
+        if expected != found {
+            return Err(InceptionError::Length {
+                name: name.into(),
+                expected,
+                found,
+            });
+        }
+        let bytes = self.data.get(start..end);
+        bytes.ok_or_else(|| InceptionError::CutOff { name: name.into() })
     }
 }
 

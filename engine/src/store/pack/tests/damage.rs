@@ -1,0 +1,115 @@
+//! Packs of which any bit was changed, and packs that were cut anywhere: what is read is true, or nothing is.
+
+use super::{super::form, Bench, trial};
+use crate::{
+    Error,
+    store::{Store, StoredTrial, pack::Short},
+};
+use std::{fs, io::Cursor, path::Path};
+
+/// How many trials the packs hold.
+const COUNT: u64 = 3;
+
+/// What the bytes of a pack give of each trial, where it is whole.
+fn held(bytes: &[u8]) -> Vec<Option<Short>> {
+    let index = form::index(&mut Cursor::new(bytes)).unwrap();
+    let slice = |at: u64, length: u32| {
+        let at = usize::try_from(at).unwrap();
+        bytes[at..at + length as usize].to_vec()
+    };
+    let mut found = vec![None; usize::try_from(COUNT).unwrap()];
+    for entry in &index.entries {
+        let short = Short {
+            acknowledgement: slice(entry.at, entry.acknowledgement),
+            metrics: slice(entry.at + u64::from(entry.acknowledgement), entry.metrics),
+        };
+        let id = form::id_of(entry.id);
+        let place = (0..COUNT).position(|seed| trial(seed).id == id);
+        if let Some(place) = place.filter(|_| short.is_whole(&id)) {
+            found[place] = Some(short);
+        }
+    }
+    found
+}
+
+/// What is found is true; how many trials are.
+fn n_true(found: &[Option<Short>], whole: &[Option<Short>], place: usize) -> usize {
+    for (one, other) in found.iter().zip(whole) {
+        assert!(one.is_none() || one == other, "other content at byte {place}");
+    }
+    found.iter().flatten().count()
+}
+
+#[test]
+fn a_changed_bit_costs_one_trial_at_most_and_a_cut_those_that_it_takes_away() {
+    let bench = Bench::packed(COUNT);
+    let bytes = fs::read(bench.file()).unwrap();
+    let whole = held(&bytes);
+    assert!(whole.iter().all(Option::is_some));
+    let entries = form::index(&mut Cursor::new(&bytes)).unwrap().entries;
+    // Metrics are held against one hash, whichever bit of theirs it is: one of each byte is enough.
+    let is_metrics = |place: u64| {
+        let metrics =
+            |entry: &form::Entry| entry.at + u64::from(entry.acknowledgement)..entry.at + entry.length();
+        entries.iter().any(|entry| metrics(entry).contains(&place))
+    };
+    for place in 0..bytes.len() {
+        let kept = entries
+            .iter()
+            .filter(|entry| entry.at + entry.length() <= place as u64);
+        assert_eq!(
+            n_true(&held(&bytes[..place]), &whole, place),
+            kept.count(),
+            "cut at {place}"
+        );
+        for bit in (0..8).filter(|bit| *bit == place % 8 || !is_metrics(place as u64)) {
+            let mut changed = bytes.clone();
+            changed[place] ^= 1 << bit;
+            let left = n_true(&held(&changed), &whole, place);
+            assert!(left + 1 >= whole.len(), "bit {bit} of byte {place}");
+        }
+    }
+}
+
+/// A store with a pack of these bytes says of each trial the truth, that it is missing, or that the pack is damaged.
+fn holds(root: &Path, pack: &Path, bytes: &[u8], truth: &[StoredTrial]) {
+    fs::write(pack, bytes).unwrap();
+    let store = Store::at(root);
+    let trials: Vec<_> = (0..COUNT).map(trial).collect();
+    assert!(store.ends(&trials).unreadable.is_empty());
+    for (told, truth) in store.stored_of(&trials, |it| it).all.iter().zip(truth) {
+        assert!(told.as_ref().is_none_or(|told| told == truth));
+    }
+    for (seed, trial) in trials.into_iter().enumerate() {
+        match store.load(&trial.into()) {
+            Ok(result) => assert!(
+                result
+                    .rows
+                    .iter()
+                    .all(|row| row.value.to_bits() == (seed as f64).to_bits())
+            ),
+            Err(Error::Damaged { path, .. }) => assert_eq!(path, pack),
+            Err(error) => panic!("{error}"),
+        }
+    }
+    let found = store.check(false, Vec::new()).unwrap();
+    let is_named = found.findings.iter().any(|it| root.join(&it.path) == pack);
+    assert!(is_named, "fsck says nothing of the pack: {found:?}");
+}
+
+#[test]
+fn a_store_with_a_damaged_pack_says_nothing_that_is_not_true_and_names_the_pack() {
+    let bench = Bench::packed(COUNT);
+    let (root, pack) = (bench.store.root.clone(), bench.file());
+    let bytes = fs::read(&pack).unwrap();
+    let truth: Vec<StoredTrial> = (0..COUNT)
+        .map(|seed| bench.store.stored(&trial(seed).id).unwrap().unwrap())
+        .collect();
+    // A step that shares no factor with what the parts of a pack are long.
+    for place in (0..bytes.len()).step_by(23) {
+        let mut changed = bytes.clone();
+        changed[place] ^= 1 << (place % 8);
+        holds(&root, &pack, &changed, &truth);
+        holds(&root, &pack, &bytes[..place], &truth);
+    }
+}
