@@ -15,6 +15,7 @@ mod head;
 mod index;
 mod interactive;
 mod junit;
+mod kept;
 mod manifest;
 mod markdown;
 mod on_paper;
@@ -35,11 +36,12 @@ mod tests;
 mod verdicts;
 
 pub use basis::basis;
-pub use budgets::duration;
+pub use budgets::{duration, told};
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
+pub use kept::{FigureFacts, Kept};
 pub use manifest::{Manifest, Replaced};
 pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
@@ -54,11 +56,12 @@ pub use verdicts::{Passed, Verdicts};
 use crate::{
     Build, Error, figure,
     figure::FigureSpec,
-    results::Results,
+    results::{Ran, Results},
     spec::{ClaimSpec, Repeats, Summary},
     table,
     table::TableSpec,
 };
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sheet::Sheet;
 use std::{
@@ -108,6 +111,10 @@ pub struct StudyInfo {
     /// Options of the command line that make the results differ from the study as it is written, as `--set
     /// dsac.discount=0.9`.
     pub options: Vec<String>,
+    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    pub earlier_versions: Vec<String>,
+    /// Keys of the study that had other values when the trials ran.
+    pub changed_settings: Vec<String>,
 }
 
 impl StudyInfo {
@@ -115,10 +122,21 @@ impl StudyInfo {
     fn asked_with(&self) -> Option<String> {
         (!self.options.is_empty()).then(|| format!("with {}", self.options.join(", ")))
     }
+
+    /// Sentences on trials that are not those which the study has now.
+    fn outdated(&self) -> Vec<String> {
+        let sentence = |what: &str, names: &[String]| {
+            (!names.is_empty()).then(|| format!("{what}: {}.", names.join("; ")))
+        };
+        let versions = sentence("Of an earlier version", &self.earlier_versions);
+        let settings = sentence("Of other settings than the study has now", &self.changed_settings);
+        versions.into_iter().chain(settings).collect()
+    }
 }
 
 /// What made the results.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The source code of the program that made the report, where it knows.
     pub build: Option<Build>,
@@ -181,6 +199,7 @@ pub fn write(
         head: head::lines(contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
+        ran: Ran::of(results),
         settings: differences::sheets(study, results),
     };
     let (markdown, page) = (dir.join("report.md"), dir.join("index.html"));
@@ -209,6 +228,8 @@ struct Parts<'a> {
     head: Vec<head::Line>,
     claims: Option<Sheet>,
     budgets: Option<Sheet>,
+    /// How the trials ended.
+    ran: Ran,
     /// The settings that differ, a table per plugin.
     settings: Vec<Sheet>,
 }

@@ -140,6 +140,8 @@ fn info() -> StudyInfo {
         "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.";
     let unit = |(name, unit): (&str, &str)| (name.to_string(), unit.to_string());
     StudyInfo {
+        earlier_versions: Vec::new(),
+        changed_settings: Vec::new(),
         repeats: None,
         name: "table-3.2".into(),
         stages: Vec::new(),

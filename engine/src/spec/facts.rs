@@ -42,8 +42,9 @@ impl Builder<'_> {
             return Ok(());
         }
         let known = self.sections.announced;
-        if let Some(facts) = known.and_then(|known| known.recall(&resolved.id)) {
+        if let Some(facts) = known.and_then(|known| known.recall::<Facts>(&resolved.id)) {
             self.is_recalled = true;
+            self.announced.insert(resolved.id.clone(), json!(facts));
             self.environments.insert(resolved.id.clone(), Some(facts));
             return Ok(());
         }
