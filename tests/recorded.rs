@@ -195,6 +195,14 @@ fn damage_is_an_error_that_names_the_file_and_never_a_number() {
     assert!(refused("cut before it was noted", "record.json").contains("holds no record"));
     fs::remove_file(bench.path(FOLDER).join("manifest.json")).unwrap();
     refused("no manifest", "manifest.json");
+    fs::rename(bench.path(FOLDER), bench.path("elsewhere")).unwrap();
+    let answer = bench.run(&["report", "small.yaml", "--recorded"]);
+    assert_eq!(answer.code, 4, "{}", answer.err);
+    assert!(
+        answer.err.contains("small: passed over, as there is no folder"),
+        "{}",
+        answer.err
+    );
 }
 
 /// Tables of which a number is another one when they are made again, with the cause: a statistic was changed after the

@@ -2,7 +2,8 @@
 //! claims, published values, margins and texts are those of the study files now.
 
 use super::{
-    BAD_SPEC, Common, Failure, OK, ReportOptions, Selection, complain, folders, looks, overview, provenance,
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, folders, looks,
+    overview, provenance,
     reports::{self, Gathered, RESOLVED},
     run,
     study::{self, Planned},
@@ -16,6 +17,7 @@ use crate::{
     results::{EndState, Results, TrialResult},
     spec,
     store::Announcements,
+    world::fs,
 };
 use std::path::{Path, PathBuf};
 
@@ -36,15 +38,23 @@ pub(super) fn report(
     let (mut planned, mut found, mut code) = (Vec::new(), Vec::new(), OK);
     for path in &selection.specs {
         match find(registry, path, selection, reporting) {
-            Ok((one, it)) => {
+            Ok(Some((one, it))) => {
                 planned.push(one);
                 found.push(it);
             }
+            Ok(None) => {}
             Err(failure) => {
                 complain(&failure.text);
                 code = code.max(failure.code);
             }
         }
+    }
+    if planned.is_empty() && code == OK {
+        let text = "error: none of these studies has a folder of results".into();
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text,
+        });
     }
     folders::check(&planned, selection, reporting)?;
     for (one, it) in planned.iter().zip(found) {
@@ -59,13 +69,14 @@ pub(super) fn report(
     Ok(code)
 }
 
-/// The record of the study in a file, and the study with the trials that the record is of.
+/// The record of the study in a file, and the study with the trials that the record is of; `None` where it has no results
+/// yet.
 fn find(
     registry: &Registry,
     path: &Path,
     selection: &Selection,
     reporting: &ReportOptions,
-) -> Result<(Planned, Found), Failure> {
+) -> Result<Option<(Planned, Found)>, Failure> {
     let refused = |problems: Vec<_>| Failure {
         code: BAD_SPEC,
         text: diagnostic::render_first(&problems),
@@ -73,6 +84,13 @@ fn find(
     let mut options = study::options(selection, None);
     let name = spec::name_in(path, registry, &options).map_err(refused)?;
     let folder = folders::folder_of(&name, selection, reporting);
+    if !fs::is_folder(&folder) {
+        complain(&format!(
+            "{name}: passed over, as there is no folder `{}`",
+            folder.display()
+        ));
+        return Ok(None);
+    }
     let manifest = Manifest::of_record(&folder)?;
     if manifest.options != folders::options(selection) {
         let problem = format!("is of a study that was asked for with {:?}", manifest.options);
@@ -98,7 +116,7 @@ fn find(
         manifest,
         folder,
     };
-    Ok((one, found))
+    Ok(Some((one, found)))
 }
 
 /// What a report is written of, from a record.
