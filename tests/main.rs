@@ -51,6 +51,7 @@ mod program;
 mod provenance;
 mod python_environments;
 mod record;
+mod recorded;
 mod recorded_flights;
 mod reports;
 mod results;

@@ -191,6 +191,18 @@ pub enum Error {
         /// What says so.
         problem: String,
     },
+    /// A file in a folder of results is not as its report wrote it, so that no report can be made of it.
+    #[error(
+        "`{}` {problem}: take back the folder as it was committed (`git checkout`), or write it again from a store by \
+         `regimen report` without `--recorded`",
+        path.display()
+    )]
+    Record {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// An environment gives something to draw that cannot be drawn.
     #[error(transparent)]
     Drawing(#[from] crate::drawing::DrawingError),

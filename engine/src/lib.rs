@@ -53,6 +53,7 @@ pub mod protocol;
 pub mod published_curve;
 pub mod random;
 pub mod reach;
+pub mod record;
 pub mod recorder;
 pub mod registry;
 pub mod report;

@@ -1,8 +1,10 @@
 //! What is known of a study's trials: the frame that tables, figures and claims read.
 
 mod searched;
+mod told;
 
 pub use searched::{SearchResult, Sight, TriedSetting};
+pub use told::{Cost, Printed, Ran, Told};
 
 use crate::{
     Metric, PerEpisode,
@@ -92,6 +94,12 @@ fn has_time(asked: &Value) -> bool {
 #[must_use]
 pub fn updates_metric() -> Metric {
     Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
+}
+
+/// The metric under which a record of means over episodes holds the root of the mean square of another one.
+#[must_use]
+pub fn root_of_squares(metric: &str) -> String {
+    format!("rms({metric})")
 }
 
 /// How a trial ended.
@@ -300,9 +308,13 @@ impl TrialResult {
     }
 
     /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was
-    /// recorded.
+    /// recorded. A record that holds means over episodes has it as a metric of its own.
     #[must_use]
     pub fn root_mean_square(&self, phase: Phase, metric: &str) -> Option<f64> {
+        let recorded = root_of_squares(metric);
+        if self.names.contains(&recorded) {
+            return self.mean(phase, &recorded);
+        }
         let (sum, count) = self.select(phase, metric).fold((0.0, 0u32), |(sum, count), row| {
             (sum + row.value * row.value, count + 1)
         });
@@ -389,6 +401,8 @@ pub struct Results {
     pub drawings: BTreeMap<String, Drawings>,
     /// Where imported runs come from, which are among the trials.
     pub imported: Vec<Origin>,
+    /// What a record says of all trials together, where the results are read from one.
+    pub told: Option<Told>,
 }
 
 /// Environment, agent and setting, by their names in the study: what seeds are replicates of.

@@ -21,11 +21,16 @@ const LONGEST: usize = 80;
 /// the study as it is written. A folder that the command line names holds one study, or a folder for each of
 /// several.
 pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
+    folder_of(&one.study.name, selection, reporting)
+}
+
+/// The same for the study of a name.
+pub(super) fn folder_of(study: &str, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
     let all = around(reporting);
     match &reporting.out {
         Some(_) if is_one(selection) => all,
-        Some(_) => all.join(&one.study.name),
-        None => all.join(format!("{}{}", one.study.name, asked(selection))),
+        Some(_) => all.join(study),
+        None => all.join(format!("{study}{}", asked(selection))),
     }
 }
 

@@ -142,7 +142,8 @@ pub(super) fn line(one: &Planned) -> Option<String> {
 }
 
 /// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by another
-/// margin than when they were first seen, and records those that are seen now.
+/// margin than when they were first seen, and records those that are seen now. It answers the record as far as it is of
+/// these verdicts and these trials, by what is judged alone.
 ///
 /// # Errors
 /// [`Error::File`] where the record cannot be written.
@@ -151,42 +152,93 @@ pub(super) fn record(
     store: &Store,
     results: &Results,
     contents: &mut Contents,
-) -> Result<(), Error> {
+) -> Result<SeenVerdicts, Error> {
     let study = &one.study.name;
-    let design = one.study.design.iter();
-    let mut noting = Noting {
-        seen: read(store, study)?,
-        changed: false,
-        first_trials: FirstTrials::of(results),
-        relevance: one.study.relevance.as_ref(),
-        planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
-    };
-    let tables = contents.tables.iter_mut();
-    tables
-        .filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?)))
-        .for_each(|(name, grid)| noting.table(name, grid));
-    contents.claims.iter_mut().for_each(|line| noting.claim(line));
-    contents.lost_record.clone_from(&noting.seen.lost);
+    let mut noting = Noting::of(one, read(store, study)?, results);
+    noting.ids = Some(FirstIds::of(results));
+    noting.all(contents);
     // A record of an earlier program gets its check.
     if noting.changed || !noting.seen.is_sealed() && !noting.seen.verdicts.is_empty() {
         store.keep_seen(study, &noting.seen)?;
     }
-    // What is exploratory is in no family.
-    contents.adjust();
-    Ok(())
+    Ok(noting.noted)
+}
+
+/// The same with a record that is of these trials, and goes on with what is no more judged now.
+pub(super) fn record_again(
+    one: &Planned,
+    seen: SeenVerdicts,
+    results: &Results,
+    contents: &mut Contents,
+) -> SeenVerdicts {
+    let mut noting = Noting::of(one, seen, results);
+    noting.all(contents);
+    let Noting { mut noted, seen, .. } = noting;
+    noted.extend(seen);
+    noted
 }
 
 /// The record of verdicts while those of a report are held against it.
 struct Noting<'a> {
     seen: SeenVerdicts,
+    /// What of it is of the verdicts of this report, by what is judged alone.
+    noted: SeenVerdicts,
     changed: bool,
-    first_trials: FirstTrials<'a>,
     relevance: Option<&'a Relevance>,
+    /// How many trials each combination has.
+    numbers: BTreeMap<CellName, usize>,
+    /// The ids of first trials, where the record is also of others.
+    ids: Option<FirstIds<'a>>,
     /// The numbers of seeds of planned looks.
     planned: BTreeSet<u32>,
 }
 
-impl Noting<'_> {
+impl<'a> Noting<'a> {
+    fn of(one: &'a Planned, seen: SeenVerdicts, results: &Results) -> Self {
+        let mut numbers: BTreeMap<CellName, usize> = BTreeMap::new();
+        for it in &results.trials {
+            *numbers.entry(it.cell()).or_default() += 1;
+        }
+        let design = one.study.design.iter();
+        let mut noted = SeenVerdicts::default();
+        noted.lost.clone_from(&seen.lost);
+        Self {
+            noted,
+            seen,
+            changed: false,
+            relevance: one.study.relevance.as_ref(),
+            numbers,
+            ids: None,
+            planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
+        }
+    }
+
+    /// Holds everything that is judged against the record.
+    fn all(&mut self, contents: &mut Contents) {
+        let tables = contents.tables.iter_mut();
+        tables
+            .filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?)))
+            .for_each(|(name, grid)| self.table(name, grid));
+        contents.claims.iter_mut().for_each(|line| self.claim(line));
+        contents.lost_record.clone_from(&self.seen.lost);
+        // What is exploratory is in no family.
+        contents.adjust();
+    }
+
+    /// The most trials that a combination has of those behind a verdict.
+    fn most_planned(&self, cells: &BTreeSet<CellName>) -> usize {
+        let numbers = cells.iter().filter_map(|cell| self.numbers.get(cell));
+        numbers.copied().max().unwrap_or(0)
+    }
+
+    /// The name of what is judged in the record: another version of a trial is another experiment.
+    fn key(&self, place: &str, rests_on: &BTreeSet<CellName>) -> String {
+        match &self.ids {
+            Some(ids) => format!("{place} @ {}", ids.hash(rests_on)),
+            None => place.to_owned(),
+        }
+    }
+
     fn table(&mut self, name: &str, grid: &mut Grid) {
         for (row, cells) in grid.rows.iter().zip(&mut grid.cells) {
             for (column, cell) in grid.columns.iter().zip(cells) {
@@ -203,7 +255,7 @@ impl Noting<'_> {
     fn claim(&mut self, line: &mut ClaimLine) {
         let judged = line.verdict.as_ref().is_ok_and(|claim| claim.verdict.is_judged());
         let n = line.verdict.as_ref().map_or(0, |claim| claim.n);
-        let seeds = number(judged, self.first_trials.planned(&line.rests_on), n, &line.looks);
+        let seeds = number(judged, self.most_planned(&line.rests_on), n, &line.looks);
         let place = format!("{} in {}", line.spec.claim, line.place);
         line.seen_at = self.look(&place, &line.rests_on, seeds);
         let rule = rule_of_claim(line.spec.matters, self.relevance);
@@ -219,25 +271,32 @@ impl Noting<'_> {
         rule: Option<String>,
     ) -> Option<String> {
         let rule = rule?;
-        let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
-        if let Some(first) = self.seen.rules.get(&key) {
-            return Some(first.clone()).filter(|first| *first != rule);
+        let key = self.key(place, rests_on);
+        let first = self.seen.rules.get(&key).cloned();
+        if first.is_none() {
+            self.seen.rules.insert(key, rule.clone());
+            self.changed = true;
         }
-        self.seen.rules.insert(key, rule);
-        self.changed = true;
-        None
+        let first = first.unwrap_or_else(|| rule.clone());
+        self.noted.rules.insert(place.to_owned(), first.clone());
+        Some(first).filter(|first| *first != rule)
     }
 
     /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
     /// it: more seeds that were seen and are not shown are no better than fewer.
     fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
         let seeds = seeds?;
-        let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
+        let key = self.key(place, rests_on);
         let plans = self.seen.plans.entry(key.clone()).or_default();
         let before = self.seen.verdicts.entry(key).or_default();
         if before.insert(seeds) {
             self.changed = true;
             plans.insert(seeds, self.planned.clone());
+        }
+        let [place, noted] = [place.to_owned(), place.to_owned()];
+        self.noted.verdicts.insert(place, before.clone());
+        if !plans.is_empty() {
+            self.noted.plans.insert(noted, plans.clone());
         }
         // A look of this plan is none of it where it was seen before there was this plan: then it had the whole level.
         let was_planned = |earlier: &u32| {
@@ -319,34 +378,23 @@ pub(super) fn unite(into: &Store, from: &Store, dry_run: bool) -> Result<bool, E
     Ok(all)
 }
 
-/// The trial of the first seed of every combination, and how many seeds each has.
-struct FirstTrials<'a> {
-    by_cell: BTreeMap<CellName, (&'a str, usize)>,
-}
+/// The id of the trial of the first seed of every combination.
+struct FirstIds<'a>(BTreeMap<CellName, &'a str>);
 
-impl<'a> FirstTrials<'a> {
+impl<'a> FirstIds<'a> {
     fn of(results: &'a Results) -> Self {
-        let mut by_cell: BTreeMap<CellName, (&str, usize)> = BTreeMap::new();
+        let mut by_cell = BTreeMap::new();
         for it in &results.trials {
-            by_cell.entry(it.cell()).or_insert((it.trial.id.as_str(), 0)).1 += 1;
+            by_cell.entry(it.cell()).or_insert(it.trial.id.as_str());
         }
-        Self { by_cell }
+        Self(by_cell)
     }
 
     fn hash(&self, cells: &BTreeSet<CellName>) -> String {
-        trial::hash(&json!(
-            cells
-                .iter()
-                .filter_map(|cell| Some(self.by_cell.get(cell)?.0))
-                .collect::<Vec<_>>()
-        ))
-    }
-
-    fn planned(&self, cells: &BTreeSet<CellName>) -> usize {
-        cells
+        let ids: Vec<&str> = cells
             .iter()
-            .filter_map(|cell| Some(self.by_cell.get(cell)?.1))
-            .max()
-            .unwrap_or(0)
+            .filter_map(|cell| self.0.get(cell).copied())
+            .collect();
+        trial::hash(&json!(ids))
     }
 }

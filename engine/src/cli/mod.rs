@@ -23,6 +23,8 @@ mod prepare;
 mod profiles;
 mod progress;
 mod provenance;
+mod recorded;
+mod reports;
 mod rollout;
 mod run;
 mod running;
@@ -316,12 +318,17 @@ enum Verb {
     /// Show running trials, learning curves as they come, end states and the time left, in the terminal (q leaves), as
     /// a page that renews itself, or once as text; nothing in the store is changed.
     Watch(watch::WatchOptions),
-    /// Write tables, figures and the report again from the store; nothing is trained.
+    /// Write tables, figures and the report again from the store, or with `--recorded` from what an earlier report left;
+    /// nothing is trained.
     Report {
         #[command(flatten)]
         selection: Selection,
         #[command(flatten)]
         report: ReportOptions,
+        /// Read the record in each folder of results in the place of a store: trials as they were, judged by the studies as
+        /// they are now. Figures of single steps and drawings stay as they are.
+        #[arg(long)]
+        recorded: bool,
     },
     /// Print the results of all studies as one table: the rows of those that have a `summary`; or what is open.
     Overview(overview::OverviewOptions),
@@ -461,7 +468,14 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             study::status(registry, &selection, common)
         }),
         Verb::Watch(options) => watch::watch(registry, &options, common),
-        Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
+        Verb::Report {
+            selection,
+            report,
+            recorded: true,
+        } => recorded::report(registry, &selection, &report, common),
+        Verb::Report {
+            selection, report, ..
+        } => reports::report(registry, &selection, &report, common),
         Verb::Overview(options) => overview::overview(&options, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Pack(options) => pack::pack(&options, common),

@@ -1,10 +1,10 @@
-//! `run`, `worker`, `report`: compute what is missing, then show what is there.
+//! `run`, `worker`: compute what is missing, then show what is there; and what is known of a study's results.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions,
-    RunOptions, Selection, TRIALS_FAILED, complain,
+    BAD_SPEC, Common, Failure, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
+    TRIALS_FAILED, complain,
     compute::Compute,
-    folders, hosts, looks, overview, pack, profiles, provenance, say, searches, settings, stages,
+    folders, hosts, looks, overview, pack, reports, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -13,17 +13,18 @@ use crate::{
     drawing::Drawings,
     executor::{self, Way},
     product::Taken,
-    report::{self, Contents, Counts, Manifest, Period, ReportPaths, StudyInfo},
-    results::{EndState, Results, SearchResult, TrialResult, names_times},
+    report::{self, StudyInfo},
+    results::{Results, SearchResult, TrialResult, names_times},
     search::Search,
-    spec::{self, Progress},
-    store::{self, Store, write_durably},
+    spec::{Progress, Study},
+    store::Store,
     trial::{Purpose, Trial},
 };
-use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-use std::sync::Arc;
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -71,7 +72,9 @@ pub(super) fn run(
     };
     let mut code = OK;
     for one in &planned {
-        code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
+        code = code.max(reports::write(
+            registry, one, &store, selection, reporting, common,
+        )?);
     }
     overview::index(&planned, selection, reporting, common)?;
     if computed == OK && kind.is_none() {
@@ -81,7 +84,7 @@ pub(super) fn run(
 }
 
 /// The command that runs again what failed.
-fn again(selection: &Selection, common: &Common) -> String {
+pub(super) fn again(selection: &Selection, common: &Common) -> String {
     selection.command("run", common, &["--retry-failed"])
 }
 
@@ -212,127 +215,6 @@ fn parse_index(text: &str) -> Result<(usize, usize), Failure> {
     }
 }
 
-/// `report`: tables, figures and the page from the store.
-pub(super) fn report(
-    registry: &Registry,
-    selection: &Selection,
-    reporting: &ReportOptions,
-    common: &Common,
-) -> Result<u8, Failure> {
-    let store = settings::read(common)?.open()?;
-    let mut code = OK;
-    let planned = study::load_with_looks(registry, selection, &store)?;
-    folders::check(&planned, selection, reporting)?;
-    searches::told(&planned, &again(selection, common));
-    for one in &planned {
-        code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
-    }
-    overview::index(&planned, selection, reporting, common)?;
-    Ok(code)
-}
-
-fn write_report(
-    registry: &Registry,
-    one: &Planned,
-    store: &Store,
-    selection: &Selection,
-    reporting: &ReportOptions,
-    common: &Common,
-) -> Result<u8, Failure> {
-    let mend = selection.command("run", common, &[]);
-    let (results, dir) = (
-        collect(one, store, Some(&mend)),
-        folders::folder(one, selection, reporting),
-    );
-    let (mut builds, mut ended) = (BTreeMap::new(), None);
-    let trials = &one.plan.trials;
-    // What is damaged was complained of while the results were collected.
-    let states = store.stored_of(trials, |it| {
-        *builds.entry(it.build).or_default() += 1;
-        if let Some(date) = it.ended_at {
-            ended = Some(Period::with(ended.take(), date, trials.len()));
-        }
-        it.end.state
-    });
-    let mut study = StudyInfo {
-        profiles: profiles::of(registry, one, &states.all, selection, store),
-        ended,
-        options: folders::options(selection),
-        ..info(one, registry)
-    };
-    if !study.options.is_empty() {
-        // Such results are none of the study as it is written.
-        study.confirms.clear();
-    }
-    let code = code_of_report(one, &states.all, &results);
-    let earlier = Manifest::read(&dir).filter(|earlier| !earlier.files.is_empty());
-    if earlier.is_some() && states.all.iter().all(Option::is_none) && one.study.imported.is_empty() {
-        return Ok(kept(one, store, &dir, code, common));
-    }
-    let mut contents = Contents::of(&study, &results);
-    looks::record(one, store, &results, &mut contents)?;
-    contents.leave_to(&earlier.unwrap_or_default());
-    let provenance = provenance::of(registry, one, builds);
-    let lacking = contents.unmade();
-    let paths = report::write(&dir, &study, &results, &mut contents, &provenance)?;
-    let unmade = contents.unmade();
-    for warning in &contents.warnings {
-        complain(&format!("warning: {}: {warning}", study.name));
-    }
-    write_beside(&dir, one, selection, &results, &paths, &unmade)?;
-    say(&match common.format {
-        Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
-        Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
-    });
-    Ok(match code {
-        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile, and where
-        // a part of the study was selected.
-        OK if unmade != lacking || !unmade.is_empty() && selection.is_whole() => NOT_MADE,
-        OK if reporting.strict && contents.contradicts() => DIFFERS,
-        code => code,
-    })
-}
-
-/// The code that `status` gives. Tried and prepared trials count as missing just as the trials do that the report
-/// shows.
-fn code_of_report(one: &Planned, states: &[Option<EndState>], results: &Results) -> u8 {
-    let ends = results
-        .trials
-        .iter()
-        .map(|result| Some(result.end.as_ref()?.state));
-    study::code_of(states.iter().copied().chain(ends)).max(searches::code(one))
-}
-
-/// Says that nothing of a study is there, so that its earlier report stays as it was.
-fn kept(one: &Planned, store: &Store, dir: &Path, code: u8, common: &Common) -> u8 {
-    let (name, root, dir) = (&one.study.name, store.root().display(), dir.display());
-    complain(&format!(
-        "{name}: no trial of it has ended in the store `{root}`, so the earlier report in `{dir}` stays as it was"
-    ));
-    if common.format == Format::Json {
-        say(&json!({ "study": name, "page": null, "files": [] }).to_string());
-    }
-    code
-}
-
-/// Writes the complete study and the evaluations beside a report, and clears away what an earlier one left.
-fn write_beside(
-    dir: &Path,
-    one: &Planned,
-    selection: &Selection,
-    results: &Results,
-    paths: &ReportPaths,
-    unmade: &BTreeSet<String>,
-) -> Result<(), Failure> {
-    let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
-    write_durably(&resolved, spec::resolved_yaml(&one.study, dir)?.as_bytes())?;
-    store::write_results(&evaluations, results)?;
-    let own = [paths.page.clone(), paths.markdown.clone(), resolved, evaluations];
-    let files = [&paths.files[..], &own].concat();
-    folders::settle(dir, one, selection, &files, unmade)?;
-    Ok(())
-}
-
 pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
     let study = &one.study;
     StudyInfo {
@@ -409,42 +291,6 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     defaults
 }
 
-fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &ReportPaths) -> Value {
-    let counts = |counts: Counts| -> serde_json::Map<String, serde_json::Value> {
-        counts
-            .into_iter()
-            .map(|(word, count)| (word.to_owned(), json!(count)))
-            .collect()
-    };
-    json!({
-        "study": study.name, "basis": report::basis(study, results, contents),
-        "summary": report::sentence(study, contents), "published": counts(contents.verdicts(false)),
-        "claims": counts(contents.outcomes(false)),
-        "published_holm": counts(contents.verdicts_together()),
-        "claims_holm": counts(contents.outcomes_together()),
-        "published_exploratory": counts(contents.verdicts(true)),
-        "claims_exploratory": counts(contents.outcomes(true)),
-        "not_made": not_made(contents), "warnings": contents.warnings,
-        "page": paths.page, "files": paths.files,
-    })
-}
-
-/// Names of the tables and figures that could not be made, with the reasons.
-fn not_made(contents: &Contents) -> Value {
-    let tables = contents
-        .tables
-        .iter()
-        .filter_map(|(name, grid)| Some((name, grid.as_ref().err()?)));
-    let figures = contents
-        .figures
-        .iter()
-        .filter_map(|(name, chart)| Some((name, chart.as_ref().err()?)));
-    let all = tables.chain(figures);
-    all.map(|(name, reason)| (name.clone(), json!(reason)))
-        .collect::<serde_json::Map<_, _>>()
-        .into()
-}
-
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
 #[expect(
     clippy::disallowed_methods,
@@ -479,7 +325,6 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
             complain(&format!("warning: {error}; the trial counts as missing{then}"));
         }
     });
-    let study = &one.study;
     for it in &mut trials {
         let Err(error) = store.read_partial(it) else {
             continue;
@@ -491,28 +336,40 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
             ));
         }
     }
-    if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
+    if names_times_of(&one.study) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }
-    // Nobody here knows how long runs of others took.
-    trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
-    if let Some(success) = &one.study.success {
-        trials.iter_mut().for_each(|trial| trial.judge_success(success));
-    }
-    let of_search = |(search, progress): &(Search, Progress)| SearchResult::of(search, progress, &trials);
-    let searches = study.searches.iter().map(of_search).collect();
     let drawings = match mend {
         Some(_) => drawings(one, store, &trials),
         // Who only looks at verdicts shows no figure.
         None => BTreeMap::new(),
     };
     Results {
+        drawings,
+        ..assembled(&one.study, trials)
+    }
+}
+
+/// True where something of a study shows how long trials took.
+pub(super) fn names_times_of(study: &Study) -> bool {
+    names_times(&(&study.tables, &study.figures, &study.claims, &study.success))
+}
+
+/// The results of a study from those of its trials.
+pub(super) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results {
+    // Nobody here knows how long runs of others took.
+    trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
+    if let Some(success) = &study.success {
+        trials.iter_mut().for_each(|trial| trial.judge_success(success));
+    }
+    let of_search = |(search, progress): &(Search, Progress)| SearchResult::of(search, progress, &trials);
+    let searches = study.searches.iter().map(of_search).collect();
+    Results {
         searches,
         design: study.design.clone(),
         first_seed: study.first_seed(),
         success: study.success.clone(),
         paper_budget: study.paper_budget.clone(),
-        drawings,
         imported: study.imported.iter().map(|it| it.origin.clone()).collect(),
         ..Results::of(trials)
     }

@@ -103,7 +103,7 @@ fn read<'a>(
 ) -> (Vec<Planned>, Vec<Refused<'a>>) {
     let (mut planned, mut refused) = (Vec::new(), Vec::new());
     for path in &selection.specs {
-        match load_one(registry, path, selection, announced) {
+        match load_one(registry, path, selection, options(selection, announced)) {
             Ok(one) => planned.push(one),
             Err(problems) => refused.push((path.as_path(), problems)),
         }
@@ -151,13 +151,13 @@ fn nothing_selected() -> Failure {
     }
 }
 
-fn load_one(
+/// Loads and plans one study.
+pub(super) fn load_one(
     registry: &Registry,
     path: &Path,
     selection: &Selection,
-    announced: Option<&Announcements>,
+    options: spec::Options,
 ) -> Result<Planned, Vec<Diagnostic>> {
-    let options = options(selection, announced);
     let study = spec::load(path, registry, &options)?;
     let plan = Plan {
         study: study.name.clone(),
@@ -253,7 +253,8 @@ fn warn_of(study: &Study) {
     }
 }
 
-fn options(selection: &Selection, announced: Option<&Announcements>) -> spec::Options {
+/// The options with which the studies of a selection are read.
+pub(super) fn options(selection: &Selection, announced: Option<&Announcements>) -> spec::Options {
     spec::Options {
         profile: selection.profile.clone(),
         sets: selection.sets.clone(),

@@ -10,7 +10,7 @@ mod side;
 
 pub use difference::{Basis, Difference, Fate, LEVEL};
 pub use render::{markdown, text};
-pub use settings::flat;
+pub use settings::{changed_keys, flat};
 pub use side::{Measured, Place, Side, parse_study};
 
 use crate::report::Passed;

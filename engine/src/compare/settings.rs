@@ -51,6 +51,45 @@ pub(super) fn differing(a: &BTreeMap<String, Value>, b: &BTreeMap<String, Value>
         .collect()
 }
 
+/// Sections of a study that determine what its trials come to.
+const OF_TRIALS: [&str; 8] = [
+    "environments",
+    "agents",
+    "protocol",
+    "prepare",
+    "sweep",
+    "overrides",
+    "cross_play",
+    "search",
+];
+
+/// The keys by which trials were determined that have another value now. A key that only the study of now has is a newer
+/// option with its default, or is told by those that it took the place of.
+#[must_use]
+pub fn changed_keys(before: &Value, now: &Value) -> Vec<String> {
+    let of_trials = |key: &str| {
+        let section = key.split('.').next().unwrap_or(key);
+        OF_TRIALS.contains(&section)
+    };
+    let differing = differing(&flat(before), &flat(now)).into_iter();
+    let changed = differing.filter(|it| {
+        let (Some(before), now) = (&it.a, &it.b) else {
+            return false;
+        };
+        of_trials(&it.key) && !now.as_ref().is_some_and(|now| is_same_file(before, now))
+    });
+    changed.map(|it| it.key).collect()
+}
+
+/// The name of a file, as it is seen from two folders.
+fn is_same_file(a: &Value, b: &Value) -> bool {
+    let name = |value: &Value| {
+        let (_, name) = value.as_str()?.rsplit_once('/')?;
+        Some(name.to_owned())
+    };
+    name(a).is_some() && name(a) == name(b)
+}
+
 /// `1` and `1.0` are one number; an empty list or mapping and nothing at all are the same setting.
 fn is_equal(a: Option<&Value>, b: Option<&Value>) -> bool {
     let is_nothing = |value: Option<&Value>| {
@@ -87,6 +126,22 @@ mod tests {
             ["agents.x.sac.discount", "agents.x.sac.layers", "agents.y.rule.on"]
         );
         assert_eq!(differing(&flat(&a), &flat(&b))[2].a, None);
+    }
+
+    #[test]
+    fn trials_are_told_by_what_determines_them_and_newer_options_are_none_of_it() {
+        let study = |agent: &Value, file: &str| {
+            json!({"agents": {"x": agent}, "environments": {"e": {"file": file}}, "claims": [{"claim": file}],
+                "seeds": [1, 2]})
+        };
+        let before = study(&json!({"rate": 0.1, "old": 1}), "../data/a.csv");
+        let newer = study(&json!({"rate": 0.1, "old": 1, "new": 2}), "../../data/a.csv");
+        assert_eq!(changed_keys(&before, &newer), [""; 0]);
+        let other = study(&json!({"rate": 0.2}), "../data/b.csv");
+        assert_eq!(
+            changed_keys(&before, &other),
+            ["agents.x.old", "agents.x.rate", "environments.e.file"]
+        );
     }
 
     #[test]

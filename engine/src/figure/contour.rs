@@ -44,6 +44,10 @@ impl Figure for Contour {
         names.seed(self.seed, at);
     }
 
+    fn is_recorded(&self) -> bool {
+        false
+    }
+
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
         build(self, spec, context)
     }

@@ -56,7 +56,7 @@ pub use images::Images;
 pub use importance::ImportanceFigure;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
 pub use letters::lacking;
-pub use on_dark::{Ground, on_dark};
+pub use on_dark::{Ground, Shades, on_dark};
 pub use parallel_coordinates::ParallelCoordinates;
 pub use pdf::pdf;
 pub use plot_data::plot_data;
@@ -136,6 +136,12 @@ pub(crate) trait Figure {
     /// What it shows of that which trials leave; `None` where it shows what they record.
     fn shows(&self) -> Option<ProductKind> {
         None
+    }
+
+    /// True where the record in a folder of results holds what it shows: means over episodes, and neither steps nor what
+    /// trials leave.
+    fn is_recorded(&self) -> bool {
+        self.shows().is_none()
     }
 
     /// Computes its panels.
@@ -220,6 +226,12 @@ impl FigureKind {
     #[must_use]
     pub fn shows(&self) -> Option<ProductKind> {
         self.it().shows()
+    }
+
+    /// True where the record in a folder of results holds what it shows.
+    #[must_use]
+    pub fn is_recorded(&self) -> bool {
+        self.it().is_recorded()
     }
 }
 

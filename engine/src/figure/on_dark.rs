@@ -7,6 +7,7 @@ use super::{
     paint::SVG_SCALE,
     style::{FAINT, INK, Rgb, blend},
 };
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The paper of a dark page, as its style sheet has it.
@@ -18,7 +19,8 @@ const PALE: Rgb = (0xe6, 0xe7, 0xe9);
 const CONTRAST: f64 = 4.5;
 
 /// What the marks of a chart lie on, which decides what may change on a dark page.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Ground {
     /// Paper: every colour has one that stands for it.
     Paper,
@@ -56,15 +58,52 @@ impl Ground {
     }
 }
 
-/// Rules of a style sheet for dark pages with these charts inside `figure` elements; empty where none changes.
+/// Facts on a chart by which the style sheet of a page changes its colours on dark paper.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shades {
+    /// What its marks lie on.
+    pub ground: Ground,
+    /// The width of its axes in the SVG.
+    axis_width: String,
+    /// Colours of its marks, and what stands for each on dark paper.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    colors: BTreeMap<String, String>,
+}
+
+impl Shades {
+    /// Those of a chart.
+    #[must_use]
+    pub fn of(chart: &Chart) -> Self {
+        let ground = Ground::of(chart);
+        let mut colors = BTreeMap::new();
+        let series = chart.panels.iter().flat_map(|panel| &panel.series);
+        for style in series.map(|series| series.style) {
+            colors.insert(capitals(style.color()), hex(style.on_dark()));
+            colors.insert(capitals(style.light()), hex(style.dim()));
+        }
+        Self {
+            ground,
+            axis_width: axis_width(chart),
+            // Colours that are data stay.
+            colors: if ground == Ground::Paper {
+                colors
+            } else {
+                BTreeMap::new()
+            },
+        }
+    }
+}
+
+/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where none changes.
 #[must_use]
-pub fn on_dark(charts: &[&Chart]) -> String {
-    let on = |ground| charts.iter().filter(move |chart| Ground::of(chart) == ground);
+pub fn on_dark(charts: &[Shades]) -> String {
+    let on = |ground| charts.iter().filter(move |chart| chart.ground == ground);
     let mut rules = String::new();
     if on(Ground::Paper).next().is_some() {
         rules += &on_paper(on(Ground::Paper));
     }
-    let widths: BTreeSet<String> = on(Ground::Colored).map(|chart| axis_width(chart)).collect();
+    let widths: BTreeSet<&String> = on(Ground::Colored).map(|chart| &chart.axis_width).collect();
     if !widths.is_empty() {
         rules += "figure.on-colors svg > polygon:first-of-type { fill: var(--paper); }\n\
                   figure.on-colors svg text { fill: currentColor; }\n";
@@ -84,21 +123,14 @@ fn axis_width(chart: &Chart) -> String {
     format!("{:.0}", (AXIS_WIDTH * scale * SVG_SCALE).round())
 }
 
-fn on_paper<'a>(charts: impl Iterator<Item = &'a &'a Chart>) -> String {
+fn on_paper<'a>(charts: impl Iterator<Item = &'a Shades>) -> String {
     let mut instead = BTreeMap::from([
-        (WHITE, "var(--paper)".to_owned()),
-        (INK, "currentColor".to_owned()),
-        (FAINT, "var(--line)".to_owned()),
+        (capitals(WHITE), "var(--paper)".to_owned()),
+        (capitals(INK), "currentColor".to_owned()),
+        (capitals(FAINT), "var(--line)".to_owned()),
     ]);
-    let series = charts
-        .flat_map(|chart| &chart.panels)
-        .flat_map(|panel| &panel.series);
-    for style in series.map(|series| series.style) {
-        instead.insert(style.color(), hex(style.on_dark()));
-        instead.insert(style.light(), hex(style.dim()));
-    }
-    let rule = |(color, instead): (&Rgb, &String)| {
-        let color = capitals(*color);
+    instead.extend(charts.flat_map(|chart| chart.colors.clone()));
+    let rule = |(color, instead): (&String, &String)| {
         let of = |what| format!("figure.on-paper svg [{what}=\"{color}\"] {{ {what}: {instead}; }}\n");
         of("fill") + &of("stroke")
     };
@@ -209,7 +241,7 @@ mod tests {
             ..Chart::default()
         };
         let flat = chart(Shape::Level(1.0));
-        let rules = on_dark(&[&flat]);
+        let rules = on_dark(&[Shades::of(&flat)]);
         let svg = crate::figure::svg(&flat).unwrap();
         let colors = svg
             .split(['"', ' '])
@@ -220,12 +252,12 @@ mod tests {
             assert!(rules.contains(&format!("=\"{color}\"]")), "{color}: {rules}");
         }
         let mut surface = chart(Shape::Surface(crate::figure::Surface::default()));
-        let rules = on_dark(&[&surface]);
+        let rules = on_dark(&[Shades::of(&surface)]);
         assert!(rules.contains("svg text {") && rules.contains("[stroke=\"#222222\"][stroke-width=\"6\"]"));
         assert!(!rules.contains("on-paper"), "{rules}");
         surface.paper.font_pt = Some(15.0);
-        assert!(on_dark(&[&surface]).contains("[stroke-width=\"12\"]"));
+        assert!(on_dark(&[Shades::of(&surface)]).contains("[stroke-width=\"12\"]"));
         let boxes = chart(Shape::Graph(crate::drawing::Graph::default()));
-        assert!(on_dark(&[&boxes]).is_empty());
+        assert!(on_dark(&[Shades::of(&boxes)]).is_empty());
     }
 }

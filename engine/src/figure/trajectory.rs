@@ -57,6 +57,10 @@ impl Figure for Trajectory {
         }
     }
 
+    fn is_recorded(&self) -> bool {
+        false
+    }
+
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
         build(self, spec, context)
     }

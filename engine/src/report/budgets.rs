@@ -8,7 +8,7 @@ use crate::{
     Phase,
     count::count,
     imported::marked,
-    results::{EPISODE_LENGTH, Results, TrialResult},
+    results::{Cost, EPISODE_LENGTH, Printed, Ran, Results, Told, TrialResult},
     trial::Purpose,
 };
 use std::collections::BTreeMap;
@@ -32,17 +32,57 @@ struct Budget<'a> {
     trials: Vec<&'a TrialResult>,
 }
 
-/// What the trials of a study took together.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Cost {
-    /// Seconds, of trials that ended.
-    seconds: f64,
-    /// Trials that ended, each once.
-    trials: usize,
+/// What stands behind the number of updates where there was none.
+const NOT_TRAINED: &str = ": not trained";
+
+/// What a report says of all trials together, computed from them.
+#[must_use]
+pub fn told(study: &StudyInfo, results: &Results) -> Told {
+    Told {
+        budgets: sheet(study, results).map(Printed::from),
+        cost: cost(results),
+        ran: Ran::of(results),
+    }
+}
+
+impl From<Sheet> for Printed {
+    fn from(sheet: Sheet) -> Self {
+        let texts = |row: Vec<Entry>| row.into_iter().map(|entry| entry.text).collect();
+        Self {
+            head: sheet.head,
+            words: sheet.words,
+            rows: sheet.rows.into_iter().map(texts).collect(),
+            notes: sheet.notes,
+        }
+    }
+}
+
+impl From<&Printed> for Sheet {
+    fn from(printed: &Printed) -> Self {
+        let entry = |text: &String| {
+            let tone = if text.ends_with(NOT_TRAINED) {
+                Tone::Alarm
+            } else {
+                Tone::Plain
+            };
+            Entry::of(tone, text)
+        };
+        let row = |texts: &Vec<String>| texts.iter().map(entry).collect();
+        Self {
+            title: String::new(),
+            head: printed.head.clone(),
+            words: printed.words,
+            rows: printed.rows.iter().map(row).collect(),
+            notes: printed.notes.clone(),
+        }
+    }
 }
 
 /// The budget of every agent in every environment; `None` where the study has no trial.
 pub(super) fn sheet(study: &StudyInfo, results: &Results) -> Option<Sheet> {
+    if let Some(told) = &results.told {
+        return told.budgets.as_ref().map(Sheet::from);
+    }
     let budgets = budgets(results);
     let several = budgets
         .iter()
@@ -82,6 +122,9 @@ pub(super) fn untrained(results: &Results) -> Vec<String> {
 
 /// The cost of all trials.
 pub(super) fn cost(results: &Results) -> Cost {
+    if let Some(told) = &results.told {
+        return told.cost;
+    }
     Cost::of(
         results
             .prepared
@@ -107,16 +150,6 @@ impl Cost {
         #[allow(clippy::cast_precision_loss, reason = "a study has at most a million trials")]
         let trials = self.trials as f64;
         (self.trials > 0).then(|| self.seconds / trials)
-    }
-
-    /// Seconds, of trials that ended.
-    pub(super) fn seconds(self) -> f64 {
-        self.seconds
-    }
-
-    /// Trials that ended, each once.
-    pub(super) fn trials(self) -> usize {
-        self.trials
     }
 
     /// Time and number of trials, in words.
@@ -238,7 +271,7 @@ impl Budget<'_> {
         match self.untrained() {
             0 => Entry::plain(text),
             _ => Entry {
-                text: format!("{text}: not trained"),
+                text: text + NOT_TRAINED,
                 tone: Tone::Alarm,
             },
         }

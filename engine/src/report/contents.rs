@@ -1,6 +1,6 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
-use super::{Manifest, StudyInfo, collapses, files, floors};
+use super::{FigureFacts, Kept, Manifest, StudyInfo, collapses, files, floors};
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
@@ -19,10 +19,16 @@ use crate::{
     training_share::{TrainingShare, trained},
 };
 use serde::Serialize;
-use std::{collections::BTreeSet, path::PathBuf};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
 
 /// The word for a claim that cannot be read.
 pub const UNREAD: &str = "NOT READ";
+
+/// Why a figure is not made of a record.
+const NOT_RECORDED: &str = "what it shows is in no record";
 
 /// Everything that a report shows, in the order of the study. What could not be made holds the reason in its
 /// place.
@@ -39,6 +45,8 @@ pub struct Contents {
     /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
     /// is not known.
     pub lost_record: Option<PathBuf>,
+    /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
+    pub kept: BTreeMap<String, Kept>,
 }
 
 /// A claim in one environment.
@@ -89,6 +97,9 @@ impl Contents {
         };
         let mut warnings = Vec::new();
         let mut chart = |name: &str, spec: &FigureSpec| {
+            if results.told.is_some() && !spec.kind.is_recorded() {
+                return Err(NOT_RECORDED.to_owned());
+            }
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
@@ -130,6 +141,7 @@ impl Contents {
                 .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
             warnings: Vec::new(),
+            kept: BTreeMap::new(),
         };
         if study.is_rehearsal {
             contents.judge_nothing();
@@ -160,6 +172,32 @@ impl Contents {
                 reason.push_str(are);
             }
         }
+    }
+
+    /// Takes the drawings of an earlier report for the figures that could not be made, as far as `facts` are known.
+    ///
+    /// # Errors
+    /// [`Error::Record`](crate::Error::Record) where a drawing is not as its report wrote it.
+    pub fn keep(
+        &mut self,
+        folder: &Path,
+        earlier: &Manifest,
+        facts: &BTreeMap<String, FigureFacts>,
+    ) -> Result<(), crate::Error> {
+        for (name, _) in self.figures.iter().filter(|(_, chart)| chart.is_err()) {
+            let Some(facts) = facts.get(name) else { continue };
+            let kept = Kept::read(folder, earlier, name, facts)?;
+            self.kept.extend(kept.map(|kept| (name.clone(), kept)));
+        }
+        Ok(())
+    }
+
+    /// True where every table and figure is shown, be it as an earlier report drew it.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        let has_chart =
+            |(name, chart): &(String, Result<Chart, String>)| chart.is_ok() || self.kept.contains_key(name);
+        self.tables.iter().all(|(_, grid)| grid.is_ok()) && self.figures.iter().all(has_chart)
     }
 
     /// The files, by their names inside the folder of the report, of tables and figures that could not be made.

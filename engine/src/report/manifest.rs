@@ -85,6 +85,36 @@ impl Manifest {
         self.files.contains_key(file) || self.earlier.contains_key(file)
     }
 
+    /// The manifest of a folder whose files are to be read.
+    ///
+    /// # Errors
+    /// [`Error::Record`] where there is none, or none that can be read.
+    pub fn of_record(folder: &Path) -> Result<Self, Error> {
+        Self::read(folder).ok_or_else(|| Error::Record {
+            path: folder.join(NAME),
+            problem: "is not there, or not as a report wrote it".into(),
+        })
+    }
+
+    /// The bytes of a file of the folder, held against their hash.
+    ///
+    /// # Errors
+    /// [`Error::Record`] where it is not as the report wrote it.
+    pub fn checked(&self, folder: &Path, name: &str) -> Result<Vec<u8>, Error> {
+        let wrong = |problem: &str| Error::Record {
+            path: folder.join(name),
+            problem: problem.into(),
+        };
+        let digest = self.files.get(name).or_else(|| self.earlier.get(name));
+        let digest = digest.ok_or_else(|| wrong("is no file that the report in its folder wrote"))?;
+        let bytes = own_file(folder, name).ok_or_else(|| wrong("cannot be read"))?;
+        if store::digest(&bytes) == *digest {
+            Ok(bytes)
+        } else {
+            Err(wrong("was changed or cut off after its report wrote it"))
+        }
+    }
+
     /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists; those of `unmade`
     /// stay.
     ///

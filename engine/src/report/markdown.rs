@@ -3,12 +3,9 @@
 use super::{Parts, Period, StudyInfo, answers, files, head, legend, sheet::Sheet, stages};
 use crate::{
     build::tally,
-    count::count,
     figure::{Chart, FigureSpec},
     imported::Origin,
-    results::TrialResult,
     table::{Grid, escape_markdown as escape, markdown, prose},
-    trial::Purpose,
 };
 
 /// The whole report.
@@ -27,6 +24,12 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
         study
             .rehearsal()
             .map(|banner| format!("**{}**", prose::markdown(banner))),
+    );
+    blocks.extend(
+        study
+            .outdated()
+            .iter()
+            .map(|sentence| format!("**{}**", escape(sentence))),
     );
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
     blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
@@ -144,16 +147,18 @@ fn tables(parts: &Parts<'_>) -> Vec<String> {
 
 fn figures(parts: &Parts<'_>) -> Vec<String> {
     let figure = |((name, chart), (_, spec)): (&(String, Result<Chart, String>), &(String, FigureSpec))| {
-        let body = match chart {
-            Ok(chart) => {
-                format!(
-                    "![{}](figures/{})\n\n{}",
-                    escape(&chart.in_words()),
-                    files::name(name, "svg"),
-                    prose::markdown(&chart.notes.join(" "))
-                )
-            }
-            Err(reason) => format!("Could not be drawn: {}", prose::markdown(reason)),
+        let drawn = |words: &str, notes: &[String]| {
+            format!(
+                "![{}](figures/{})\n\n{}",
+                escape(words),
+                files::name(name, "svg"),
+                prose::markdown(&notes.join(" "))
+            )
+        };
+        let body = match (chart, parts.contents.kept.get(name)) {
+            (Ok(chart), _) => drawn(&chart.in_words(), &chart.notes),
+            (Err(_), Some(kept)) => drawn(&kept.facts.words, &kept.facts.notes),
+            (Err(reason), None) => format!("Could not be drawn: {}", prose::markdown(reason)),
         };
         let caption = if spec.caption.is_empty() {
             String::new()
@@ -202,46 +207,11 @@ fn by_seed(parts: &Parts<'_>) -> Vec<String> {
 }
 
 fn runs(parts: &Parts<'_>) -> Vec<String> {
-    let failed = all(parts).filter(|trial| trial.end.is_some() && !trial.is_ok());
-    std::iter::once(format!("- {}", end_states(parts)))
-        .chain(failed.map(|trial| format!("- {}", escape(&failure(trial)))))
+    let failures = parts.ran.failures.iter().map(|failure| escape(failure));
+    std::iter::once(parts.ran.sentence())
+        .chain(failures.map(Into::into))
+        .map(|line: String| format!("- {line}"))
         .collect()
-}
-
-/// The trials that others take from, and those that are shown; imported runs are none of ours.
-pub(super) fn all<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a TrialResult> + use<'a> {
-    let all = parts.results.prepared.iter().chain(&parts.results.trials);
-    all.filter(|trial| trial.trial.cell.purpose != Purpose::Imported)
-}
-
-/// How many trials ended in each way.
-pub(super) fn end_states(parts: &Parts<'_>) -> String {
-    let mut counts: std::collections::BTreeMap<_, usize> = std::collections::BTreeMap::new();
-    for trial in all(parts) {
-        *counts.entry(trial.end.as_ref().map(|end| end.state)).or_default() += 1;
-    }
-    let not_run = counts.remove(&None);
-    let ended = counts
-        .into_iter()
-        .filter_map(|(state, n)| state.map(|state| format!("{n} {}", state.name())));
-    let words: Vec<String> = ended.chain(not_run.map(|n| format!("{n} not run"))).collect();
-    format!("{}: {}", count(all(parts).count(), "trial"), words.join(", "))
-}
-
-/// A failed trial in one line.
-pub(super) fn failure(trial: &TrialResult) -> String {
-    let (key, end) = (&trial.trial, trial.end.as_ref());
-    let setting = if key.cell.setting.is_empty() {
-        String::new()
-    } else {
-        format!(", {}", key.cell.setting)
-    };
-    let state = end.map_or("", |end| end.state.name());
-    let reason = end.map_or("", |end| &end.reason);
-    format!(
-        "{}, {}{setting}, seed {}: {state}: {reason}",
-        key.cell.environment, key.cell.agent, key.key.seed
-    )
 }
 
 /// Files of imported runs, each with its hash.

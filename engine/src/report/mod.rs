@@ -18,6 +18,7 @@ mod head;
 mod index;
 mod interactive;
 mod junit;
+mod kept;
 mod legend;
 mod manifest;
 mod markdown;
@@ -39,11 +40,12 @@ mod tests;
 mod verdicts;
 
 pub use basis::basis;
-pub use budgets::duration;
+pub use budgets::{duration, told};
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
+pub use kept::{FigureFacts, Kept};
 pub use manifest::{Manifest, Replaced};
 pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
@@ -58,11 +60,12 @@ pub use verdicts::{Passed, Verdicts};
 use crate::{
     Better, Build, Error, figure,
     figure::FigureSpec,
-    results::Results,
+    results::{Ran, Results},
     spec::{ClaimSpec, Relevance, Repeats, Summary},
     table,
     table::TableSpec,
 };
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sheet::Sheet;
 use std::{
@@ -123,6 +126,10 @@ pub struct StudyInfo {
     /// Options of the command line that make the results differ from the study as it is written, as `--set
     /// dsac.discount=0.9`.
     pub options: Vec<String>,
+    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    pub earlier_versions: Vec<String>,
+    /// Keys of the study that had other values when the trials ran.
+    pub changed_settings: Vec<String>,
 }
 
 impl StudyInfo {
@@ -138,10 +145,21 @@ impl StudyInfo {
              Nothing is judged, and what the study says of budgets is said of another one.",
         )
     }
+
+    /// Sentences on trials that are not those which the study has now.
+    fn outdated(&self) -> Vec<String> {
+        let sentence = |what: &str, names: &[String]| {
+            (!names.is_empty()).then(|| format!("{what}: {}.", names.join("; ")))
+        };
+        let versions = sentence("Of an earlier version", &self.earlier_versions);
+        let settings = sentence("Of other settings than the study has now", &self.changed_settings);
+        versions.into_iter().chain(settings).collect()
+    }
 }
 
 /// What made the results.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The source code of the program that made the report, where it knows.
     pub build: Option<Build>,
@@ -205,6 +223,7 @@ pub fn write(
         head: head::lines(study, contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
+        ran: Ran::of(results),
         settings: differences::sheets(study, results),
     };
     let (markdown, page) = (dir.join("report.md"), dir.join("index.html"));
@@ -235,6 +254,8 @@ struct Parts<'a> {
     head: Vec<head::Line>,
     claims: Option<Sheet>,
     budgets: Option<Sheet>,
+    /// How the trials ended.
+    ran: Ran,
     /// The settings that differ, a table per plugin.
     settings: Vec<Sheet>,
 }

@@ -1,16 +1,17 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    Parts, answers, budgets, by_seed, files, head,
+    FigureFacts, Parts, answers, budgets, by_seed, files, head,
     interactive::{self, Lines},
+    kept::ENDINGS,
     legend,
-    markdown::{NO_SETTINGS, SETTINGS, all, end_states, failure, provenance, title},
+    markdown::{NO_SETTINGS, SETTINGS, provenance, title},
     on_paper::{self, OnPaper},
     sheet::Sheet,
     stages,
 };
 use crate::{
-    figure::{Chart, FigureSpec, Ground, is_wide, on_dark},
+    figure::{Chart, FigureSpec, Shades, on_dark},
     table::{Grid, escape_html as escape, html, prose, verdict_word},
 };
 
@@ -47,7 +48,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
     let charts: Vec<&Chart> = charts(parts).collect();
     let plotted = charts.iter().any(|chart| Lines::of(chart).is_some());
     let extra = Extra {
-        style: dark_figures(&charts) + if plotted { interactive::STYLE } else { "" },
+        style: dark_figures(parts, &charts) + if plotted { interactive::STYLE } else { "" },
         script: if plotted {
             interactive::script()
         } else {
@@ -67,8 +68,10 @@ fn charts<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a Chart> {
 }
 
 /// The rules for figures on a dark page.
-fn dark_figures(charts: &[&Chart]) -> String {
-    match on_dark(charts) {
+fn dark_figures(parts: &Parts<'_>, charts: &[&Chart]) -> String {
+    let kept = parts.contents.kept.values().map(|kept| kept.facts.shades.clone());
+    let shades: Vec<Shades> = charts.iter().map(|chart| Shades::of(chart)).chain(kept).collect();
+    match on_dark(&shades) {
         rules if rules.is_empty() => rules,
         rules => format!("@media screen and (prefers-color-scheme: dark) {{\n{rules}}}\n"),
     }
@@ -110,6 +113,9 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = prose::html(&parts.study.source);
     let note = |options: String| format!("<p><strong>{}</strong></p>\n", escape(&options));
     let options = parts.study.asked_with().map_or_else(String::new, note);
+    let strong = |sentence: &String| format!("<p><strong>{}</strong></p>\n", escape(sentence));
+    let outdated: String = parts.study.outdated().iter().map(strong).collect();
+    let options = options + &outdated;
     let banner = |text: &str| format!("<p class=\"banner\">{}</p>\n", prose::html(text));
     let banner = parts.study.rehearsal().map_or_else(String::new, banner);
     let paragraph = |text: &String| format!("<p>{}</p>\n", prose::html(text));
@@ -136,7 +142,7 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
         if source.is_empty() { "" } else { " · " },
         [banner, sentence, answers, departures, next, basis].concat(),
         parts.head.iter().map(chips).collect::<String>(),
-        escape(&end_states(parts)),
+        escape(&parts.ran.sentence()),
         budgets::cost(parts.results).sentence(),
     )
 }
@@ -199,30 +205,34 @@ fn figures(parts: &Parts<'_>) -> String {
 }
 
 fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &FigureSpec) -> String {
-    let body = match (chart, parts.drawings.get(name)) {
-        (Ok(chart), Some(svg)) => {
-            // A caption is a sentence, with or without its full stop.
-            let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) {
-                ""
-            } else {
-                "."
-            };
-            let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
-            let width = if is_wide(chart) { "double" } else { "single" };
-            let ground = Ground::of(chart).class();
-            let drawing = inline(svg, &chart.in_words());
+    let drawn = |facts: &FigureFacts, svg: &str, lines: &str, endings: &[&str]| {
+        // A caption is a sentence, with or without its full stop.
+        let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) {
+            ""
+        } else {
+            "."
+        };
+        let caption = prose::html(&format!("{}{stop} {}", spec.caption, facts.notes.join(" ")));
+        let width = if facts.is_wide { "double" } else { "single" };
+        let ground = facts.shades.ground.class();
+        format!(
+            "<figure class=\"{width} {ground}\">\n{}{lines}<figcaption>{}</figcaption>\n</figure>\n{}",
+            inline(svg, &facts.words),
+            caption.trim(),
+            links("figures", name, endings)
+        )
+    };
+    let body = match (chart, parts.drawings.get(name), parts.contents.kept.get(name)) {
+        (Ok(chart), Some(svg), _) => {
             let lines = Lines::of(chart).map_or(String::new(), |lines| lines.element());
-            format!(
-                "<figure class=\"{width} {ground}\">\n{drawing}{lines}<figcaption>{}</figcaption>\n</figure>\n{}",
-                caption.trim(),
-                links("figures", name, &["svg", "pdf", "png", "csv"])
-            )
+            drawn(&FigureFacts::of(chart), svg, &lines, &ENDINGS)
         }
-        (Err(reason), _) => format!(
+        (Err(_), _, Some(kept)) => drawn(&kept.facts, &kept.svg, "", &kept.endings),
+        (Err(reason), _, None) => format!(
             "<p class=\"problem\">Could not be drawn: {}</p>\n",
             prose::html(reason)
         ),
-        (Ok(_), None) => String::new(),
+        (Ok(_), None, _) => String::new(),
     };
     format!(
         "<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n",
@@ -306,11 +316,10 @@ fn values_by_seed(parts: &Parts<'_>) -> String {
 }
 
 fn runs(parts: &Parts<'_>) -> String {
-    let failed = all(parts).filter(|trial| trial.end.is_some() && !trial.is_ok());
     format!(
         "<p>{}.</p>\n{}",
-        escape(&end_states(parts)),
-        list(&failed.map(failure).collect::<Vec<_>>())
+        escape(&parts.ran.sentence()),
+        list(&parts.ran.failures)
     )
 }
 

@@ -1,7 +1,10 @@
 //! When the trials of a study ended.
 
+use serde::{Deserialize, Serialize};
+
 /// The first and the last of some dates.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Period {
     /// When the first trial ended, in UTC as RFC 3339 writes it.
     pub first: String,

@@ -1,9 +1,11 @@
 //! Which profiles of a study were ever run here.
 
 use crate::count::{count, either};
+use serde::{Deserialize, Serialize};
 
 /// A profile of a study, and how many of its trials are stored.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ProfileState {
     /// Its name; `None` for the study without a profile.
     pub name: Option<String>,
@@ -14,7 +16,8 @@ pub struct ProfileState {
 }
 
 /// The trials of a profile by what the store has of them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ProfileTrials {
     /// All of them.
     pub planned: usize,

@@ -27,6 +27,7 @@ pub fn summary(
     )];
     parts.extend(study.asked_with().map(|options| wrap(&options, width)));
     parts.extend(study.rehearsal().map(|banner| wrap(banner, width)));
+    parts.extend(study.outdated().iter().map(|sentence| wrap(sentence, width)));
     parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     for (name, grid) in &contents.tables {
         parts.push(match grid {
@@ -37,6 +38,7 @@ pub fn summary(
     let failed = contents
         .figures
         .iter()
+        .filter(|(name, _)| !contents.kept.contains_key(name))
         .filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
     parts.extend(failed.map(|(name, reason)| wrap(&format!("{name}: could not be drawn: {reason}"), width)));
     if !contents.claims.is_empty() {

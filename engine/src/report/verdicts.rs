@@ -32,6 +32,12 @@ pub struct Verdicts {
     /// Names of the studies whose claims it holds against other seeds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub confirms: Vec<String>,
+    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub earlier_versions: Vec<String>,
+    /// Keys of the study that had other values when the trials ran.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub changed_settings: Vec<String>,
     /// How many seeds were allowed and used, and what was exploratory.
     pub basis: String,
     /// Published values and claims that the seeds were to decide.
@@ -166,9 +172,11 @@ impl Verdicts {
             study: study.name.clone(),
             title: study.title.clone(),
             summary: sentence(study, contents),
-            trials: Some(cost.trials()),
-            trial_time_s: Some((10.0 * cost.seconds()).round() / 10.0),
+            trials: Some(cost.trials),
+            trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
             confirms: study.confirms.clone(),
+            earlier_versions: study.earlier_versions.clone(),
+            changed_settings: study.changed_settings.clone(),
             basis: basis(study, results, contents),
             judged: count(&Passed::is_judged),
             decided: count(&|it| it.is_judged() && it.is_decided()),

@@ -9,6 +9,7 @@ use crate::{
     store::is_missing,
     trial::Purpose,
 };
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,7 +25,8 @@ pub struct SearchResult {
 }
 
 /// A setting with the values of its metric.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TriedSetting {
     /// The setting, as `key=value` words.
     pub setting: String,

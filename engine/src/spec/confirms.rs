@@ -43,7 +43,7 @@ pub fn read(
     options: &Options,
 ) -> Result<Vec<Confirmed>, Vec<Diagnostic>> {
     let named = include::named(root, "confirms");
-    let reader = Reader::read(&named, study, file, registry, sources)?;
+    let reader = Reader::read(&named, study, file, registry, (sources, options))?;
     let others: Vec<&Study> = named
         .iter()
         .filter_map(|(name, _)| reader.study(study, name))
@@ -76,6 +76,8 @@ pub fn read(
 /// Reads studies and those that they confirm themselves, each once.
 struct Reader<'a> {
     registry: &'a Registry,
+    /// The options of the study as it is written, with what environments announced before.
+    options: Options,
     /// The study for which they are read.
     own: PathBuf,
     loaded: Vec<(PathBuf, Study)>,
@@ -87,11 +89,16 @@ impl<'a> Reader<'a> {
         study: &Study,
         file: &Path,
         registry: &'a Registry,
-        sources: &Sources,
+        (sources, options): (&Sources, &Options),
     ) -> Result<Self, Vec<Diagnostic>> {
         let own = along(Path::new(""), file);
+        let options = Options {
+            announced: options.announced.clone(),
+            ..Options::default()
+        };
         let mut reader = Self {
             registry,
+            options,
             own,
             loaded: Vec::new(),
         };
@@ -145,7 +152,7 @@ impl<'a> Reader<'a> {
         if self.loaded.len() == MOST {
             return Err(format!("{MOST} are the most, with those that they confirm").into());
         }
-        let (study, root) = load(path, self.registry)?;
+        let (study, root) = load(path, self.registry, &self.options)?;
         let (folder, reach) = (study.folder.clone(), Reach::of(&study.folder));
         self.loaded.push((file, study));
         include::named(&root, "confirms")
@@ -186,18 +193,18 @@ impl From<Vec<Diagnostic>> for Refused {
 }
 
 /// A study without those that it confirms itself, and its document; what is wrong with it where it is none.
-fn load(path: &Path, registry: &Registry) -> Result<(Study, Node), Refused> {
+fn load(path: &Path, registry: &Registry, options: &Options) -> Result<(Study, Node), Refused> {
     let shown = path.display().to_string();
     let bytes = input_file::read(path, input_file::Use::Study).map_err(|error| error.to_string())?;
     let text = document::decode(&shown, &bytes)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let (options, mut sources) = (Options::default(), Sources::default());
+    let mut sources = Sources::default();
     Ok(load_alone(
         &text,
         &shown,
         folder,
         registry,
-        &options,
+        options,
         &mut sources,
     )?)
 }

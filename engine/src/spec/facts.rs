@@ -45,8 +45,9 @@ impl Builder<'_> {
             return Ok(());
         }
         let known = self.sections.announced;
-        if let Some(facts) = known.and_then(|known| known.recall(resolved.id())) {
+        if let Some(facts) = known.and_then(|known| known.recall::<Facts>(resolved.id())) {
             self.is_recalled = true;
+            self.announced.insert(resolved.id().to_owned(), json!(facts));
             self.environments
                 .insert(resolved.id().to_owned(), Some(Arc::new(facts)));
             return Ok(());

@@ -205,6 +205,29 @@ pub struct Study {
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
 pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study, Vec<Diagnostic>> {
+    let (name, text) = read_text(path)?;
+    load_text(&text, &name, folder_of(path), registry, options)
+}
+
+/// The name of the study in a file, whatever its other sections say.
+///
+/// # Errors
+/// What keeps the file from being read as one document.
+pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
+    let (name, text) = read_text(path)?;
+    let (schema, mut sources) = (json_schema(registry), Sources::default());
+    let composed =
+        compose(&text, &name, folder_of(path), &schema, &mut sources, options).map_err(in_order)?;
+    Ok(section(&composed.root, "study").unwrap_or_default())
+}
+
+/// The folder that files named by a study are sought from.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// What messages call a file, and its text.
+fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
     let name = path.display().to_string();
     let unreadable = |error: std::io::Error| {
         let mut sources = Sources::default();
@@ -219,14 +242,8 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
         )]
     };
     let bytes = input_file::read(path, input_file::Use::Study).map_err(unreadable)?;
-    let text = document::decode(&name, &bytes)?;
-    load_text(
-        &text,
-        &name,
-        path.parent().unwrap_or(Path::new("")),
-        registry,
-        options,
-    )
+    let text = document::decode(&name, &bytes)?.into();
+    Ok((name, text))
 }
 
 /// Checks the study in a text. Messages call it `name`; data files are sought from `folder`.

@@ -15,8 +15,6 @@ use crate::{
     Error, Recorder, panics,
     parquet::{self, Table, Values},
     recorder::{Phase, Row},
-    results::Results,
-    trial::Trial,
     world::fs,
 };
 use std::{collections::HashMap, path::Path};
@@ -33,46 +31,6 @@ pub struct MetricsTable {
     /// The rows.
     pub rows: Vec<Row>,
 }
-
-/// Writes a study's evaluations as one small file that stands without the store: the mean over the episodes
-/// of every measurement, one row per trial, phase, step and metric, with the names of environment, agent and
-/// setting beside the seed.
-///
-/// # Errors
-/// Where the file cannot be written.
-pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
-    let mut rows = Vec::new();
-    for result in &results.trials {
-        for phase in [Phase::Evaluate, Phase::Final] {
-            for metric in result.names.iter() {
-                rows.extend(
-                    result
-                        .curve(phase, metric)
-                        .into_iter()
-                        .map(|(step, value)| (&*result.trial, phase, step, metric, value)),
-                );
-            }
-        }
-    }
-    let text = |of: for<'r> fn(&'r Summary<'_>) -> &'r str| Values::Text(rows.iter().map(of).collect());
-    let columns = vec![
-        ("environment", text(|row| &row.0.cell.environment)),
-        ("agent", text(|row| &row.0.cell.agent)),
-        ("setting", text(|row| &row.0.cell.setting)),
-        (
-            "seed",
-            Values::U64(rows.iter().map(|row| row.0.key.seed).collect()),
-        ),
-        ("phase", text(|row| row.1.name())),
-        ("step", Values::U64(rows.iter().map(|row| row.2).collect())),
-        ("metric", text(|row| row.3)),
-        ("value", Values::F64(rows.iter().map(|row| row.4).collect())),
-    ];
-    super::write_durably(path, &parquet::encode(path, columns, &[])?)
-}
-
-/// A row of a study's evaluations: trial, phase, step, metric, mean over the episodes.
-type Summary<'a> = (&'a Trial, Phase, u64, &'a String, f64);
 
 /// Reads a metrics file.
 ///

@@ -58,9 +58,7 @@ pub(crate) use inside::read as read_file;
 use lease::Announcement;
 pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
-pub use metrics_file::{
-    MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
-};
+pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics};
 pub use owner::Owner;
 pub use pack::Packing;
 pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};

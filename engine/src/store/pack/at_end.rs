@@ -33,7 +33,8 @@ impl Store {
             .into_iter()
             .partition(|id| packs.iter().any(|pack| pack.entry(id).is_some()));
         let is_many = new.len() >= many;
-        if !(is_many || !packed.is_empty()) || !self.is_left_to_this_process() {
+        let is_nothing = packed.is_empty() && !is_many;
+        if is_nothing || !self.is_left_to_this_process() {
             return Ok(None);
         }
         refuse_links(self)?;

@@ -1,0 +1,208 @@
+//! `report --recorded`: reports from the records in folders of results, without a store. Trials are as they were; tables,
+//! claims, published values, margins and texts are those of the study files now.
+
+use super::{
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, folders, looks,
+    overview, provenance,
+    reports::{self, Gathered, RESOLVED},
+    run,
+    study::{self, Planned},
+};
+use crate::{
+    Error, Registry,
+    compare::{changed_keys, parse_study},
+    diagnostic,
+    record::{self, Record, Source, forget_success},
+    report::{Contents, Manifest, Provenance, StudyInfo},
+    results::{EndState, Results, TrialResult},
+    spec,
+    store::Announcements,
+    world::fs,
+};
+use std::path::{Path, PathBuf};
+
+/// A study with the record of its results.
+struct Found {
+    record: Record,
+    manifest: Manifest,
+    folder: PathBuf,
+}
+
+/// Writes every report again whose record can be read; what is wrong with others is said, and the code is theirs.
+pub(super) fn report(
+    registry: &Registry,
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
+    let (mut planned, mut found, mut code) = (Vec::new(), Vec::new(), OK);
+    for path in &selection.specs {
+        match find(registry, path, selection, reporting) {
+            Ok(Some((one, it))) => {
+                planned.push(one);
+                found.push(it);
+            }
+            Ok(None) => {}
+            Err(failure) => {
+                complain(&failure.text);
+                code = code.max(failure.code);
+            }
+        }
+    }
+    if planned.is_empty() && code == OK {
+        let text = "error: none of these studies has a folder of results".into();
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text,
+        });
+    }
+    folders::check(&planned, selection, reporting)?;
+    for (one, it) in planned.iter().zip(found) {
+        let written = gathered(registry, one, it, selection)
+            .and_then(|gathered| reports::finish(one, selection, reporting, common, gathered));
+        code = code.max(written.unwrap_or_else(|failure| {
+            complain(&failure.text);
+            failure.code
+        }));
+    }
+    overview::index(&planned, selection, reporting, common)?;
+    Ok(code)
+}
+
+/// The record of the study in a file, and the study with the trials that the record is of; `None` where it has no results
+/// yet.
+fn find(
+    registry: &Registry,
+    path: &Path,
+    selection: &Selection,
+    reporting: &ReportOptions,
+) -> Result<Option<(Planned, Found)>, Failure> {
+    let refused = |problems: Vec<_>| Failure {
+        code: BAD_SPEC,
+        text: diagnostic::render_first(&problems),
+    };
+    let mut options = study::options(selection, None);
+    let name = spec::name_in(path, registry, &options).map_err(refused)?;
+    let folder = folders::folder_of(&name, selection, reporting);
+    if !fs::is_folder(&folder) {
+        complain(&format!(
+            "{name}: passed over, as there is no folder `{}`",
+            folder.display()
+        ));
+        return Ok(None);
+    }
+    let manifest = Manifest::of_record(&folder)?;
+    if manifest.options != folders::options(selection) {
+        let problem = format!("is of a study that was asked for with {:?}", manifest.options);
+        return Err(Error::Record {
+            path: folder,
+            problem,
+        }
+        .into());
+    }
+    let record = Record::read(&folder, &manifest)?;
+    options.searches = record.progress();
+    let announced = tempfile::Builder::new().prefix("regimen-recorded-").tempdir();
+    let announced = announced.map_err(Error::file("create a folder in", &std::env::temp_dir()))?;
+    let recalled = Announcements::of(announced.path());
+    record.announced.iter().for_each(|(id, it)| recalled.keep(id, it));
+    options.announced = Some(recalled);
+    let mut one = study::load_one(registry, path, selection, options).map_err(refused)?;
+    if one.study.design.is_some() {
+        one.replan(registry, record.seeds());
+    }
+    let found = Found {
+        record,
+        manifest,
+        folder,
+    };
+    Ok(Some((one, found)))
+}
+
+/// What a report is written of, from a record.
+fn gathered(
+    registry: &Registry,
+    one: &Planned,
+    found: Found,
+    selection: &Selection,
+) -> Result<Gathered, Failure> {
+    let Found {
+        mut record,
+        manifest,
+        folder,
+    } = found;
+    let results = results(one, &record, &manifest, &folder)?;
+    let now = provenance::of(registry, one, Default::default());
+    let study = StudyInfo {
+        profiles: record.profiles.clone(),
+        ended: record.ended.clone(),
+        earlier_versions: record.earlier_versions(&now.plugins),
+        changed_settings: changed_settings(one, &manifest, &folder)?,
+        ..run::info(one, registry)
+    };
+    let study = reports::as_asked(study, selection);
+    let mut contents = Contents::of(&study, &results);
+    let seen = record.seen.take().unwrap_or_default();
+    record.seen = Some(looks::record_again(one, seen, &results, &mut contents));
+    contents.leave_to(&manifest);
+    contents.keep(&folder, &manifest, &record.figures)?;
+    let provenance = Provenance {
+        program: now.program,
+        build: now.build,
+        date: now.date,
+        ..record.provenance.clone()
+    };
+    record.provenance = provenance.clone();
+    record.announced.extend(one.study.announced.clone());
+    let states = results.trials.iter().map(|it| Some(it.end.as_ref()?.state));
+    let code = study::code_of(states.collect::<Vec<Option<EndState>>>());
+    Ok(Gathered {
+        study,
+        results,
+        contents,
+        provenance,
+        record,
+        code,
+        is_recorded: true,
+    })
+}
+
+fn results(one: &Planned, record: &Record, manifest: &Manifest, folder: &Path) -> Result<Results, Error> {
+    let bytes = manifest.checked(folder, record::EVALUATIONS)?;
+    let blocks = record::decode(bytes, &folder.join(record::EVALUATIONS))?;
+    let mut trials = Source::of(record, blocks).results(&one.plan.trials);
+    if one.study.success.is_some() {
+        trials.iter_mut().for_each(forget_success);
+    }
+    if run::names_times_of(&one.study) {
+        let has_times = |it: &&mut TrialResult| record.has_times(it.trial.as_ref());
+        trials
+            .iter_mut()
+            .filter(has_times)
+            .for_each(TrialResult::add_times);
+    }
+    let searches = one.study.searches.iter().filter_map(|(search, _)| {
+        let searched = record.searches.get(&search.name)?;
+        Some(searched.result(search))
+    });
+    Ok(Results {
+        searches: searches.collect(),
+        told: Some(record.told.clone()),
+        ..run::assembled(&one.study, trials)
+    })
+}
+
+/// The keys of the study that had other values when its trials ran.
+fn changed_settings(one: &Planned, manifest: &Manifest, folder: &Path) -> Result<Vec<String>, Error> {
+    let path = folder.join(RESOLVED);
+    let bytes = manifest.checked(folder, RESOLVED)?;
+    let text = String::from_utf8(bytes).map_err(|_| Error::Record {
+        path: path.clone(),
+        problem: "holds no text".into(),
+    })?;
+    let now = spec::resolved_yaml(&one.study, folder)?;
+    Ok(changed_keys(
+        &parse_study(&path, &text)?,
+        &parse_study(&path, &now)?,
+    ))
+}

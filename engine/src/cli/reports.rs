@@ -1,0 +1,311 @@
+//! `report`: tables, figures and the page from the store; and the writing of a report, wherever its results come from.
+
+use super::{
+    Common, DIFFERS, Failure, Format, NOT_MADE, OK, ReportOptions, Selection, complain, folders, looks,
+    overview, profiles, provenance, run, say, searches, settings,
+    study::{self, Planned},
+};
+use crate::{
+    Registry,
+    record::{self, Asks, Cell, Record, Searched},
+    report::{self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, StudyInfo},
+    results::{EndState, Results},
+    spec,
+    store::{Store, write_durably},
+};
+use serde_json::{Value, json};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+/// The file of a folder of results with the study and every default.
+pub(super) const RESOLVED: &str = "resolved.yaml";
+
+/// `report`: tables, figures and the page from the store.
+pub(super) fn report(
+    registry: &Registry,
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
+    let store = settings::read(common)?.open()?;
+    let mut code = OK;
+    let planned = study::load_with_looks(registry, selection, &store)?;
+    folders::check(&planned, selection, reporting)?;
+    searches::told(&planned, &run::again(selection, common));
+    for one in &planned {
+        code = code.max(write(registry, one, &store, selection, reporting, common)?);
+    }
+    overview::index(&planned, selection, reporting, common)?;
+    Ok(code)
+}
+
+/// What a report is written of.
+pub(super) struct Gathered {
+    /// The study.
+    pub(super) study: StudyInfo,
+    /// Its results.
+    pub(super) results: Results,
+    /// What of them is shown.
+    pub(super) contents: Contents,
+    /// What made them.
+    pub(super) provenance: Provenance,
+    /// What is kept of them in the folder, but for figures.
+    pub(super) record: Record,
+    /// The code of the command where the report is as it should be.
+    pub(super) code: u8,
+    /// True where the results come from the folder itself.
+    pub(super) is_recorded: bool,
+}
+
+/// Writes the report of a study from the store.
+pub(super) fn write(
+    registry: &Registry,
+    one: &Planned,
+    store: &Store,
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
+    let mend = selection.command("run", common, &[]);
+    let (results, dir) = (
+        run::collect(one, store, Some(&mend)),
+        folders::folder(one, selection, reporting),
+    );
+    let (mut builds, mut ended) = (BTreeMap::new(), None);
+    let trials = &one.plan.trials;
+    // What is damaged was complained of while the results were collected.
+    let states = store.stored_of(trials, |it| {
+        *builds.entry(it.build).or_default() += 1;
+        if let Some(date) = it.ended_at {
+            ended = Some(Period::with(ended.take(), date, trials.len()));
+        }
+        it.end.state
+    });
+    let study = StudyInfo {
+        profiles: profiles::of(registry, one, &states.all, selection, store),
+        ended,
+        ..run::info(one, registry)
+    };
+    let code = code_of_report(one, &states.all, &results);
+    let earlier = Manifest::read(&dir).filter(|earlier| !earlier.files.is_empty());
+    if earlier.is_some() && states.all.iter().all(Option::is_none) && one.study.imported.is_empty() {
+        return Ok(kept(one, store, &dir, code, common));
+    }
+    let study = as_asked(study, selection);
+    let mut contents = Contents::of(&study, &results);
+    let seen = looks::record(one, store, &results, &mut contents)?;
+    contents.leave_to(&earlier.unwrap_or_default());
+    let provenance = provenance::of(registry, one, builds);
+    let record = Record {
+        cells: Cell::all(&results),
+        told: report::told(&study, &results),
+        provenance: provenance.clone(),
+        profiles: study.profiles.clone(),
+        ended: study.ended.clone(),
+        searches: searched(one, &results),
+        seen: Some(seen),
+        announced: one.study.announced.clone(),
+        ..Record::of(&study.name)
+    };
+    let gathered = Gathered {
+        study,
+        results,
+        contents,
+        provenance,
+        record,
+        code,
+        is_recorded: false,
+    };
+    finish(one, selection, reporting, common, gathered)
+}
+
+/// What is said of a study that is not asked for as it is written.
+pub(super) fn as_asked(mut study: StudyInfo, selection: &Selection) -> StudyInfo {
+    study.options = folders::options(selection);
+    if !study.options.is_empty() {
+        // Such results are none of the study as it is written.
+        study.confirms.clear();
+    }
+    study
+}
+
+/// What searches came to, for the record.
+fn searched(one: &Planned, results: &Results) -> BTreeMap<String, Searched> {
+    let progress = one.study.searches.iter().zip(&results.searches);
+    let of_search = |((search, progress), result): (&(_, spec::Progress), &crate::results::SearchResult)| {
+        let search: &crate::search::Search = search;
+        let searched = Searched {
+            progress: progress.clone(),
+            tried: result.tried.clone(),
+        };
+        (search.name.clone(), searched)
+    };
+    progress.map(of_search).collect()
+}
+
+/// Writes a report and what lies beside it, says what came of it, and answers the exit code.
+pub(super) fn finish(
+    one: &Planned,
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+    mut gathered: Gathered,
+) -> Result<u8, Failure> {
+    let dir = folders::folder(one, selection, reporting);
+    let lacking = gathered.contents.unmade();
+    let Gathered {
+        study,
+        results,
+        contents,
+        provenance,
+        ..
+    } = &mut gathered;
+    let paths = report::write(&dir, study, results, contents, provenance)?;
+    for warning in &contents.warnings {
+        complain(&format!("warning: {}: {warning}", study.name));
+    }
+    let unmade = contents.unmade();
+    write_beside(&dir, one, selection, &gathered, &paths, &unmade)?;
+    let Gathered {
+        study,
+        results,
+        contents,
+        code,
+        ..
+    } = &gathered;
+    say(&match common.format {
+        Format::Json => as_json(study, results, contents, &paths).to_string(),
+        Format::Text => report::summary(study, results, contents, &paths.page, run::terminal_width()),
+    });
+    Ok(match *code {
+        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile, and where
+        // a part of the study was selected.
+        OK if unmade != lacking || !contents.is_whole() && selection.is_whole() => NOT_MADE,
+        OK if reporting.strict && contents.contradicts() => DIFFERS,
+        code => code,
+    })
+}
+
+/// The code that `status` gives. Tried and prepared trials count as missing just as the trials do that the report
+/// shows.
+fn code_of_report(one: &Planned, states: &[Option<EndState>], results: &Results) -> u8 {
+    let ends = results
+        .trials
+        .iter()
+        .map(|result| Some(result.end.as_ref()?.state));
+    study::code_of(states.iter().copied().chain(ends)).max(searches::code(one))
+}
+
+/// Says that nothing of a study is there, so that its earlier report stays as it was.
+fn kept(one: &Planned, store: &Store, dir: &Path, code: u8, common: &Common) -> u8 {
+    let (name, root, dir) = (&one.study.name, store.root().display(), dir.display());
+    complain(&format!(
+        "{name}: no trial of it has ended in the store `{root}`, so the earlier report in `{dir}` stays as it was"
+    ));
+    if common.format == Format::Json {
+        say(&json!({ "study": name, "page": null, "files": [] }).to_string());
+    }
+    code
+}
+
+/// Writes the complete study and the record beside a report, and clears away what an earlier one left. The measurements
+/// of a record stay as they are, and so does the study where its trials are not those of now.
+fn write_beside(
+    dir: &Path,
+    one: &Planned,
+    selection: &Selection,
+    gathered: &Gathered,
+    paths: &ReportPaths,
+    unmade: &BTreeSet<String>,
+) -> Result<(), Failure> {
+    let (resolved, evaluations) = (dir.join(RESOLVED), dir.join(record::EVALUATIONS));
+    if gathered.study.changed_settings.is_empty() {
+        write_durably(&resolved, spec::resolved_yaml(&one.study, dir)?.as_bytes())?;
+    }
+    if !gathered.is_recorded {
+        let bytes = record::encode(&evaluations, &gathered.results, &asks(one))?;
+        write_durably(&evaluations, &bytes)?;
+    }
+    let record = Record {
+        figures: facts(&gathered.study, &gathered.contents, &gathered.record),
+        ..gathered.record.clone()
+    };
+    record.write(dir)?;
+    let own = [
+        paths.page.clone(),
+        paths.markdown.clone(),
+        resolved,
+        evaluations,
+        dir.join(record::FILE),
+    ];
+    let files = [&paths.files[..], &own].concat();
+    folders::settle(dir, one, selection, &files, unmade)?;
+    Ok(())
+}
+
+/// The parts of a study that name metrics.
+fn asks(one: &Planned) -> Asks {
+    let study = &one.study;
+    let searched: Vec<&String> = study.searches.iter().map(|(search, _)| &search.by).collect();
+    Asks::of(&(
+        &study.tables,
+        &study.figures,
+        &study.claims,
+        &study.success,
+        searched,
+    ))
+}
+
+/// Facts on the figures that cannot be drawn from the record: of those that are drawn now, and as they were known before.
+fn facts(study: &StudyInfo, contents: &Contents, before: &Record) -> BTreeMap<String, FigureFacts> {
+    let figures = study.figures.iter().zip(&contents.figures);
+    let of_figure = |((name, spec), (_, chart)): (&(String, crate::figure::FigureSpec), &(String, _))| {
+        let chart: &Result<crate::figure::Chart, String> = chart;
+        let drawn = chart.as_ref().ok().filter(|_| !spec.kind.is_recorded());
+        let facts = drawn
+            .map(FigureFacts::of)
+            .or_else(|| before.figures.get(name).cloned())?;
+        Some((name.clone(), facts))
+    };
+    figures.filter_map(of_figure).collect()
+}
+
+fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &ReportPaths) -> Value {
+    let counts = |counts: Counts| -> serde_json::Map<String, serde_json::Value> {
+        counts
+            .into_iter()
+            .map(|(word, count)| (word.to_owned(), json!(count)))
+            .collect()
+    };
+    json!({
+        "study": study.name, "basis": report::basis(study, results, contents),
+        "summary": report::sentence(study, contents), "published": counts(contents.verdicts(false)),
+        "claims": counts(contents.outcomes(false)),
+        "published_holm": counts(contents.verdicts_together()),
+        "claims_holm": counts(contents.outcomes_together()),
+        "published_exploratory": counts(contents.verdicts(true)),
+        "claims_exploratory": counts(contents.outcomes(true)),
+        "not_made": not_made(contents), "warnings": contents.warnings,
+        "earlier_versions": study.earlier_versions, "changed_settings": study.changed_settings,
+        "page": paths.page, "files": paths.files,
+    })
+}
+
+/// Names of the tables and figures that could not be made, with the reasons.
+fn not_made(contents: &Contents) -> Value {
+    let tables = contents
+        .tables
+        .iter()
+        .filter_map(|(name, grid)| Some((name, grid.as_ref().err()?)));
+    let figures = contents
+        .figures
+        .iter()
+        .filter(|(name, _)| !contents.kept.contains_key(name))
+        .filter_map(|(name, chart)| Some((name, chart.as_ref().err()?)));
+    let all = tables.chain(figures);
+    all.map(|(name, reason)| (name.clone(), json!(reason)))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}

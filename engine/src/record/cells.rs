@@ -1,0 +1,299 @@
+//! The trials of a record: how each ended, and from them results as the store would give them.
+
+use super::{Block, Blocks, Measured, Record};
+use crate::{
+    recorder::{Phase, Row, intern},
+    results::{CellName, EndState, Results, SUCCESS, TrialEnd, TrialResult, root_of_squares},
+    trial::{Purpose, Trial},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    sync::Arc,
+};
+
+/// Which part of a study a trial is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// It is of a combination or a play, which tables, figures and claims show.
+    #[default]
+    Shown,
+    /// It leaves what others take.
+    Prepared,
+    /// It measures a setting for a search.
+    Tried,
+}
+
+impl Part {
+    fn of(purpose: &Purpose) -> Option<Self> {
+        match purpose {
+            Purpose::Cell | Purpose::Play(_) => Some(Self::Shown),
+            Purpose::Prepared => Some(Self::Prepared),
+            Purpose::Tried(_) => Some(Self::Tried),
+            Purpose::Imported => None,
+        }
+    }
+
+    fn is_shown(&self) -> bool {
+        *self == Self::Shown
+    }
+}
+
+/// The trials of an environment, agent and setting.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cell {
+    /// Environment, play or entry of `prepare`.
+    pub environment: String,
+    /// Agent.
+    pub agent: String,
+    /// Setting.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub setting: String,
+    /// Which part of the study it is.
+    #[serde(default, skip_serializing_if = "Part::is_shown")]
+    pub part: Part,
+    /// Seconds that a trial took on the mean, of those that do not say it themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_wall_s: Option<f64>,
+    /// How many seeds it was planned to have, where not all of them ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub planned: Option<u32>,
+    /// Those that ended, in the order of the plan; `None` where they are not told apart: then all ended `ok`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trials: Option<Vec<Ended>>,
+}
+
+/// How a trial ended.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ended {
+    /// Its seed.
+    pub seed: u64,
+    /// Its id.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub id: Option<String>,
+    /// How it ended where that is not `ok`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failed: Option<EndState>,
+    /// Why, for everything but `ok`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub reason: String,
+    /// Seconds that it took.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_s: Option<f64>,
+    /// Seconds of a decision of the final measurement, on the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision_s: Option<f64>,
+}
+
+impl Cell {
+    /// Environment, agent and setting.
+    #[must_use]
+    pub fn name(&self) -> CellName {
+        (self.environment.clone(), self.agent.clone(), self.setting.clone())
+    }
+
+    /// How many seeds it has, or was planned to have.
+    #[must_use]
+    pub fn seeds(&self) -> u32 {
+        let seeds: BTreeSet<u64> = self.trials.iter().flatten().map(|it| it.seed).collect();
+        self.planned.unwrap_or_else(|| number_of(&seeds))
+    }
+
+    /// The trials of results, in their order.
+    #[must_use]
+    pub fn all(results: &Results) -> Vec<Self> {
+        let mut cells: Vec<(Self, BTreeSet<u64>)> = Vec::new();
+        let mut places: BTreeMap<(Part, CellName), usize> = BTreeMap::new();
+        let all = results
+            .prepared
+            .iter()
+            .chain(&results.tried)
+            .chain(&results.trials);
+        for it in all {
+            let Some(part) = Part::of(&it.trial.cell.purpose) else {
+                continue;
+            };
+            let place = *places.entry((part, it.cell())).or_insert(cells.len());
+            if place == cells.len() {
+                cells.push((Self::new(part, it.cell()), BTreeSet::new()));
+            }
+            let (cell, missing) = &mut cells[place];
+            match it.end.as_deref() {
+                Some(end) => cell
+                    .trials
+                    .get_or_insert_default()
+                    .push(Ended::of(&it.trial, end)),
+                None => drop(missing.insert(it.trial.key.seed)),
+            }
+        }
+        let with_planned = |(cell, mut seeds): (Self, BTreeSet<u64>)| {
+            let is_whole = seeds.is_empty();
+            seeds.extend(cell.trials.iter().flatten().map(|it| it.seed));
+            Self {
+                planned: (!is_whole).then(|| number_of(&seeds)),
+                ..cell
+            }
+        };
+        cells.into_iter().map(with_planned).collect()
+    }
+
+    fn new(part: Part, (environment, agent, setting): CellName) -> Self {
+        Self {
+            environment,
+            agent,
+            setting,
+            part,
+            trials: Some(Vec::new()),
+            ..Self::default()
+        }
+    }
+}
+
+fn number_of(seeds: &BTreeSet<u64>) -> u32 {
+    u32::try_from(seeds.len()).unwrap_or(u32::MAX)
+}
+
+impl Ended {
+    fn of(trial: &Trial, end: &TrialEnd) -> Self {
+        Self {
+            seed: trial.key.seed,
+            id: Some(trial.id.clone()),
+            failed: Some(end.state).filter(|state| *state != EndState::Ok),
+            reason: end.reason.clone(),
+            wall_s: Some(end.wall_s),
+            decision_s: end.decision_s,
+        }
+    }
+
+    fn end(&self, mean_wall_s: Option<f64>) -> TrialEnd {
+        TrialEnd {
+            state: self.failed.unwrap_or(EndState::Ok),
+            reason: self.reason.clone(),
+            wall_s: self.wall_s.or(mean_wall_s).unwrap_or_default(),
+            decision_s: self.decision_s,
+            digest: String::new(),
+        }
+    }
+}
+
+/// A trial of a record that no planned trial has taken yet.
+struct Left {
+    ended: Ended,
+    mean_wall_s: Option<f64>,
+    block: Option<Block>,
+}
+
+/// The results of planned trials, found by environment, agent, setting and seed.
+pub struct Source {
+    left: BTreeMap<(Part, CellName, u64), VecDeque<Left>>,
+    /// Seconds of a trial of the environments and agents whose trials are not told apart.
+    alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
+    measured: BTreeMap<(CellName, u64), Vec<Measured>>,
+}
+
+impl Source {
+    /// The trials of a record with what they measured.
+    #[must_use]
+    pub fn of(record: &Record, mut blocks: Blocks) -> Self {
+        let mut source = Self {
+            left: BTreeMap::new(),
+            alike: BTreeMap::new(),
+            measured: BTreeMap::new(),
+        };
+        for cell in &record.cells {
+            let (name, part, mean_wall_s) = (cell.name(), cell.part, cell.mean_wall_s);
+            let Some(trials) = &cell.trials else {
+                source.alike.insert((part, [name.0, name.1]), mean_wall_s);
+                continue;
+            };
+            for ended in trials {
+                let is_measured = part == Part::Shown && ended.failed.is_none();
+                let block = is_measured.then(|| blocks.take(&name, ended.seed)).flatten();
+                let key = (part, name.clone(), ended.seed);
+                source.left.entry(key).or_default().push_back(Left {
+                    ended: ended.clone(),
+                    mean_wall_s,
+                    block,
+                });
+            }
+        }
+        for it in &record.measured {
+            let name = (it.environment.clone(), it.agent.clone(), it.setting.clone());
+            let values = source.measured.entry((name, it.seed)).or_default();
+            values.push(it.clone());
+        }
+        source
+    }
+
+    /// The results of planned trials; those that the record does not have are missing.
+    #[must_use]
+    pub fn results(&mut self, trials: &[Arc<Trial>]) -> Vec<TrialResult> {
+        let ids: BTreeSet<&str> = trials.iter().map(|trial| trial.id.as_str()).collect();
+        trials.iter().map(|trial| self.result(trial, &ids)).collect()
+    }
+
+    fn result(&mut self, trial: &Arc<Trial>, ids: &BTreeSet<&str>) -> TrialResult {
+        let mut result = TrialResult::missing(Arc::clone(trial));
+        let Some(part) = Part::of(&trial.cell.purpose) else {
+            return result;
+        };
+        let name = result.cell();
+        let alike = (part, [name.0.clone(), name.1.clone()]);
+        if let Some(mean_wall_s) = self.alike.get(&alike) {
+            result.end = Some(Ended::default().end(*mean_wall_s).into());
+            return result;
+        }
+        let Some(left) = self.take((part, name.clone(), trial.key.seed), &trial.id, ids) else {
+            return result;
+        };
+        result.end = Some(left.ended.end(left.mean_wall_s).into());
+        if let Some(block) = left.block {
+            (result.names, result.rows) = (block.names, block.rows);
+            let measured = self.measured.get(&(name, trial.key.seed));
+            measured.into_iter().flatten().for_each(|it| add(&mut result, it));
+            mark_means(&mut result);
+        }
+        result
+    }
+
+    /// The one of an id where ids are those of the plan; else the next one: meetings may share all names and their seed.
+    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<Left> {
+        let left = self.left.get_mut(&key)?;
+        let has = |it: &Left, id: &str| it.ended.id.as_deref() == Some(id);
+        if let Some(place) = left.iter().position(|it| has(it, id)) {
+            return left.remove(place);
+        }
+        let is_of_another = |it: &Left| it.ended.id.as_deref().is_some_and(|id| ids.contains(id));
+        let place = left.iter().position(|it| !is_of_another(it))?;
+        left.remove(place)
+    }
+}
+
+/// Adds a value at the step of the last row of the final measurement.
+fn add(result: &mut TrialResult, measured: &Measured) {
+    let last = result.rows.iter().rfind(|row| row.phase == Phase::Final).copied();
+    let Some(last) = last else { return };
+    let metric = intern(Arc::make_mut(&mut result.names), &measured.metric);
+    result.rows.push(Row {
+        metric,
+        value: measured.value,
+        ..last
+    });
+}
+
+/// Names the root of the mean square of every metric, so that none is made of means where the record has none.
+fn mark_means(result: &mut TrialResult) {
+    let marked: Vec<String> = result.names.iter().map(|name| root_of_squares(name)).collect();
+    let names = Arc::make_mut(&mut result.names);
+    let unknown: Vec<String> = marked.into_iter().filter(|name| !names.contains(name)).collect();
+    names.extend(unknown);
+}
+
+/// Takes out what the study's rule of success made of a trial, before it is judged again.
+pub fn forget_success(result: &mut TrialResult) {
+    let place = result.names.iter().position(|name| name == SUCCESS);
+    result.rows.retain(|row| Some(usize::from(row.metric)) != place);
+}
