@@ -9,7 +9,7 @@ use crate::{
     table::{Cell, Grid},
 };
 
-const HEAD: [&str; 4] = ["question", "answer", "here", "published"];
+const HEAD: [&str; 4] = ["question", "answer", "value or difference", "published"];
 /// So many departures stand at the head of a report; the study names those that matter most first.
 pub(super) const FIRST_DEPARTURES: usize = 3;
 
@@ -68,11 +68,10 @@ fn claim(line: &ClaimLine) -> Vec<Entry> {
         "" => String::new(),
         place => format!(" ({place})"),
     };
-    let numbers = line.numbers();
     vec![
         Entry::plain(format!("{about}{place}")),
         Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
-        Entry::plain(if numbers.is_empty() { NONE.into() } else { numbers }),
+        Entry::plain(line.difference().unwrap_or_else(|| NONE.into())),
         Entry::plain(NONE),
     ]
 }

@@ -492,27 +492,30 @@ impl ClaimLine {
         format!("{}{at}{holm}", self.word())
     }
 
-    /// The difference between the sides with its interval and the number of seeds; empty where nothing has
+    /// The difference between the sides with its interval, its level and the number of seeds; empty where nothing has
     /// run.
     #[must_use]
     pub fn numbers(&self) -> String {
-        let Ok(verdict) = &self.verdict else {
+        let (Ok(verdict), Some(difference)) = (&self.verdict, self.difference()) else {
             return String::new();
         };
-        let Some(difference) = verdict.difference else {
-            return String::new();
-        };
+        let level = verdict.interval.map_or(String::new(), |interval| {
+            let percent = (1000.0 * interval.level).round() / 10.0;
+            format!(" at {percent} %")
+        });
+        format!("{difference}{level}, {}", verdict.size())
+    }
+
+    /// The difference between the sides with its interval; `None` where nothing has run.
+    pub(super) fn difference(&self) -> Option<String> {
+        let verdict = self.verdict.as_ref().ok()?;
+        let difference = verdict.difference?;
         let ends = verdict.interval.map(|interval| [interval.low, interval.high]);
         let format = NumberFormat::fitting(ends.into_iter().flatten().chain([difference]));
-        let interval = verdict.interval.map_or(String::new(), |interval| {
-            let percent = (1000.0 * interval.level).round() / 10.0;
-            format!(
-                " [{}, {}] at {percent} %",
-                format.write(interval.low),
-                format.write(interval.high)
-            )
+        let interval = ends.map_or(String::new(), |[low, high]| {
+            format!(" [{}, {}]", format.write(low), format.write(high))
         });
-        format!("{}{interval}, {}", format.write(difference), verdict.size())
+        Some(format!("{}{interval}", format.write(difference)))
     }
 
     /// What was found out about why the claim is refuted; `None` where it is not or nothing is written.
