@@ -633,7 +633,7 @@ fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
         (contents.verdicts(true), contents.outcomes(true)),
         (vec![("INCONCLUSIVE", 1)], vec![("INCONCLUSIVE", 1)])
     );
-    assert_eq!(head::lines(&contents).len(), 2);
+    assert_eq!(head::lines(&StudyInfo::default(), &contents).len(), 2);
     assert!(contents.open().is_empty());
     assert!(
         contents.claims[0]
@@ -712,7 +712,10 @@ fn many_claims_together_are_held_to_more() {
         contents.claims[0].verdict_in_words(),
         "SUPPORTED (Holm: INCONCLUSIVE)"
     );
-    let head: Vec<String> = head::lines(&contents).into_iter().map(|line| line.what).collect();
+    let head: Vec<String> = head::lines(&StudyInfo::default(), &contents)
+        .into_iter()
+        .map(|line| line.what)
+        .collect();
     assert_eq!(
         head,
         [
