@@ -264,7 +264,11 @@ fn words(folder: &Path) -> Vec<[String; 3]> {
 
 /// The tables of a folder by the names of their files, as numbers.
 fn tables(folder: &Path) -> BTreeMap<String, String> {
-    let files = files(&folder.join("tables")).into_iter();
+    let folder = folder.join("tables");
+    if !folder.is_dir() {
+        return BTreeMap::new();
+    }
+    let files = files(&folder).into_iter();
     let csv = files.filter(|(name, _)| name.extension().is_some_and(|ending| ending == "csv"));
     csv.map(|(name, bytes)| {
         let name = name.to_string_lossy().into_owned();

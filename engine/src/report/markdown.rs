@@ -209,8 +209,8 @@ fn by_seed(parts: &Parts<'_>) -> Vec<String> {
 fn runs(parts: &Parts<'_>) -> Vec<String> {
     let failures = parts.ran.failures.iter().map(|failure| escape(failure));
     std::iter::once(parts.ran.sentence())
-        .chain(failures.map(Into::into))
-        .map(|line: String| format!("- {line}"))
+        .chain(failures)
+        .map(|line| format!("- {line}"))
         .collect()
 }
 

@@ -242,7 +242,7 @@ fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
         )]
     };
     let bytes = input_file::read(path, input_file::Use::Study).map_err(unreadable)?;
-    let text = document::decode(&name, &bytes)?.into();
+    let text = document::decode(&name, &bytes)?;
     Ok((name, text))
 }
 
