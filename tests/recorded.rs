@@ -205,10 +205,6 @@ fn damage_is_an_error_that_names_the_file_and_never_a_number() {
     );
 }
 
-/// Tables of which a number is another one when they are made again, with the cause: a statistic was changed after the
-/// report was written.
-const OTHER_NUMBERS: [(&str, &str); 1] = [("table-3.2", "suite.csv")];
-
 /// What was judged is judged alike when it is made again from the record.
 #[test]
 fn committed_results_are_made_again_from_their_records() {
@@ -232,15 +228,11 @@ fn committed_results_are_made_again_from_their_records() {
         assert_eq!(words(&folder), words(&again), "{}", folder.display());
         for (table, text) in tables(&folder) {
             if tables(&again)[&table] != text {
-                other.push((again.file_name().unwrap().to_string_lossy().into_owned(), table));
+                other.push(format!("{}/{table}", again.display()));
             }
         }
     }
-    let other: Vec<(&str, &str)> = other
-        .iter()
-        .map(|(study, table)| (study.as_str(), table.as_str()))
-        .collect();
-    assert_eq!(other, OTHER_NUMBERS, "{}", repository().display());
+    assert!(other.is_empty(), "{other:?}");
 }
 
 fn copy(from: &Path, to: &Path) {
