@@ -1,7 +1,7 @@
 //! Reports that are made again from the record in a folder of results, without a store.
 
 use crate::{
-    program::{Bench, repository},
+    program::Bench,
     results::{folders, read},
 };
 use engine::report::Verdicts;
