@@ -92,7 +92,7 @@ pub enum Error {
     Source {
         /// Id of the trial that leaves it.
         trial: String,
-        /// What is wrong with it.
+        /// The fault.
         problem: String,
     },
     /// What a trial left as its policy is of no form that other runtimes can be given.
@@ -180,7 +180,7 @@ pub enum Error {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         problem: String,
     },
     /// A stored file is of a later program; it is left as it is.
@@ -200,7 +200,7 @@ pub enum Error {
     Record {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         problem: String,
     },
     /// An environment gives something to draw that cannot be drawn.

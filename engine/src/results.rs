@@ -401,7 +401,7 @@ pub struct Results {
     pub drawings: BTreeMap<String, Drawings>,
     /// Where imported runs come from, which are among the trials.
     pub imported: Vec<Origin>,
-    /// What a record says of all trials together, where the results are read from one.
+    /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
 }
 

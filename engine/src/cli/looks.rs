@@ -181,7 +181,7 @@ pub(super) fn record_again(
 /// The record of verdicts while those of a report are held against it.
 struct Noting<'a> {
     seen: SeenVerdicts,
-    /// What of it is of the verdicts of this report, by what is judged alone.
+    /// The part of it that is of this report's verdicts, by what is judged alone.
     noted: SeenVerdicts,
     changed: bool,
     relevance: Option<&'a Relevance>,

@@ -119,7 +119,7 @@ fn find(
     Ok(Some((one, found)))
 }
 
-/// What a report is written of, from a record.
+/// The material of a report, from a record.
 fn gathered(
     registry: &Registry,
     one: &Planned,

@@ -41,17 +41,17 @@ pub(super) fn report(
     Ok(code)
 }
 
-/// What a report is written of.
+/// The material of a report.
 pub(super) struct Gathered {
     /// The study.
     pub(super) study: StudyInfo,
     /// Its results.
     pub(super) results: Results,
-    /// What of them is shown.
+    /// The part of them that is shown.
     pub(super) contents: Contents,
-    /// What made them.
+    /// The programs that made them.
     pub(super) provenance: Provenance,
-    /// What is kept of them in the folder, but for figures.
+    /// Their numbers that the folder keeps, but for figures.
     pub(super) record: Record,
     /// The code of the command where the report is as it should be.
     pub(super) code: u8,
@@ -121,7 +121,7 @@ pub(super) fn write(
     finish(one, selection, reporting, common, gathered)
 }
 
-/// What is said of a study that is not asked for as it is written.
+/// The study's information under the options of a command line.
 pub(super) fn as_asked(mut study: StudyInfo, selection: &Selection) -> StudyInfo {
     study.options = folders::options(selection);
     if !study.options.is_empty() {
@@ -131,7 +131,7 @@ pub(super) fn as_asked(mut study: StudyInfo, selection: &Selection) -> StudyInfo
     study
 }
 
-/// What searches came to, for the record.
+/// The results of searches, for the record.
 fn searched(one: &Planned, results: &Results) -> BTreeMap<String, Searched> {
     let progress = one.study.searches.iter().zip(&results.searches);
     let of_search = |((search, progress), result): (&(_, spec::Progress), &crate::results::SearchResult)| {

@@ -111,7 +111,7 @@ fn root<'a>(result: &'a TrialResult, metric: &str) -> Option<Summary<'a>> {
     Some((&*result.trial, Phase::Final, step, root_of_squares(metric), value))
 }
 
-/// What one trial measured.
+/// The measurements of one trial.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Block {
     /// Metric names that `rows` point into; trials with the same ones share them.
@@ -120,7 +120,7 @@ pub struct Block {
     pub rows: Vec<Row>,
 }
 
-/// What trials measured, by their names and seed.
+/// Measurements of trials, by their names and seed.
 #[derive(Debug, Default)]
 pub struct Blocks(BTreeMap<(CellName, u64), VecDeque<Block>>);
 

@@ -55,7 +55,7 @@ pub struct Record {
     /// When the trials ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Period>,
-    /// What searches came to, by name.
+    /// The results of searches, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub searches: BTreeMap<String, Searched>,
     /// The verdicts that were seen, by what was judged: by table and cell, or claim and place.
@@ -64,7 +64,7 @@ pub struct Record {
     /// Facts on figures that cannot be drawn from the record.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub figures: BTreeMap<String, FigureFacts>,
-    /// What environments announced that are not the program's own, by id.
+    /// Announcements of environments that are not the program's own, by id.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub announced: BTreeMap<String, Value>,
     /// Values of trials at the end that stand in no row of the measurements.

@@ -32,10 +32,10 @@ struct Budget<'a> {
     trials: Vec<&'a TrialResult>,
 }
 
-/// What stands behind the number of updates where there was none.
+/// The words behind a number of updates that is 0.
 const NOT_TRAINED: &str = ": not trained";
 
-/// What a report says of all trials together, computed from them.
+/// Statements of a report on all trials together, computed from them.
 #[must_use]
 pub fn told(study: &StudyInfo, results: &Results) -> Told {
     Told {

@@ -117,7 +117,7 @@ mod tests {
             Better::Higher,
             &world(low, high)
         ));
-        // What compares with a rule, with a number, or says that two are near each other is judged.
+        // A comparison with a rule or a number is judged, and so is that two are near each other.
         for claim in ["a.x > rule.x", "a.x > 2", "a.x within 1 of b.x"] {
             assert!(passed(claim, Better::Higher, &world(low, low)), "{claim}");
         }

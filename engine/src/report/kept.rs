@@ -17,14 +17,14 @@ pub(super) const ENDINGS: [&str; 4] = ["svg", "pdf", "png", "csv"];
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FigureFacts {
-    /// What it shows, for those who cannot see it.
+    /// A description for those who cannot see it.
     pub words: String,
     /// Sentences under it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// True where it is as wide as two columns of a paper.
     pub is_wide: bool,
-    /// What becomes of its colours on a dark page.
+    /// The treatment of its colours on a dark page.
     pub shades: Shades,
 }
 

@@ -1,4 +1,4 @@
-//! What the verdicts of a report mean.
+//! The meaning of a report's verdicts.
 
 use super::{Contents, UNREAD};
 use crate::statistics::{ClaimOutcome, Verdict};

@@ -10,52 +10,56 @@ use crate::{
 
 /// The whole report.
 pub(super) fn report(parts: &Parts<'_>) -> String {
+    let sections = sections(parts).into_iter();
+    let sections = sections.filter_map(|(heading, items)| section(heading, &items));
+    let blocks: Vec<String> = head_blocks(parts).into_iter().chain(sections).collect();
+    blocks.join("\n\n") + "\n"
+}
+
+/// Everything above the first section.
+fn head_blocks(parts: &Parts<'_>) -> Vec<String> {
     let study = parts.study;
+    let strong = |text: String| format!("**{text}**");
     let mut blocks = vec![
         format!("# {}", escape(title(parts))),
         format!("Study `{}`. {}", study.name, prose::markdown(&study.source)),
     ];
-    blocks.extend(
-        study
-            .asked_with()
-            .map(|options| format!("**{}**", escape(&options))),
-    );
-    blocks.extend(
-        study
-            .rehearsal()
-            .map(|banner| format!("**{}**", prose::markdown(banner))),
-    );
-    blocks.extend(
-        study
-            .outdated()
-            .iter()
-            .map(|sentence| format!("**{}**", escape(sentence))),
-    );
+    blocks.extend(study.asked_with().map(|options| strong(escape(&options))));
+    blocks.extend(study.rehearsal().map(|banner| strong(prose::markdown(banner))));
+    let outdated = study.outdated();
+    blocks.extend(outdated.iter().map(|sentence| strong(escape(sentence))));
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
     blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
     blocks.extend(first_departures(study));
-    blocks.extend(answers::next(study, |name| {
-        format!("[{name}](../{name}/report.md)")
-    }));
+    let link = |name: &String| format!("[{name}](../{name}/report.md)");
+    blocks.extend(answers::next(study, link));
     blocks.push(prose::markdown(&parts.basis));
     blocks.extend(parts.head.iter().map(counts));
-    let sections = [
+    blocks
+}
+
+/// The sections in their order, each with its items; those without any are left out of the report.
+fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 12] {
+    let study = parts.study;
+    let item = |name: &str, text: &str| format!("- {name}: {text}");
+    let meanings = legend::entries(parts.contents).into_iter();
+    let departures = study.departures.iter();
+    let profiles = study.profiles.iter();
+    let provenance = provenance(parts).into_iter();
+    [
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
         (
             "What the verdicts mean",
-            legend::entries(parts.contents)
-                .into_iter()
-                .map(|(word, meaning)| format!("- **{word}**: {meaning}"))
+            meanings
+                .map(|(word, meaning)| item(&format!("**{word}**"), meaning))
                 .collect(),
         ),
         (
             "Departures",
-            study
-                .departures
-                .iter()
-                .map(|departure| format!("- {}", prose::markdown(departure)))
+            departures
+                .map(|it| format!("- {}", prose::markdown(it)))
                 .collect(),
         ),
         (
@@ -68,26 +72,17 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
         ("What was run", runs(parts)),
         (
             "Profiles",
-            study
-                .profiles
-                .iter()
-                .map(|it| format!("- {}: {}", escape(it.name()), it.sentence()))
+            profiles
+                .map(|it| item(&escape(it.name()), &it.sentence()))
                 .collect(),
         ),
         (
             "Provenance",
-            provenance(parts)
-                .into_iter()
-                .map(|(what, value)| format!("- {what}: {}", escape(&value)))
+            provenance
+                .map(|(what, value)| item(what, &escape(&value)))
                 .collect(),
         ),
-    ];
-    blocks.extend(
-        sections
-            .into_iter()
-            .filter_map(|(heading, items)| section(heading, &items)),
-    );
-    blocks.join("\n\n") + "\n"
+    ]
 }
 
 /// The departures that matter most, where the section has more than these.

@@ -248,7 +248,7 @@ struct Parts<'a> {
     sentence: Option<String>,
     /// Seeds and what was exploratory.
     basis: String,
-    /// What is asked and what was found.
+    /// The questions of the study with their answers.
     answers: Option<Sheet>,
     /// The counts at the head.
     head: Vec<head::Line>,

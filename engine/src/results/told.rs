@@ -13,7 +13,7 @@ pub struct Told {
     /// What every agent was given, as it is printed; `None` where the study has no trial or nothing of it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budgets: Option<Printed>,
-    /// What all trials took.
+    /// The cost of all trials.
     pub cost: Cost,
     /// How the trials ended.
     pub ran: Ran,
@@ -33,7 +33,7 @@ pub struct Printed {
     pub notes: Vec<String>,
 }
 
-/// What the trials of a study took together.
+/// The cost of all trials of a study.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cost {
