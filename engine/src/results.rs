@@ -20,7 +20,10 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
@@ -204,11 +207,7 @@ impl TrialResult {
     /// Names of environment, agent and setting.
     #[must_use]
     pub fn cell(&self) -> CellName {
-        (
-            self.trial.cell.environment.clone(),
-            self.trial.cell.agent.clone(),
-            self.trial.cell.setting.clone(),
-        )
+        self.trial.cell.names()
     }
 
     /// True where the trial ended `ok`.
@@ -393,6 +392,8 @@ pub struct Results {
     pub design: Option<Design>,
     /// The first seed of the design.
     pub first_seed: u64,
+    /// The rounds of seeds that are taken together, in order; none where there is one.
+    pub rounds: Vec<Round>,
     /// What the study counts as a success.
     pub success: Option<Success>,
     /// How long the source trained.
@@ -403,6 +404,61 @@ pub struct Results {
     pub imported: Vec<Origin>,
     /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
+}
+
+/// A round of seeds: those of a study, or of a confirmation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Round {
+    /// The seeds, rising.
+    seeds: Vec<u64>,
+    /// The looks that were planned; `None` where the number of seeds is fixed.
+    design: Option<Design>,
+}
+
+impl Round {
+    fn of(results: &Results) -> Self {
+        let trials = results.trials.iter().map(|it| it.trial.key.seed);
+        let seeds: BTreeSet<u64> = trials.filter(|seed| *seed >= results.first_seed).collect();
+        Self {
+            seeds: seeds.into_iter().collect(),
+            design: results.design.clone(),
+        }
+    }
+
+    /// The seeds of this round, where no other is taken together with it.
+    fn alone(&self, is_complete: impl Fn(u64, (u32, u64)) -> bool) -> Seeds {
+        let first = self.seeds.first().copied().unwrap_or_default();
+        let Some(design) = &self.design else {
+            return Seeds::default();
+        };
+        let complete = self
+            .looks()
+            .into_iter()
+            .take_while(|look| is_complete(first, *look));
+        Seeds {
+            limits: complete.map(|(_, limit)| limit).collect(),
+            design: Some(design.clone()),
+            rounds: 0,
+        }
+    }
+
+    /// The seeds of each look: their number, and the number below which they lie.
+    fn looks(&self) -> Vec<(u32, u64)> {
+        let Some(first) = self.seeds.first() else {
+            return Vec::new();
+        };
+        match &self.design {
+            Some(design) => design
+                .looks()
+                .iter()
+                .map(|most| (*most, first + u64::from(*most)))
+                .collect(),
+            None => {
+                let last = self.seeds.last().unwrap_or(first);
+                vec![(u32::try_from(self.seeds.len()).unwrap_or(u32::MAX), last + 1)]
+            }
+        }
+    }
 }
 
 /// Environment, agent and setting, by their names in the study: what seeds are replicates of.
@@ -426,6 +482,28 @@ impl Results {
         }
     }
 
+    /// The trials of several rounds as those of one study, to be judged by all of their seeds. Each round has larger seeds
+    /// than the one before.
+    #[must_use]
+    pub fn pooled(rounds: &[&Self]) -> Self {
+        let Some((first, others)) = rounds.split_first() else {
+            return Self::default();
+        };
+        let mut all = Self {
+            drawings: BTreeMap::new(),
+            ..(*first).clone()
+        };
+        for other in others {
+            all.trials.extend(other.trials.iter().cloned());
+            all.prepared.extend(other.prepared.iter().cloned());
+            all.tried.extend(other.tried.iter().cloned());
+        }
+        if !others.is_empty() {
+            all.rounds = rounds.iter().map(|round| Round::of(round)).collect();
+        }
+        all
+    }
+
     /// The number below which seeds count, for each look that the study plans; none where their number is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
@@ -437,28 +515,62 @@ impl Results {
     /// ended. One that was killed from outside has not: it runs again.
     #[must_use]
     pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
-        let Some(design) = &self.design else {
+        if self.design.is_none() && self.rounds.is_empty() {
             return Seeds::default();
-        };
+        }
         // Seeds of a play have several trials each, where all meet all.
         let mut ended: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
         for trial in trials {
             let seeds = ended.entry(trial.cell()).or_default();
             *seeds.entry(trial.trial.key.seed).or_insert(true) &= !is_missing(trial.end.as_deref());
         }
-        let first = self.first_seed;
-        let is_complete = |most: &&u32| {
-            let look = first..first + u64::from(**most);
-            ended.values().all(|seeds| {
-                seeds.range(look.clone()).filter(|(_, ended)| **ended).count() == **most as usize
-            })
+        let is_complete = |first: u64, (most, limit): (u32, u64)| {
+            ended
+                .values()
+                .all(|seeds| seeds.range(first..limit).filter(|(_, ended)| **ended).count() == most as usize)
         };
-        let complete = design.looks().iter().take_while(is_complete).count();
-        Seeds {
-            design: Some(design.clone()),
-            complete,
-            first,
+        let has_trials = |round: &&Round| {
+            let (Some(first), Some(last)) = (round.seeds.first(), round.seeds.last()) else {
+                return false;
+            };
+            ended
+                .values()
+                .any(|seeds| seeds.range(first..=last).next().is_some())
+        };
+        let own = Round {
+            seeds: vec![self.first_seed],
+            design: self.design.clone(),
+        };
+        let rounds: Vec<&Round> = self.rounds.iter().filter(has_trials).collect();
+        match rounds[..] {
+            [] => own.alone(is_complete),
+            [one] => one.alone(is_complete),
+            _ => pooled_seeds(&rounds, is_complete),
         }
+    }
+}
+
+/// The looks of several rounds as those of one design: the complete ones of each, and what is left of the last.
+fn pooled_seeds(rounds: &[&Round], is_complete: impl Fn(u64, (u32, u64)) -> bool) -> Seeds {
+    let (mut numbers, mut limits, mut so_far) = (Vec::new(), Vec::new(), 0);
+    for (index, round) in rounds.iter().enumerate() {
+        let first = round.seeds.first().copied().unwrap_or_default();
+        let looks = round.looks();
+        let complete = looks.iter().take_while(|look| is_complete(first, **look)).count();
+        let is_last = index + 1 == rounds.len();
+        // A look has at least two seeds.
+        let counted = |(number, _): &(u32, u64)| so_far + number >= 2;
+        let shown = if is_last { looks.len() } else { complete };
+        let ended = looks[..complete].iter().filter(|look| counted(look));
+        limits.extend(ended.map(|(_, limit)| *limit));
+        let shown = looks[..shown].iter().filter(|look| counted(look));
+        numbers.extend(shown.map(|(number, _)| so_far + number));
+        so_far += complete.checked_sub(1).map_or(0, |last| looks[last].0);
+    }
+    Seeds {
+        design: Design::try_from(numbers).ok(),
+        limits,
+        rounds: rounds.len(),
     }
 }
 
@@ -486,7 +598,7 @@ mod tests {
             };
             results
                 .seeds_of(&results.trials.iter().collect::<Vec<_>>())
-                .complete
+                .complete()
         };
         assert_eq!(
             [EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))),
@@ -505,7 +617,7 @@ mod tests {
                 ..Results::of(trials.clone().collect())
             };
             let seeds = results.seeds_of(&results.trials.iter().collect::<Vec<_>>());
-            (seeds.complete, seeds.limits())
+            (seeds.complete(), seeds.limits())
         };
         assert_eq!(complete(100), (1, vec![103]));
         assert_eq!((complete(0).0, complete(101).0), (0, 0));

@@ -10,6 +10,7 @@ use crate::{
     protocol::Run,
     random::Streams,
     registry::About,
+    results::CellName,
     setting::Setting,
 };
 use serde::{Deserialize, Serialize};
@@ -458,6 +459,12 @@ impl TrialCell {
             agent: agent.into(),
             ..Self::default()
         }
+    }
+
+    /// Names of environment, agent and setting.
+    #[must_use]
+    pub fn names(&self) -> CellName {
+        (self.environment.clone(), self.agent.clone(), self.setting.clone())
     }
 }
 

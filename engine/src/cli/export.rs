@@ -1,8 +1,8 @@
 //! `export`: a study's numbers in a folder, in a form that other programs read.
 
 use super::{
-    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, export_dataset,
-    export_policy, folders, run, say, searches, settings,
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, confirmations,
+    export_dataset, export_policy, folders, run, say, searches, settings,
     study::{self, Planned},
 };
 use crate::{
@@ -72,7 +72,7 @@ fn of_study(
 ) -> Result<u8, Failure> {
     let store = settings::read(common)?.open()?;
     let planned = study::load_with_looks(registry, &options.selection, &store)?;
-    let [one] = planned.as_slice() else {
+    let [one] = &*confirmations::joined(planned) else {
         return Err(refused(
             "name one study: a folder holds the numbers of one".into(),
         ));
@@ -246,12 +246,6 @@ impl Packing<'_> {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             let about = "what the study includes, as it was written";
             self.add(&format!("included/{number}/{name}"), &read(path)?, about, None)?;
-        }
-        for (number, confirmed) in (1..).zip(&one.study.confirms) {
-            let path = one.path.parent().unwrap_or(Path::new("")).join(&confirmed.file);
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let about = "a study that this one confirms, as it was written";
-            self.add(&format!("confirmed/{number}/{name}"), &read(&path)?, about, None)?;
         }
         let resolved = spec::resolved_yaml(&one.study, self.folder)?;
         self.add(

@@ -94,7 +94,7 @@ pub(super) fn check(
     reporting: &ReportOptions,
 ) -> Result<(), Failure> {
     let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
-    for one in planned {
+    for one in planned.iter().filter(|one| one.confirms.is_none()) {
         let folder = folder(one, selection, reporting);
         let earlier = taken
             .insert(folder.clone(), &one.path)

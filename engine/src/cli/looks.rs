@@ -86,7 +86,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
         .plan
         .trials
         .iter()
-        .filter_map(|trial| Some((trial, wanted.get(&cell(trial)).copied()?)));
+        .filter_map(|trial| Some((trial, wanted.get(&trial.cell.names()).copied()?)));
     let mut open: Vec<(&Arc<trial::Trial>, u32)> = wanting.collect();
     let mut seen: BTreeSet<(&str, u32)> = BTreeSet::new();
     while let Some((taker, seeds)) = open.pop() {
@@ -98,19 +98,11 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
                 open.push((*source, seeds));
                 // What is prepared has no seeds of its own: it runs for those that take from it.
                 if source.cell.purpose != trial::Purpose::Prepared {
-                    raise(wanted, &cell(source), seeds);
+                    raise(wanted, &source.cell.names(), seeds);
                 }
             }
         }
     }
-}
-
-fn cell(trial: &trial::Trial) -> CellName {
-    (
-        trial.cell.environment.clone(),
-        trial.cell.agent.clone(),
-        trial.cell.setting.clone(),
-    )
 }
 
 /// What a study plans and how far it is, as a line; `None` where its number of seeds is fixed.
@@ -327,7 +319,7 @@ fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String 
 /// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.
 fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics::Seeds) -> Option<u32> {
     let seeds = match &looks.design {
-        Some(design) => design.looks()[..looks.complete].last().copied(),
+        Some(design) => design.looks()[..looks.complete()].last().copied(),
         None => u32::try_from(planned).ok().filter(|_| ended >= planned),
     };
     seeds.filter(|_| judged)

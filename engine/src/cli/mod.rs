@@ -4,6 +4,7 @@ mod absent;
 mod command_line;
 mod compare;
 mod compute;
+mod confirmations;
 mod cost;
 mod describe;
 mod export;

@@ -181,7 +181,7 @@ pub(super) fn index(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<(), Failure> {
-    if planned.len() < 2 {
+    if planned.iter().filter(|one| one.confirms.is_none()).count() < 2 {
         return Ok(());
     }
     // In a folder of its own nothing lies beside what was asked for.

@@ -2,8 +2,8 @@
 //! claims, published values, margins and texts are those of the study files now.
 
 use super::{
-    BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, folders, looks,
-    overview, provenance,
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, confirmations,
+    folders, looks, overview, provenance,
     reports::{self, Gathered, RESOLVED},
     run,
     study::{self, Planned},
@@ -13,16 +13,27 @@ use crate::{
     compare::{changed_keys, parse_study},
     diagnostic,
     record::{self, Record, Source, forget_success},
-    report::{Contents, Manifest, Provenance, StudyInfo},
+    report::{Contents, Manifest, Provenance, Round, StudyInfo},
     results::{EndState, Results, TrialResult},
     spec,
     store::Announcements,
     world::fs,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// A study with the record of its results.
 struct Found {
+    record: Record,
+    manifest: Manifest,
+    folder: PathBuf,
+    confirming: Vec<(Planned, Option<Confirming>)>,
+}
+
+/// The record of a confirmation.
+struct Confirming {
     record: Record,
     manifest: Manifest,
     folder: PathBuf,
@@ -111,12 +122,65 @@ fn find(
     if one.study.design.is_some() {
         one.replan(registry, record.seeds());
     }
+    let mut planned = confirmations::planned(vec![one], registry).into_iter();
+    let Some(one) = planned.next() else {
+        return Ok(None);
+    };
+    let confirming = planned.map(|one| {
+        let (one, record) = confirming(registry, one, selection, reporting)?;
+        Ok((one, record))
+    });
     let found = Found {
+        confirming: confirming.collect::<Result<_, Failure>>()?,
         record,
         manifest,
         folder,
     };
     Ok(Some((one, found)))
+}
+
+/// A confirmation with the trials that its record is of; `None` where it has no results yet.
+fn confirming(
+    registry: &Registry,
+    mut one: Planned,
+    selection: &Selection,
+    reporting: &ReportOptions,
+) -> Result<(Planned, Option<Confirming>), Failure> {
+    let folder = confirmations::folder(&one, selection, reporting);
+    if !fs::is_folder(&folder) {
+        return Ok((one, None));
+    }
+    let manifest = Manifest::of_record(&folder)?;
+    let record = Record::read(&folder, &manifest)?;
+    if one.study.design.is_some() {
+        one.replan(registry, record.seeds());
+    }
+    let found = Confirming {
+        record,
+        manifest,
+        folder,
+    };
+    Ok((one, Some(found)))
+}
+
+/// What a confirmation came to, by its record.
+fn round(registry: &Registry, one: &Planned, found: Option<Confirming>) -> Result<Round, Failure> {
+    let study = run::info(one, registry);
+    let Some(found) = found else {
+        let trials = one.plan.trials.iter().map(Arc::clone).map(TrialResult::missing);
+        let results = run::assembled(&one.study, trials.collect());
+        let contents = Contents::judged(&study, &results);
+        return Ok(Round { results, contents });
+    };
+    let results = results(one, &found.record, &found.manifest, &found.folder)?;
+    let mut contents = Contents::judged(&study, &results);
+    looks::record_again(
+        one,
+        found.record.seen.unwrap_or_default(),
+        &results,
+        &mut contents,
+    );
+    Ok(Round { results, contents })
 }
 
 /// The material of a report, from a record.
@@ -130,13 +194,23 @@ fn gathered(
         mut record,
         manifest,
         folder,
+        confirming,
     } = found;
     let results = results(one, &record, &manifest, &folder)?;
     let now = provenance::of(registry, one, Default::default());
+    let mut earlier = record.earlier_versions(&now.plugins);
+    for (_, confirming) in &confirming {
+        let records = confirming
+            .iter()
+            .flat_map(|it| it.record.earlier_versions(&now.plugins));
+        earlier.extend(records);
+    }
+    earlier.sort();
+    earlier.dedup();
     let study = StudyInfo {
         profiles: record.profiles.clone(),
         ended: record.ended.clone(),
-        earlier_versions: record.earlier_versions(&now.plugins),
+        earlier_versions: earlier,
         changed_settings: changed_settings(one, &manifest, &folder)?,
         ..run::info(one, registry)
     };
@@ -144,6 +218,10 @@ fn gathered(
     let mut contents = Contents::of(&study, &results);
     let seen = record.seen.take().unwrap_or_default();
     record.seen = Some(looks::record_again(one, seen, &results, &mut contents));
+    let rounds = confirming
+        .into_iter()
+        .map(|(one, found)| round(registry, &one, found));
+    contents.confirm(&study, &results, &rounds.collect::<Result<Vec<_>, _>>()?);
     contents.leave_to(&manifest);
     contents.keep(&folder, &manifest, &record.figures)?;
     let provenance = Provenance {

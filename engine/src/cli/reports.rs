@@ -1,17 +1,20 @@
 //! `report`: tables, figures and the page from the store; and the writing of a report, wherever its results come from.
 
 use super::{
-    Common, DIFFERS, Failure, Format, NOT_MADE, OK, ReportOptions, Selection, complain, folders, looks,
-    overview, profiles, provenance, run, say, searches, settings,
+    Common, DIFFERS, Failure, Format, NOT_MADE, OK, ReportOptions, Selection, complain, confirmations,
+    folders, looks, overview, profiles, provenance, run, say, searches, settings,
     study::{self, Planned},
 };
 use crate::{
-    Registry,
+    Error, Registry,
     record::{self, Asks, Cell, Record, Searched},
-    report::{self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, StudyInfo},
+    report::{
+        self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
+    },
     results::{EndState, Results},
     spec,
     store::{Store, write_durably},
+    world::fs,
 };
 use serde_json::{Value, json};
 use std::{
@@ -34,8 +37,8 @@ pub(super) fn report(
     let planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
     searches::told(&planned, &run::again(selection, common));
-    for one in &planned {
-        code = code.max(write(registry, one, &store, selection, reporting, common)?);
+    for study in confirmations::by_study(&planned) {
+        code = code.max(write(registry, study, &store, selection, reporting, common)?);
     }
     overview::index(&planned, selection, reporting, common)?;
     Ok(code)
@@ -59,10 +62,10 @@ pub(super) struct Gathered {
     pub(super) is_recorded: bool,
 }
 
-/// Writes the report of a study from the store.
+/// Writes the report of a study and its confirmations from the store.
 pub(super) fn write(
     registry: &Registry,
-    one: &Planned,
+    (one, confirming): (&Planned, &[Planned]),
     store: &Store,
     selection: &Selection,
     reporting: &ReportOptions,
@@ -96,6 +99,14 @@ pub(super) fn write(
     let study = as_asked(study, selection);
     let mut contents = Contents::of(&study, &results);
     let seen = looks::record(one, store, &results, &mut contents)?;
+    let mut code = code;
+    let mut rounds = Vec::new();
+    for confirming in confirming {
+        let (round, its_code) = confirmed(registry, confirming, store, (selection, reporting), &mend)?;
+        code = code.max(its_code);
+        rounds.push(round);
+    }
+    contents.confirm(&study, &results, &rounds);
     contents.leave_to(&earlier.unwrap_or_default());
     let provenance = provenance::of(registry, one, builds);
     let record = Record {
@@ -121,13 +132,54 @@ pub(super) fn write(
     finish(one, selection, reporting, common, gathered)
 }
 
+/// What a confirmation came to, with the code of the command. Its record is kept beside the report of its study.
+fn confirmed(
+    registry: &Registry,
+    one: &Planned,
+    store: &Store,
+    (selection, reporting): (&Selection, &ReportOptions),
+    mend: &str,
+) -> Result<(Round, u8), Failure> {
+    let results = run::collect(one, store, Some(mend));
+    let (mut builds, mut ended) = (BTreeMap::new(), None);
+    let trials = &one.plan.trials;
+    let states = store.stored_of(trials, |it| {
+        *builds.entry(it.build).or_default() += 1;
+        if let Some(date) = it.ended_at {
+            ended = Some(Period::with(ended.take(), date, trials.len()));
+        }
+        it.end.state
+    });
+    let code = code_of_report(one, &states.all, &results);
+    let study = as_asked(run::info(one, registry), selection);
+    let mut contents = Contents::judged(&study, &results);
+    if states.all.iter().all(Option::is_none) {
+        // What an earlier report kept of it stays.
+        return Ok((Round { results, contents }, code));
+    }
+    let seen = looks::record(one, store, &results, &mut contents)?;
+    let record = Record {
+        cells: Cell::all(&results),
+        told: report::told(&study, &results),
+        provenance: provenance::of(registry, one, builds),
+        ended,
+        seen: Some(seen),
+        announced: one.study.announced.clone(),
+        ..Record::of(&study.name)
+    };
+    let dir = confirmations::folder(one, selection, reporting);
+    fs::create_dir_all(&dir).map_err(Error::file("create", &dir))?;
+    let evaluations = dir.join(record::EVALUATIONS);
+    write_durably(&evaluations, &record::encode(&evaluations, &results, &asks(one))?)?;
+    record.write(&dir)?;
+    let files = [evaluations, dir.join(record::FILE)];
+    folders::settle(&dir, one, selection, &files, &BTreeSet::new())?;
+    Ok((Round { results, contents }, code))
+}
+
 /// The study's information under the options of a command line.
 pub(super) fn as_asked(mut study: StudyInfo, selection: &Selection) -> StudyInfo {
     study.options = folders::options(selection);
-    if !study.options.is_empty() {
-        // Such results are none of the study as it is written.
-        study.confirms.clear();
-    }
     study
 }
 

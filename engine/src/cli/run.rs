@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, Failure, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
     TRIALS_FAILED, complain,
     compute::Compute,
-    folders, hosts, looks, overview, pack, reports, searches, settings, stages,
+    confirmations, folders, hosts, looks, overview, pack, reports, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -71,9 +71,9 @@ pub(super) fn run(
         Computed::Here(code) => code,
     };
     let mut code = OK;
-    for one in &planned {
+    for study in confirmations::by_study(&planned) {
         code = code.max(reports::write(
-            registry, one, &store, selection, reporting, common,
+            registry, study, &store, selection, reporting, common,
         )?);
     }
     overview::index(&planned, selection, reporting, common)?;
@@ -145,7 +145,7 @@ fn goes_on(computed: u8, how: &Compute<'_>) -> bool {
 /// Takes every study with searches or planned looks as far as its results ask for; true where trials were added.
 fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> Result<bool, Failure> {
     let mut grown = false;
-    for one in planned {
+    for one in &mut *planned {
         if searches::grow(one, registry, store)? {
             searches::lines(one)
                 .iter()
@@ -161,6 +161,7 @@ fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> Resu
             grown = true;
         }
     }
+    confirmations::follow(planned, registry);
     Ok(grown)
 }
 
@@ -223,11 +224,11 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         source: study.source.clone(),
         summary: study.summary.clone(),
         departures: study.departures.clone(),
-        confirms: study.confirms.iter().map(|it| it.study.clone()).collect(),
         repeats: study.repeats,
         tables: study.tables.clone(),
         figures: study.figures.clone(),
         claims: study.claims.clone(),
+        confirm: study.confirm.clone(),
         agents: study.agents.clone(),
         environments: study.environments.clone(),
         is_rehearsal: study.profile.as_deref() == Some(report::REHEARSAL),

@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<bool, Failure> {
     let mut grown = false;
     loop {
-        if one.study.searches.is_empty() {
+        if one.study.searches.is_empty() || one.confirms.is_some() {
             return Ok(grown);
         }
         let results = run::collect(one, store, None);

@@ -2,7 +2,9 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, UNCHECKED,
-    absent, complain, cost, looks,
+    absent, complain,
+    confirmations::{self, Confirms},
+    cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -49,18 +51,47 @@ pub(super) struct Planned {
     /// Trials of searches that have come to their pause; none of them is missing.
     pub(super) paused: Vec<Arc<Trial>>,
     set_aside: BTreeSet<String>,
+    /// What it confirms; `None` for a study that stands for itself.
+    pub(super) confirms: Option<Confirms>,
     /// What the searches came to.
     pub(super) searched: Vec<SearchResult>,
     /// What it was read with.
     pub(super) options: spec::Options,
-    only: Vec<String>,
+    pub(super) only: Vec<String>,
 }
 
 impl Planned {
+    /// A study that is not planned yet.
+    pub(super) fn of(path: &Path, study: Study, options: spec::Options, only: &[String]) -> Self {
+        Self {
+            path: path.to_owned(),
+            plan: Plan {
+                study: study.name.clone(),
+                title: study.title.clone(),
+                trials: Vec::new(),
+            },
+            study,
+            costs: Vec::new(),
+            wanted: Wanted::new(),
+            open: None,
+            pauses: BTreeMap::new(),
+            paused: Vec::new(),
+            set_aside: BTreeSet::new(),
+            confirms: None,
+            searched: Vec::new(),
+            options,
+            only: only.to_vec(),
+        }
+    }
+
     /// Plans the study anew, with other numbers of seeds.
     pub(super) fn replan(&mut self, registry: &Registry, wanted: Wanted) {
         self.plan = self.study.plan_with(&wanted);
         self.wanted = wanted;
+        if let Some(confirms) = &self.confirms {
+            self.plan
+                .keep(|trial| confirms.cells.contains(&trial.cell.names()));
+        }
         narrow(&mut self.plan, &self.only);
         self.pauses = self.study.pauses(&self.plan);
         let has_paused = |trial: &mut Arc<Trial>| {
@@ -92,7 +123,7 @@ pub(super) fn load(
     let (planned, refused) = read(registry, selection, announced);
     no_error(&refused)?;
     selects_something(&planned, selection)?;
-    Ok(planned)
+    Ok(confirmations::planned(planned, registry))
 }
 
 /// The studies that can be planned, and the others.
@@ -159,26 +190,7 @@ pub(super) fn load_one(
     options: spec::Options,
 ) -> Result<Planned, Vec<Diagnostic>> {
     let study = spec::load(path, registry, &options)?;
-    let plan = Plan {
-        study: study.name.clone(),
-        title: study.title.clone(),
-        trials: Vec::new(),
-    };
-    let only = selection.only.clone();
-    let mut planned = Planned {
-        path: path.to_owned(),
-        study,
-        plan,
-        costs: Vec::new(),
-        wanted: Wanted::new(),
-        open: None,
-        pauses: BTreeMap::new(),
-        paused: Vec::new(),
-        set_aside: BTreeSet::new(),
-        searched: Vec::new(),
-        options,
-        only,
-    };
+    let mut planned = Planned::of(path, study, options, &selection.only);
     planned.replan(registry, Wanted::new());
     if planned
         .options
@@ -218,6 +230,7 @@ pub(super) fn load_with_looks(
     for one in &mut planned {
         grow(one, registry, store)?;
     }
+    confirmations::follow(&mut planned, registry);
     Ok(planned)
 }
 

@@ -62,11 +62,12 @@ claims: [learner.return > rule.return]",
   - The source trains ten times as long.",
     ),
     example(
-        "confirms",
-        "what another study left open, on seeds that it has not seen",
-        "confirms: first-look.yaml
-seeds: { first: 100, min: 10, max: 40, looks: 3 }
-claims: [learner.return > rule.return]",
+        "confirm",
+        "a claim on ten further seeds, and on up to 64 more where half a point matters",
+        "claims: [learner.return > rule.return]
+confirm:
+  - { claims: [1], seeds: 100-109, why: the spread of the first seeds asks for ten }
+  - { claims: [1], seeds: { first: 200, min: 16, max: 64, looks: 3 }, matters: 0.5 }",
     ),
     example("seeds", "a number of replicates: seeds 0 to 4", "seeds: 5"),
     example("seeds", "the seeds themselves", "seeds: [0, 3, 17]"),

@@ -88,12 +88,10 @@ impl Study {
             design.looks().partition_point(|most| place >= u64::from(*most))
         };
         let seeds = |trial: &Trial| {
-            let cell = (
-                trial.cell.environment.clone(),
-                trial.cell.agent.clone(),
-                trial.cell.setting.clone(),
-            );
-            wanted.get(&cell).copied().unwrap_or(design.looks()[0])
+            wanted
+                .get(&trial.cell.names())
+                .copied()
+                .unwrap_or(design.looks()[0])
         };
         plan.keep(|trial| match trial.cell.purpose {
             Purpose::Prepared => false,

@@ -1,7 +1,7 @@
 //! The first lines of a report: a line for each published value and claim, with what was found and what that says.
 
 use super::{
-    ClaimLine, Contents, StudyInfo,
+    ClaimLine, Contents,
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
@@ -26,12 +26,6 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
         rows,
         ..Sheet::default()
     })
-}
-
-/// Where to read on: the studies whose questions are put to other seeds here, as written by `link`.
-pub(super) fn next(study: &StudyInfo, link: impl Fn(&String) -> String) -> Option<String> {
-    let asked: Vec<String> = study.confirms.iter().map(link).collect();
-    (!asked.is_empty()).then(|| format!("The same questions on other seeds: {}.", asked.join(", ")))
 }
 
 fn values(grid: &Grid) -> Vec<Vec<Entry>> {

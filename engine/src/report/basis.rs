@@ -28,20 +28,16 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     format!(
         "Seeds: {seeds}. {}{repeats}{}{}",
         exploratory(study, contents),
-        confirms(&study.confirms),
+        confirmations(study),
         searches.collect::<String>()
     )
 }
 
-/// Which studies are put to other seeds; empty where none is.
-fn confirms(studies: &[String]) -> String {
-    match studies.split_last() {
-        None => String::new(),
-        Some((one, [])) => format!(" Confirms {one}, on seeds that it has not seen."),
-        Some((last, others)) => {
-            let others = others.join(", ");
-            format!(" Confirms {others} and {last}, on seeds that these have not seen.")
-        }
+/// How many rounds follow on further seeds; empty where none does.
+fn confirmations(study: &StudyInfo) -> String {
+    match study.confirm.len() {
+        0 => String::new(),
+        n => format!(" {} on further seeds.", count(n, "confirmation")),
     }
 }
 

@@ -1,11 +1,13 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
-use super::{FigureFacts, Kept, Manifest, StudyInfo, collapses, files, floors};
+use super::{
+    Alone, FigureFacts, Kept, Manifest, StudyInfo, collapses, confirmations::Confirmed, files, floors,
+};
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
     imported::marked,
-    results::{CellName, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
+    results::{CellName, Cost, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
     spec::ClaimSpec,
     statistics::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
@@ -45,6 +47,10 @@ pub struct Contents {
     /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
     /// is not known.
     pub lost_record: Option<PathBuf>,
+    /// What was put to several rounds of seeds.
+    pub(super) confirmed: Vec<Confirmed>,
+    /// What the trials of each confirmation took.
+    pub(super) rounds: Vec<Cost>,
     /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
     pub kept: BTreeMap<String, Kept>,
 }
@@ -72,6 +78,8 @@ pub struct ClaimLine {
     pub looks: Seeds,
     /// The combinations whose seeds are behind it.
     pub rests_on: BTreeSet<CellName>,
+    /// What each round of seeds says alone, where there are several; the verdict is that of all.
+    pub rounds: Vec<Alone>,
 }
 
 /// How many there are of each word; words that nothing has are left out.
@@ -132,16 +140,13 @@ impl Contents {
                 .iter()
                 .map(|(name, spec)| (name.clone(), grid(spec)))
                 .collect(),
-            figures: Vec::new(),
-            lost_record: None,
             claims: study
                 .claims
                 .iter()
                 .enumerate()
                 .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
-            warnings: Vec::new(),
-            kept: BTreeMap::new(),
+            ..Self::default()
         };
         if study.is_rehearsal {
             contents.judge_nothing();
@@ -329,12 +334,13 @@ impl Contents {
         let is_open = |verdict: Verdict, complete| {
             verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0
         };
-        let cells = self
-            .cells(false)
-            .filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
+        let cells = self.cells(false).filter(|cell| {
+            cell.verdict()
+                .is_some_and(|it| is_open(it, cell.looks.complete()))
+        });
         let cells = cells.map(|cell| Open {
             rests_on: &cell.rests_on,
-            complete: cell.looks.complete,
+            complete: cell.looks.complete(),
         });
         let is_open = |line: &&ClaimLine| {
             matches!(&line.verdict,
@@ -344,9 +350,20 @@ impl Contents {
         cells
             .chain(lines.map(|line| Open {
                 rests_on: &line.rests_on,
-                complete: line.looks.complete,
+                complete: line.looks.complete(),
             }))
             .collect()
+    }
+
+    /// The combinations behind all published values and claims.
+    #[must_use]
+    pub fn rests_on(&self) -> BTreeSet<CellName> {
+        let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
+        let cells = grids.flat_map(|grid| grid.cells.iter().flatten());
+        let cells = cells.filter(|cell| cell.published().is_some());
+        let of_cells = cells.flat_map(|cell| &cell.rests_on);
+        let of_claims = self.claims.iter().flat_map(|line| &line.rests_on);
+        of_cells.chain(of_claims).cloned().collect()
     }
 
     fn cells(&self, exploratory: bool) -> impl Iterator<Item = &table::Cell> {
@@ -419,7 +436,11 @@ fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
     notes
 }
 
-fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
+pub(super) fn make_table(
+    spec: &TableSpec,
+    study: &StudyInfo,
+    results: &Results,
+) -> Result<Grid, crate::Error> {
     let mut grid = table::build(spec, results)?;
     let behind: BTreeSet<&str> = grid
         .cells
@@ -595,7 +616,12 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
-fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
+pub(super) fn claim_lines(
+    number: usize,
+    spec: &ClaimSpec,
+    study: &StudyInfo,
+    results: &Results,
+) -> Vec<ClaimLine> {
     let claim = match claim::parse(&spec.claim) {
         Ok(claim) => claim,
         Err(error) => return vec![claim_line(number, spec, String::new(), Err(error.to_string()))],
@@ -671,6 +697,7 @@ fn claim_line(
         training: None,
         looks: Seeds::default(),
         rests_on: BTreeSet::new(),
+        rounds: Vec::new(),
     }
 }
 

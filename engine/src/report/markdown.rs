@@ -31,15 +31,13 @@ fn head_blocks(parts: &Parts<'_>) -> Vec<String> {
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
     blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
     blocks.extend(first_departures(study));
-    let link = |name: &String| format!("[{name}](../{name}/report.md)");
-    blocks.extend(answers::next(study, link));
     blocks.push(prose::markdown(&parts.basis));
     blocks.extend(parts.head.iter().map(counts));
     blocks
 }
 
 /// The sections in their order, each with its items; those without any are left out of the report.
-fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 12] {
+fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
     let study = parts.study;
     let item = |name: &str, text: &str| format!("- {name}: {text}");
     let meanings = legend::entries(parts.contents).into_iter();
@@ -50,6 +48,10 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 12] {
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
+        (
+            "Confirmations",
+            parts.confirmed.iter().map(Sheet::markdown).collect(),
+        ),
         (
             "What the verdicts mean",
             meanings

@@ -10,6 +10,7 @@ mod budgets;
 mod by_seed;
 mod claims;
 mod collapses;
+mod confirmations;
 mod contents;
 mod differences;
 mod files;
@@ -41,6 +42,7 @@ mod verdicts;
 
 pub use basis::basis;
 pub use budgets::{duration, told};
+pub use confirmations::{Alone, Round};
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
@@ -61,7 +63,7 @@ use crate::{
     Better, Build, Error, figure,
     figure::FigureSpec,
     results::{Ran, Results},
-    spec::{ClaimSpec, Relevance, Repeats, Summary},
+    spec::{ClaimSpec, Confirmation, Relevance, Repeats, Summary},
     table,
     table::TableSpec,
 };
@@ -89,8 +91,6 @@ pub struct StudyInfo {
     pub summary: Option<Summary>,
     /// Where it departs from that.
     pub departures: Vec<String>,
-    /// Names of the studies whose claims it holds against other seeds.
-    pub confirms: Vec<String>,
     /// Samples of its sweep, where several came to the same setting.
     pub repeats: Option<Repeats>,
     /// Tables by name, in order.
@@ -99,6 +99,8 @@ pub struct StudyInfo {
     pub figures: Vec<(String, FigureSpec)>,
     /// Claims.
     pub claims: Vec<ClaimSpec>,
+    /// Rounds of claims and published values on further seeds.
+    pub confirm: Vec<Confirmation>,
     /// Agents in the study's order, which gives them their colours.
     pub agents: Vec<String>,
     /// Environments in the study's order.
@@ -222,6 +224,7 @@ pub fn write(
         answers: answers::sheet(contents).filter(|_| !study.is_rehearsal),
         head: head::lines(study, contents),
         claims: claims::sheet(contents),
+        confirmed: confirmations::sheet(contents),
         budgets: budgets::sheet(study, results),
         ran: Ran::of(results),
         settings: differences::sheets(study, results),
@@ -253,6 +256,7 @@ struct Parts<'a> {
     /// The counts at the head.
     head: Vec<head::Line>,
     claims: Option<Sheet>,
+    confirmed: Option<Sheet>,
     budgets: Option<Sheet>,
     /// How the trials ended.
     ran: Ran,

@@ -40,12 +40,12 @@ pub struct StillOpen {
 }
 
 impl StillOpen {
-    fn of(line: &Line<'_>) -> Self {
+    fn of(study: &Verdicts, passed: &Passed) -> Self {
         Self {
-            study: line.study.study.clone(),
-            about: line.passed.about.clone(),
-            verdict: line.passed.verdict.clone(),
-            would_decide: line.passed.would_decide,
+            study: study.study.clone(),
+            about: passed.about.clone(),
+            verdict: passed.verdict.clone(),
+            would_decide: passed.would_decide,
         }
     }
 }
@@ -61,13 +61,17 @@ impl Effort {
     }
 }
 
-/// Everything that is judged and open in these studies, what is cheapest to decide first. Of what a study left open and
-/// another one held against other seeds the last word counts.
+/// Everything that is judged and open in these studies, what is cheapest to decide first.
 #[must_use]
 pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<StillOpen> {
-    let questions = questions(studies);
-    let open = questions.iter().filter(|it| !it.is_decided());
-    let mut open: Vec<StillOpen> = open.map(|it| StillOpen::of(it.last())).collect();
+    let of_study = |study: &'a Verdicts| {
+        let open = study
+            .verdicts
+            .iter()
+            .filter(|it| it.is_judged() && !it.is_decided());
+        open.map(|passed| StillOpen::of(study, passed))
+    };
+    let mut open: Vec<StillOpen> = studies.into_iter().flat_map(of_study).collect();
     open.sort_by(|one, other| cheaper(one.would_decide, other.would_decide));
     open
 }
@@ -81,11 +85,11 @@ fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
 /// How many values and claims are judged, and how many of them are decided.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Decided {
-    /// Those that are judged, each once where several studies held it against seeds of their own.
+    /// Those that are judged.
     pub judged: usize,
     /// Those that are decided.
     pub decided: usize,
-    /// Those of them that a study left open and another one decided, on other seeds.
+    /// Those of them that rest on several rounds of seeds.
     pub confirmed: usize,
     /// Those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
     pub equivalent: usize,
@@ -95,13 +99,15 @@ impl Decided {
     /// Of all these studies.
     #[must_use]
     pub fn of<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Self {
-        let questions = questions(studies);
-        let decided: Vec<&Question<'_>> = questions.iter().filter(|it| it.is_decided()).collect();
+        let verdicts = studies.into_iter().flat_map(|study| &study.verdicts);
+        let judged: Vec<&Passed> = verdicts.filter(|it| it.is_judged()).collect();
+        let decided: Vec<&Passed> = judged.iter().copied().filter(|it| it.is_decided()).collect();
+        let is_equivalent = |it: &&&Passed| it.verdict == ClaimOutcome::Equivalent.word();
         Self {
-            judged: questions.len(),
+            judged: judged.len(),
             decided: decided.len(),
-            confirmed: decided.iter().filter(|it| it.lines.len() > 1).count(),
-            equivalent: decided.iter().filter(|it| it.is_equivalent()).count(),
+            confirmed: decided.iter().filter(|it| it.rounds.len() > 1).count(),
+            equivalent: decided.iter().filter(is_equivalent).count(),
         }
     }
 
@@ -120,7 +126,7 @@ impl Decided {
         };
         let later = match confirmed {
             0 => String::new(),
-            some => format!(", {some} of them by a later study, on seeds that the first one had not seen"),
+            some => format!(", {some} of them by several rounds of seeds"),
         };
         match judged {
             0 => "Nothing is judged.".into(),
@@ -132,79 +138,6 @@ impl Decided {
             }
         }
     }
-}
-
-/// A value or a claim that is judged, by one study or by several.
-struct Question<'a> {
-    /// What the studies say of it, each after those that it confirms.
-    lines: Vec<Line<'a>>,
-}
-
-/// What one study says.
-#[derive(Clone, Copy)]
-struct Line<'a> {
-    study: &'a Verdicts,
-    passed: &'a Passed,
-}
-
-impl Question<'_> {
-    /// True where a study decides it and none decides it the other way.
-    fn is_decided(&self) -> bool {
-        let mut decided = self.lines.iter().map(|it| it.passed).filter(|it| it.is_decided());
-        decided
-            .next()
-            .is_some_and(|first| decided.all(|other| other.differs() == first.differs()))
-    }
-
-    /// True where what decides it says that both sides are alike.
-    fn is_equivalent(&self) -> bool {
-        let mut decided = self.lines.iter().map(|it| it.passed).filter(|it| it.is_decided());
-        decided.all(|it| it.verdict == ClaimOutcome::Equivalent.word())
-    }
-
-    fn last(&self) -> &Line<'_> {
-        &self.lines[self.lines.len() - 1]
-    }
-
-    /// True where a study confirms one that left this open.
-    fn is_put_again_by(&self, line: &Line<'_>) -> bool {
-        let is_left_open = |it: &Line<'_>| {
-            line.study.confirms.contains(&it.study.study)
-                && !it.passed.is_decided()
-                && it.passed.is_of_same(line.passed)
-        };
-        self.lines.iter().any(is_left_open)
-    }
-}
-
-/// Everything that is judged, each once. A study that confirms others puts their open lines again.
-fn questions<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<Question<'a>> {
-    let mut questions: Vec<Question<'a>> = Vec::new();
-    for study in in_order_of_questions(studies.into_iter().collect()) {
-        let known = questions.len();
-        for passed in study.verdicts.iter().filter(|it| it.is_judged()) {
-            let line = Line { study, passed };
-            let is_put = |it: &&mut Question<'a>| it.is_put_again_by(&line);
-            let again: Vec<_> = questions[..known].iter_mut().filter(is_put).collect();
-            if again.is_empty() {
-                questions.push(Question { lines: vec![line] });
-            } else {
-                again.into_iter().for_each(|question| question.lines.push(line));
-            }
-        }
-    }
-    questions
-}
-
-/// Studies, each after those that it confirms, as far as they are there and none confirms itself by way of others.
-fn in_order_of_questions(mut left: Vec<&Verdicts>) -> Vec<&Verdicts> {
-    let mut ordered = Vec::new();
-    while !left.is_empty() {
-        let waits = |study: &Verdicts| left.iter().any(|it| study.confirms.contains(&it.study));
-        let next = left.iter().position(|study| !waits(study)).unwrap_or(0);
-        ordered.push(left.remove(next));
-    }
-    ordered
 }
 
 /// The same for people, as a table; `None` where nothing is open.
@@ -228,7 +161,7 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
         words: 2,
         rows: open.iter().map(row).collect(),
         notes: vec![
-            "So many seeds that nobody has seen (`seeds: 100-139`, in a study that `confirms` this one) would decide with a probability of 80 %, if mean and \
+            "So many seeds that nobody has seen (a round of `confirm`) would decide with a probability of 80 %, if mean and \
              spread stay as they are; – where no affordable number would, where a design has looks left, and \
              where that is not known. Fewer that are added to those of a study would do, too, were they not added \
              because of what was seen. Times are those of trials, each on one core, with what they take from others; \
@@ -285,7 +218,7 @@ mod tests {
     use super::*;
     use crate::{
         product::{ProductKind, Taken},
-        report::{Passed, synthetic::trial},
+        report::{Alone, Passed, synthetic::trial},
         trial::Purpose,
     };
 
@@ -366,107 +299,18 @@ mod tests {
         );
     }
 
-    /// `one` leaves two claims open, `two` puts both again and decides one, `three` puts the other one again.
-    fn confirmed() -> [Verdicts; 3] {
-        let claim = |number: u32, what: &str, verdict| {
-            passed(&format!("claim {number}: {what}"), verdict, Some((number, 1.0)))
-        };
-        let confirming = |name: &str, whom: &str, verdicts: &[Passed]| Verdicts {
-            confirms: vec![whom.into()],
-            ..study(name, verdicts)
-        };
-        let open = "INCONCLUSIVE";
-        [
-            confirming("three", "two", &[claim(1, "b > c", open)]),
-            confirming(
-                "two",
-                "one",
-                &[claim(1, "b > c", open), claim(2, "a > b in x", "REFUTED")],
-            ),
-            study(
-                "one",
-                &[
-                    claim(4, "a > b in x", open),
-                    claim(5, "b > c", open),
-                    claim(6, "c > d", "SUPPORTED"),
-                ],
-            ),
-        ]
-    }
-
     #[test]
-    fn what_a_later_study_decides_is_decided_and_counted_once() {
-        let studies = confirmed();
-        let decided = Decided::of(&studies);
-        assert_eq!((decided.judged, decided.decided, decided.confirmed), (3, 2, 1));
+    fn verdicts_of_several_rounds_are_told() {
+        let rounds = vec![Alone::default(), Alone::default()];
+        let both = Passed {
+            rounds,
+            ..passed("claim 1: a > b", "SUPPORTED", None)
+        };
+        let studies = [study("one", &[both, passed("claim 2: b > c", "REFUTED", None)])];
         assert_eq!(
-            decided.in_words(),
-            "2 of 3 values and claims that are judged are decided (66 %), 1 of them by a later study, on seeds that the \
-             first one had not seen."
+            Decided::of(&studies).in_words(),
+            "2 of 2 values and claims that are judged are decided (100 %), 1 of them by several rounds of seeds."
         );
-        let open = still_open(&studies);
-        assert_eq!(
-            (open.len(), open[0].study.as_str(), open[0].about.as_str()),
-            (1, "three", "claim 1: b > c")
-        );
-    }
-
-    #[test]
-    fn two_later_studies_may_not_contradict_each_other() {
-        let line = |verdict| passed("t: a", verdict, None);
-        let later = |name: &str, verdict: &'static str| Verdicts {
-            confirms: vec!["one".into()],
-            ..study(name, &[line(verdict)])
-        };
-        let decided = |words: [&'static str; 2]| {
-            let all = [
-                study("one", &[line("INCONCLUSIVE")]),
-                later("two", words[0]),
-                later("three", words[1]),
-            ];
-            let Decided { judged, decided, .. } = Decided::of(&all);
-            (judged, decided, still_open(&all).len())
-        };
-        assert_eq!(decided(["SUPPORTED", "INCONCLUSIVE"]), (1, 1, 0));
-        assert_eq!(decided(["INCONCLUSIVE", "SUPPORTED"]), (1, 1, 0));
-        assert_eq!(decided(["SUPPORTED", "REFUTED"]), (1, 0, 1));
-        assert_eq!(decided(["INCONCLUSIVE", "INCONCLUSIVE"]), (1, 0, 1));
-    }
-
-    #[test]
-    fn one_line_answers_what_two_studies_left_open() {
-        let line = |about: &str, verdict| passed(about, verdict, None);
-        let open = |name: &str, number: u32| {
-            study(
-                name,
-                &[line(&format!("claim {number}: a  > b in x"), "INCONCLUSIVE")],
-            )
-        };
-        let both = Verdicts {
-            confirms: vec!["one".into(), "two".into()],
-            ..study("both", &[line("claim 7: a > b  in x", "SUPPORTED")])
-        };
-        let decided = Decided::of(&[open("one", 1), open("two", 3), both]);
-        assert_eq!((decided.judged, decided.decided, decided.confirmed), (2, 2, 2));
-    }
-
-    #[test]
-    fn what_confirms_nobody_that_is_there_counts_for_itself() {
-        let [three, two, one] = confirmed();
-        assert_eq!(Decided::of([&three, &one]).judged, 4);
-        // What was decided is not put again, and neither is what another study says in the same words.
-        let again = Verdicts {
-            confirms: vec!["one".into()],
-            ..study("again", &[passed("claim 1: c > d", "REFUTED", None)])
-        };
-        let other = study("other", &[passed("claim 1: b > c", "SUPPORTED", None)]);
-        assert_eq!(Decided::of([&one, &again, &other]).judged, 5);
-        // Studies that confirm each other end, too: the first one's word comes first.
-        let circle = Verdicts {
-            confirms: vec!["two".into()],
-            ..one
-        };
-        assert_eq!(Decided::of([&two, &circle]).judged, 4);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    FigureFacts, Parts, answers, budgets, by_seed, files, head,
+    FigureFacts, Parts, answers, by_seed, files, head,
     interactive::{self, Lines},
     kept::ENDINGS,
     legend,
@@ -24,6 +24,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
+        ("Confirmations", parts.confirmed.iter().map(Sheet::html).collect()),
         ("What the verdicts mean", definitions(meanings(parts))),
         ("Departures", list(&parts.study.departures)),
         ("Stages", graph(parts)),
@@ -122,9 +123,6 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let sentence = parts.sentence.as_ref().map_or_else(String::new, paragraph);
     let answers = parts.answers.as_ref().map_or_else(String::new, Sheet::html);
     let departures = first_departures(&parts.study.departures);
-    let link = |name: &String| format!("<a href=\"../{0}/index.html\">{0}</a>", escape(name));
-    let next = answers::next(parts.study, link);
-    let next = next.map_or_else(String::new, |text| format!("<p>{text}</p>\n"));
     let basis = paragraph(&parts.basis);
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
@@ -140,10 +138,10 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        [banner, sentence, answers, departures, next, basis].concat(),
+        [banner, sentence, answers, departures, basis].concat(),
         parts.head.iter().map(chips).collect::<String>(),
         escape(&parts.ran.sentence()),
-        budgets::cost(parts.results).sentence(),
+        parts.contents.cost(parts.results).sentence(),
     )
 }
 

@@ -1,7 +1,7 @@
 //! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
 //! watch over many of them.
 
-use super::{ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, budgets, sentence};
+use super::{Alone, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
 use crate::{
     results::Results,
     statistics::{ClaimOutcome, Judgement, Verdict},
@@ -29,9 +29,6 @@ pub struct Verdicts {
     /// Wall-clock time of these trials in seconds, rounded to tenths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trial_time_s: Option<f64>,
-    /// Names of the studies whose claims it holds against other seeds.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub confirms: Vec<String>,
     /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub earlier_versions: Vec<String>,
@@ -75,6 +72,9 @@ pub struct Passed {
     /// has looks left, which says itself when to go on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub would_decide: Option<Effort>,
+    /// What each round of seeds says alone, where there are several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rounds: Vec<Alone>,
 }
 
 impl Passed {
@@ -91,28 +91,6 @@ impl Passed {
             Verdict::NotRun.word(),
         ];
         !self.exploratory && !unasked.contains(&self.verdict.as_str())
-    }
-
-    /// True where both are about the same, whatever the number of a claim and the blanks in it.
-    #[must_use]
-    pub fn is_of_same(&self, other: &Self) -> bool {
-        self.words().eq(other.words()) || self.full() == other.full()
-    }
-
-    /// What it is about, with the column.
-    fn full(&self) -> &str {
-        self.in_full.as_deref().unwrap_or(&self.about)
-    }
-
-    /// The words of what it is about, without the number that a claim has in its study.
-    fn words(&self) -> impl Iterator<Item = &str> {
-        let numbered = self
-            .about
-            .strip_prefix("claim ")
-            .and_then(|rest| rest.split_once(": "));
-        numbered
-            .map_or(self.about.as_str(), |(_, words)| words)
-            .split_whitespace()
     }
 
     /// True where the seeds say that it does not hold.
@@ -167,14 +145,13 @@ impl Verdicts {
             .chain(contents.claims.iter().map(|line| of_claim(line, results)))
             .collect();
         let count = |counts: &dyn Fn(&Passed) -> bool| verdicts.iter().filter(|it| counts(it)).count();
-        let cost = budgets::cost(results);
+        let cost = contents.cost(results);
         Self {
             study: study.name.clone(),
             title: study.title.clone(),
             summary: sentence(study, contents),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
-            confirms: study.confirms.clone(),
             earlier_versions: study.earlier_versions.clone(),
             changed_settings: study.changed_settings.clone(),
             basis: basis(study, results, contents),
@@ -211,6 +188,7 @@ fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
                 exploratory: grid.is_exploratory(cell),
                 cause: cause.map(Into::into),
                 would_decide: seeds_to_decide(judgement).map(|n| Effort::of(n, &cell.rests_on, results)),
+                rounds: Vec::new(),
             });
         }
     }
@@ -246,6 +224,7 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
         would_decide: line
             .seeds_to_decide()
             .map(|n| Effort::of(n, &line.rests_on, results)),
+        rounds: line.rounds.clone(),
     }
 }
 

@@ -103,7 +103,7 @@ impl Reader<'_> {
         let below = path.parent().unwrap_or(Path::new(""));
         let mut node = self.with_included(root, below);
         self.open.pop();
-        forget(&mut node, &["study", "include", "confirms"]);
+        forget(&mut node, &["study", "include", "confirm"]);
         Ok(node)
     }
 

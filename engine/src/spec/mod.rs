@@ -26,7 +26,7 @@
 //! | `names` | tables, figures and claims against what trials record |
 //! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved` | a study with all defaults written out |
-//! | `confirms` | studies whose claims this one holds against other seeds |
+//! | `confirmations` | claims that are held against further seeds |
 //! | `way` | from a folder to a file |
 
 mod blocks;
@@ -35,7 +35,7 @@ mod cell;
 mod cells;
 mod claims;
 mod config;
-mod confirms;
+mod confirmations;
 mod cross_play;
 mod editor_schema;
 mod facts;
@@ -67,7 +67,7 @@ mod written;
 
 pub(crate) use builds::can_learn;
 pub use claims::{ClaimSpec, Relevance};
-pub use confirms::Confirmed;
+pub use confirmations::Confirmation;
 pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
@@ -196,8 +196,8 @@ pub struct Study {
     folder: PathBuf,
     /// The files that it includes, in the order in which they were read.
     pub included: Vec<PathBuf>,
-    /// The studies whose claims it holds against other seeds, in order.
-    pub confirms: Vec<Confirmed>,
+    /// Rounds of claims and published values on further seeds, in order; none under a profile and options of the command line.
+    pub confirm: Vec<Confirmation>,
 }
 
 /// Reads and checks the study in a file.
@@ -258,35 +258,20 @@ pub fn load_text(
     options: &Options,
 ) -> Result<Study, Vec<Diagnostic>> {
     let mut sources = Sources::default();
-    let (study, root) = load_alone(text, name, folder, registry, options, &mut sources)?;
-    let file = folder.join(Path::new(name).file_name().unwrap_or_default());
-    let confirms = confirms::read((&root, &file), &study, registry, &sources, options).map_err(in_order)?;
-    Ok(Study { confirms, ..study })
-}
-
-/// A study without a look at those that it confirms, and its document.
-fn load_alone(
-    text: &str,
-    name: &str,
-    folder: &Path,
-    registry: &Registry,
-    options: &Options,
-    sources: &mut Sources,
-) -> Result<(Study, Node), Vec<Diagnostic>> {
     let schema = json_schema(registry);
     let Composed {
         root,
         included,
         mut found,
-    } = compose(text, name, folder, &schema, sources, options).map_err(in_order)?;
-    found.extend(check_structure(&root, &schema, sources));
+    } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
+    found.extend(check_structure(&root, &schema, &sources));
     if !found.iter().any(about_limits) {
-        found.extend(wrong_limits(&root, sources));
+        found.extend(wrong_limits(&root, &sources));
     }
     let mut written = Written::read(&root);
-    found.extend(written.name_clashes(sources));
-    let (fixed, errors) = settings::apply(&root, &mut written, &schema, sources, options);
-    let sources = &*sources;
+    found.extend(written.name_clashes(&sources));
+    let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
+    let sources = &sources;
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
     let dimensions = sweep::read(&root, &written, &schema, sources, &fixed)
@@ -319,12 +304,15 @@ fn load_alone(
         announced: options.announced.as_ref(),
     };
     let study = finish(&root, &sections, found)?;
-    let study = Study {
+    // Profiles and options make another study of it, which confirms nothing.
+    let is_as_written = options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none();
+    let confirm = if is_as_written { study.confirm } else { Vec::new() };
+    Ok(Study {
         profile: options.profile.clone(),
         included,
+        confirm,
         ..study
-    };
-    Ok((study, root))
+    })
 }
 
 /// A study as one document.
@@ -366,6 +354,7 @@ struct Made {
     world: builds::World,
     imported: Vec<Imported>,
     asked: names::Asked,
+    confirm: Vec<Confirmation>,
 }
 
 /// The second half of loading: cells are made and built, and what is asked of them is checked.
@@ -396,6 +385,13 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     found.extend(about_success.into_iter().chain(names::searches(sections, &world)));
     found.extend(names::beside_the_source(root, &world, sources));
     found.extend(asked.found.iter().cloned());
+    let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
+    let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
+    let confirm = confirmations::read(root, (&asked.claims, &asked.tables), &used, sources);
+    let confirm = confirm.unwrap_or_else(|errors| {
+        found.extend(errors);
+        Vec::new()
+    });
     if !found.is_empty() {
         return Err(in_order(found));
     }
@@ -407,6 +403,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         world,
         imported,
         asked,
+        confirm,
     })
 }
 
@@ -442,6 +439,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         world,
         imported,
         asked,
+        confirm,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
     Study {
@@ -485,7 +483,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
         included: Vec::new(),
-        confirms: Vec::new(),
+        confirm,
     }
 }
 
@@ -528,7 +526,7 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
     const SHOWN: [&str; 13] = [
-        "confirms",
+        "confirm",
         "title",
         "source",
         "summary",

@@ -44,15 +44,6 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let summary = study.summary.iter();
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
-    let seen = |path: &Path| {
-        name_written_out(folder, &study.folder.join(path))
-            .display()
-            .to_string()
-    };
-    let confirms: Vec<String> = study.confirms.iter().map(|it| seen(&it.file)).collect();
-    if !confirms.is_empty() {
-        sections.push(("confirms".into(), Section::Plain(json!(confirms))));
-    }
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {
@@ -88,6 +79,9 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
         ("figures".to_string(), Section::Named(figures)),
     ]);
     sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
+    if !study.confirm.is_empty() {
+        sections.push(("confirm".into(), Section::Plain(json!(study.confirm))));
+    }
     if study.limits != Limits::default() {
         sections.push(("limits".into(), Section::Plain(json!(study.limits))));
     }

@@ -3,6 +3,7 @@
 
 use super::{
     claims::{ClaimSpec, Relevance},
+    confirmations::ConfirmationText,
     cross_play::{EPISODES, Pairs},
     search::SearchText,
     seeds::SeedsText,
@@ -32,9 +33,6 @@ pub(super) struct Sections {
     /// Files whose sections this one begins with: one, or several of which later ones win. What stands here
     /// is laid over them, key by key; lists and values are replaced.
     include: Files,
-    /// Studies, by their files, of whose claims some stand here word for word, to be held against seeds that those
-    /// studies have not seen. What they left open and is decided here counts as decided, and once.
-    confirms: Files,
     /// Keys by name, which `<<: NAME` puts into any mapping; keys beside `<<` win.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     blocks: BTreeMap<String, Map<String, Value>>,
@@ -90,6 +88,9 @@ pub(super) struct Sections {
     figures: BTreeMap<String, FigureSpec>,
     /// Comparisons that the results support, refute or leave open.
     claims: Vec<ClaimText>,
+    /// Rounds of claims and published values on seeds that nobody has seen. The last word on each is that of all its
+    /// seeds together, with the level divided among all looks.
+    confirm: Vec<ConfirmationText>,
     /// What one trial may use, and what is tried again; no trial's numbers depend on it.
     limits: Limits,
 }

@@ -179,6 +179,8 @@ pub struct Statement {
     pub looks: Vec<Look>,
     /// The looks that were planned; `None` where the number of seeds is fixed.
     pub design: Option<Design>,
+    /// True where the last complete look decides, whatever an earlier one said: looks that were not planned together.
+    pub by_last: bool,
     /// Probability of a wrong decision on each side, all looks together.
     pub alpha: f64,
 }
@@ -224,7 +226,7 @@ impl Statement {
     }
 
     /// What the seeds decide where each side may be wrong with probability `alpha`: at the first look that
-    /// decides.
+    /// decides, or at the last one.
     #[must_use]
     pub fn decide_at(&self, alpha: f64) -> Decision {
         let levels = self
@@ -236,7 +238,12 @@ impl Statement {
             look: 0,
             interval: None,
         };
-        for (index, (look, nominal)) in self.looks.iter().zip(levels).enumerate() {
+        let first = if self.by_last {
+            self.looks.len().saturating_sub(1)
+        } else {
+            0
+        };
+        for (index, (look, nominal)) in self.looks.iter().zip(levels).enumerate().skip(first) {
             let interval = look.evidence.interval(nominal);
             last = Decision {
                 outcome: look.outcome(nominal),
@@ -331,6 +338,7 @@ mod tests {
         Statement {
             looks: vec![at(values, region)],
             design: None,
+            by_last: false,
             alpha: 0.05,
         }
     }
@@ -368,6 +376,7 @@ mod tests {
         let only = Statement {
             looks: vec![at(&far, region)],
             design: None,
+            by_last: false,
             alpha: 0.05,
         };
         assert_ne!(only.decide().outcome, Outcome::Holds);
@@ -385,6 +394,7 @@ mod tests {
         assert_eq!(fixed(&values, region).decide().outcome, Outcome::Holds);
         let planned = Statement {
             design: Some(Design::new(vec![5, 10, 15])),
+            by_last: false,
             ..fixed(&values, region)
         };
         assert_eq!(planned.decide().outcome, Outcome::Open);
@@ -445,6 +455,7 @@ mod tests {
             Statement {
                 looks: vec![share(low)],
                 design: None,
+                by_last: false,
                 alpha: 0.025,
             }
             .decide()
@@ -465,6 +476,7 @@ mod tests {
             Statement {
                 looks: vec![apart],
                 design: None,
+                by_last: false,
                 alpha: 0.025
             }
             .decide()

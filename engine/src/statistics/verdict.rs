@@ -156,10 +156,10 @@ impl Reference {
 pub struct Seeds {
     /// The looks that were planned; `None` where the number of seeds is fixed.
     pub design: Option<Design>,
-    /// How many of the planned looks are complete.
-    pub complete: usize,
-    /// The first seed of the design.
-    pub first: u64,
+    /// The number below which seeds count, for each look that is complete.
+    pub limits: Vec<u64>,
+    /// How many rounds of seeds are taken together, of which none was planned with the one before; 0 for one round.
+    pub rounds: usize,
 }
 
 impl Seeds {
@@ -169,13 +169,20 @@ impl Seeds {
     pub fn limits(&self) -> Vec<u64> {
         match &self.design {
             None => vec![u64::MAX],
-            Some(design) => design
-                .looks()
-                .iter()
-                .take(self.complete)
-                .map(|most| self.first + u64::from(*most))
-                .collect(),
+            Some(_) => self.limits.clone(),
         }
+    }
+
+    /// How many of the planned looks are complete.
+    #[must_use]
+    pub fn complete(&self) -> usize {
+        self.limits.len()
+    }
+
+    /// True where rounds are taken together: all of their seeds decide, and not the first look that does.
+    #[must_use]
+    pub fn is_pooled(&self) -> bool {
+        self.rounds > 0
     }
 }
 
@@ -188,6 +195,8 @@ pub struct Stage {
     pub of: usize,
     /// Seeds planned for this look.
     pub seeds: u32,
+    /// How many rounds of seeds are taken together; 0 for one round.
+    pub rounds: usize,
 }
 
 impl Stage {
@@ -201,6 +210,7 @@ impl Stage {
             look,
             of: design.looks().len(),
             seeds: planned,
+            rounds: seeds.rounds,
         })
     }
 
@@ -213,8 +223,17 @@ impl Stage {
     /// The stage as a phrase.
     #[must_use]
     pub fn phrase(&self, open: bool) -> String {
-        let Self { look, of, seeds } = *self;
+        let Self {
+            look,
+            of,
+            seeds,
+            rounds,
+        } = *self;
         match (look, open) {
+            _ if rounds > 0 => format!(
+                "all {seeds} seeds of {rounds} rounds, whose {look} looks were not planned together; the level is divided \
+                 among them"
+            ),
             (0, _) => format!("the first of {of} looks is not complete"),
             (_, false) => format!("decided at look {look} of {of}, with {seeds} seeds"),
             (_, true) if self.is_last() => format!("open after the last of {of} looks"),
@@ -379,6 +398,7 @@ pub fn judge(
     let statement = Statement {
         looks,
         design: seeds.design.clone(),
+        by_last: seeds.is_pooled(),
         alpha: ALPHA,
     };
     let decision = statement.decide();

@@ -138,9 +138,9 @@ pub fn is_record(finding: &Finding) -> bool {
     finding.fault == Fault::Damaged && is_json && finding.path.parent() == Some(Path::new(LOOKS))
 }
 
-/// Where the record of a study lies, inside the store.
+/// Where the record of a study lies, inside the store. A confirmation is named after its study, with a slash between.
 fn file_of(study: &str) -> PathBuf {
-    Path::new(LOOKS).join(format!("{study}.json"))
+    Path::new(LOOKS).join(format!("{}.json", study.replace('/', "+")))
 }
 
 fn bytes_of(seen: &SeenVerdicts, path: &Path) -> Result<Vec<u8>, Error> {

@@ -281,7 +281,7 @@ impl<'a> Matrix<'a> {
             encounters,
             scale: spec.normalise.then(|| Scale::of(spec, &ends_of, rows, columns)),
             ends_of,
-            stands: results.seeds_of(&encounters.trials(&[])).complete > 0,
+            stands: results.seeds_of(&encounters.trials(&[])).complete() > 0,
         }
     }
 
@@ -303,7 +303,7 @@ impl<'a> Matrix<'a> {
             ..Cell::resting_on(&scope.trials, results)
         };
         if self.scale.is_some() && !self.stands {
-            cell.looks.complete = 0;
+            cell.looks.limits.clear();
         }
         let as_of = |limit: u64| {
             let raw = self.encounters.until(limit).by_seed(casting, &self.spec.value);

@@ -471,7 +471,7 @@ fn seeds_without_success_complete_a_look() {
     };
     let cell = super::compare(&comparison, &results).unwrap().cells[0][0].clone();
     assert_eq!(
-        (cell.seeds, cell.planned, cell.looks.complete),
+        (cell.seeds, cell.planned, cell.looks.complete()),
         (vec![(0, 9.5), (2, 9.7)], 2, 1)
     );
     results.trials[1].end = None;

@@ -534,6 +534,7 @@ fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds:
     let statement = Statement {
         looks: compared.iter().map(|it| it.look(relation, matters)).collect(),
         design: seeds.design.clone(),
+        by_last: seeds.is_pooled(),
         alpha: if is_direction {
             ALPHA_OF_DIRECTION
         } else {

@@ -160,8 +160,8 @@ fn planned_looks_are_taken_one_by_one() {
             0,
             &Seeds {
                 design: design.clone(),
-                complete,
-                first: 0,
+                limits: [3, 6, 9][..complete].to_vec(),
+                rounds: 0,
             },
             false,
         )

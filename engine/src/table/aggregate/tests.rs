@@ -251,7 +251,7 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     );
     assert_eq!(
         (
-            cell.looks.complete,
+            cell.looks.complete(),
             cell.judgement.unwrap().stage.map(|stage| stage.of)
         ),
         (1, Some(2))
@@ -268,5 +268,5 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     results.trials[of_weak] = trial("maze", "weak", "", 0, &untrained.to_vec());
     assert_eq!(able(&results).verdict(), Some(Verdict::NotTrained));
     results.trials[of_weak].end = None;
-    assert_eq!(able(&results).looks.complete, 0);
+    assert_eq!(able(&results).looks.complete(), 0);
 }

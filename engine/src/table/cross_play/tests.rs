@@ -245,7 +245,7 @@ fn a_look_waits_for_every_meeting_of_its_seeds() {
         }
         let mut results = Results::of(trained(3).chain(meetings).collect());
         results.design = Some(Design::new(vec![3, 5]));
-        looked_at(&results).cells[0][0].looks.complete
+        looked_at(&results).cells[0][0].looks.complete()
     };
     // The last one is of another cell, which the scale is made of as well.
     assert_eq!([None, Some(2), Some(7), Some(35)].map(complete), [1, 0, 0, 0]);

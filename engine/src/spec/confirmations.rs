@@ -1,0 +1,267 @@
+//! `confirm`: claims and published values of a study that are held against seeds which nobody has seen.
+//!
+//! A claim that is open after all seeds of its study is no better for a few more of them, which were added because of
+//! what was seen. A confirmation says before its first trial which claims it puts to which seeds. It is computed as a
+//! study of its own, with the same combinations, and the last word is that of all rounds together.
+
+use super::{
+    ClaimSpec, Study,
+    seeds::{SeedPlan, SeedsText},
+};
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span},
+    document::Node,
+    statistics::spending::Design,
+    table::TableSpec,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A confirmation as it is written.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ConfirmationText {
+    /// Numbers of claims of this study, from 1.
+    #[serde(default)]
+    #[schemars(inner(range(min = 1)), extend("uniqueItems" = true))]
+    claims: Vec<usize>,
+    /// Tables of this study whose published values are put to these seeds.
+    #[serde(default)]
+    #[schemars(extend("uniqueItems" = true))]
+    tables: Vec<String>,
+    /// Rows of these tables, by their names there; all that have published values where absent.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(extend("uniqueItems" = true))]
+    rows: Vec<String>,
+    /// Seeds above all those that these claims and values have seen: a list, ranges, or a design with `first`.
+    seeds: SeedsText,
+    /// The smallest difference that matters from now on, where the claims name none or a larger one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    matters: Option<f64>,
+    /// Why these seeds, and why this difference matters.
+    #[serde(default)]
+    why: String,
+}
+
+/// A round of seeds for some claims and published values.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Confirmation {
+    /// Indices of the claims.
+    #[serde(skip)]
+    pub claims: Vec<usize>,
+    /// Names of the tables.
+    #[serde(skip)]
+    pub tables: Vec<String>,
+    /// Their rows, where not all are confirmed.
+    #[serde(skip)]
+    pub rows: Vec<String>,
+    /// All seeds that it may use.
+    #[serde(skip)]
+    pub seeds: Vec<u64>,
+    /// The looks at which seeds are added; `None` where their number is fixed.
+    #[serde(skip)]
+    pub design: Option<Design>,
+    /// The smallest difference that matters from now on; `None` where it stays as it was.
+    #[serde(skip)]
+    pub matters: Option<f64>,
+    /// Why these seeds.
+    #[serde(skip)]
+    pub why: String,
+    /// The section as it is written.
+    #[serde(flatten)]
+    written: serde_json::Map<String, serde_json::Value>,
+}
+
+impl Confirmation {
+    /// A claim as this round puts it.
+    #[must_use]
+    pub fn claim(&self, claim: &ClaimSpec) -> ClaimSpec {
+        ClaimSpec {
+            matters: self.matters.or(claim.matters),
+            // It is put to seeds that nobody has seen.
+            exploratory: false,
+            ..claim.clone()
+        }
+    }
+
+    /// A table as this round puts it, with the published values of its rows.
+    #[must_use]
+    pub fn table(&self, spec: &TableSpec) -> TableSpec {
+        let mut spec = spec.clone();
+        if !self.rows.is_empty() {
+            spec.published.retain(|row, _| self.rows.contains(row));
+        }
+        spec
+    }
+}
+
+impl Study {
+    /// The study that a confirmation is computed as: the same combinations with its seeds, its claims and the published
+    /// values of its tables. Its name is that of the folder inside the results of this study.
+    #[must_use]
+    pub fn confirmation(&self, index: usize) -> Self {
+        let it = &self.confirm[index];
+        let claims = it.claims.iter().filter_map(|claim| self.claims.get(*claim));
+        let tables = self.tables.iter().filter(|(name, _)| it.tables.contains(name));
+        let tables = tables.map(|(name, spec)| (name.clone(), it.table(spec)));
+        Self {
+            name: format!("{}/confirm-{}", self.name, index + 1),
+            seeds: it.seeds.clone(),
+            design: it.design.clone(),
+            claims: claims.map(|claim| it.claim(claim)).collect(),
+            tables: tables.collect(),
+            figures: Vec::new(),
+            summary: None,
+            confirm: Vec::new(),
+            warnings: Vec::new(),
+            repeats: None,
+            ..self.clone()
+        }
+    }
+}
+
+/// Reads the section, and holds it against the rest of the study. `used` are the seeds of the study and of its searches.
+///
+/// # Errors
+/// Claims and tables that are not there, and seeds that are not above all those that were seen.
+pub(super) fn read(
+    root: &Node,
+    (claims, tables): (&[ClaimSpec], &[(String, TableSpec)]),
+    used: &[u64],
+    sources: &Sources,
+) -> Result<Vec<Confirmation>, Vec<Diagnostic>> {
+    let (mut rounds, mut found): (Vec<Confirmation>, Vec<Diagnostic>) = (Vec::new(), Vec::new());
+    for (index, node) in root
+        .get("confirm")
+        .map_or(&[][..], Node::items)
+        .iter()
+        .enumerate()
+    {
+        let section = Section {
+            node,
+            at: format!("confirm[{index}]"),
+            sources,
+        };
+        match section.round() {
+            Ok(Some(round)) => {
+                found.extend(section.unknown_claim(&round, claims));
+                found.extend(section.unknown_table(&round, tables));
+                found.extend(section.larger_difference(&round, claims));
+                found.extend(section.seen_seed(&round, &rounds, used));
+                rounds.push(round);
+            }
+            // The check against the schema refused it.
+            Ok(None) => {}
+            Err(errors) => found.extend(errors),
+        }
+    }
+    if found.is_empty() { Ok(rounds) } else { Err(found) }
+}
+
+/// A confirmation where it stands.
+struct Section<'a> {
+    node: &'a Node,
+    at: String,
+    sources: &'a Sources,
+}
+
+impl Section<'_> {
+    fn round(&self) -> Result<Option<Confirmation>, Vec<Diagnostic>> {
+        let value = self.node.to_value();
+        let Ok(written) = serde_json::from_value::<ConfirmationText>(value.clone()) else {
+            return Ok(None);
+        };
+        let SeedPlan { seeds, design } = SeedPlan::read(self.node.get("seeds"), self.sources)?;
+        if written.claims.is_empty() && written.tables.is_empty() {
+            let error = self
+                .sources
+                .error(self.node.span, &self.at, "this confirms nothing");
+            return Err(vec![error.help(
+                "name the claims by their numbers, as in `claims: [1, 3]`, or tables with published values",
+            )]);
+        }
+        Ok(Some(Confirmation {
+            claims: written.claims.iter().map(|number| number - 1).collect(),
+            tables: written.tables,
+            rows: written.rows,
+            seeds,
+            design,
+            matters: written.matters,
+            why: written.why,
+            written: value.as_object().cloned().unwrap_or_default(),
+        }))
+    }
+
+    fn error(&self, key: &str, message: String) -> Diagnostic {
+        let span: Span = self
+            .node
+            .entry(key)
+            .map_or(self.node.span, |entry| entry.key_span);
+        self.sources.error(span, &format!("{}.{key}", self.at), message)
+    }
+
+    fn unknown_claim(&self, round: &Confirmation, claims: &[ClaimSpec]) -> Option<Diagnostic> {
+        let unknown = round.claims.iter().find(|index| **index >= claims.len())?;
+        let error = self.error("claims", format!("there is no claim {}", unknown + 1));
+        Some(match claims.len() {
+            0 => error.help("this study has no claims"),
+            n => error.help(format!(
+                "claims are counted from 1 in their order; the last is {n}"
+            )),
+        })
+    }
+
+    fn unknown_table(&self, round: &Confirmation, tables: &[(String, TableSpec)]) -> Option<Diagnostic> {
+        let has_values = |name: &&String| {
+            let table = tables.iter().find(|(known, _)| known == *name);
+            table.is_some_and(|(_, table)| !round.table(table).published.is_empty())
+        };
+        let unknown = round.tables.iter().find(|name| !has_values(name))?;
+        let of_rows = if round.rows.is_empty() {
+            ""
+        } else {
+            " in these rows"
+        };
+        let message = format!("there is no table `{unknown}` with published values{of_rows}");
+        Some(
+            self.error("tables", message)
+                .help("name tables of this study that have `published`"),
+        )
+    }
+
+    /// A difference that mattered before it was seen matters later, too.
+    fn larger_difference(&self, round: &Confirmation, claims: &[ClaimSpec]) -> Option<Diagnostic> {
+        let matters = round.matters?;
+        let named = round.claims.iter().filter_map(|index| claims.get(*index));
+        let smaller = named
+            .filter_map(|claim| claim.matters)
+            .find(|known| *known < matters)?;
+        let message = format!(
+            "a difference of {smaller} mattered before its results were seen, and here only {matters} does"
+        );
+        Some(
+            self.error("matters", message)
+                .help("leave it out, or write a smaller one"),
+        )
+    }
+
+    /// A seed that is not above all those that the same claims or values have seen.
+    fn seen_seed(&self, round: &Confirmation, earlier: &[Confirmation], used: &[u64]) -> Option<Diagnostic> {
+        let shares = |other: &&Confirmation| {
+            other.claims.iter().any(|claim| round.claims.contains(claim))
+                || other.tables.iter().any(|table| round.tables.contains(table))
+        };
+        let of_rounds = earlier.iter().filter(shares).flat_map(|other| &other.seeds);
+        let last = of_rounds.chain(used).max().copied()?;
+        let seed = round.seeds.iter().find(|seed| **seed <= last)?;
+        let next = last.saturating_add(1);
+        let message =
+            format!("seed {seed} is not above seed {last}, which has been seen: what it says may be known");
+        let help = format!(
+            "use larger seeds, as in `seeds: {next}-{}` or `first: {next}` of a design",
+            next.saturating_add(9)
+        );
+        Some(self.error("seeds", message).help(help))
+    }
+}
