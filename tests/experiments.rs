@@ -69,7 +69,7 @@ pub(crate) fn every_study() -> Vec<String> {
 #[test]
 fn a_study_with_an_environment_in_python_is_known_by_its_lock_file() {
     let of = |name: &str| locks(&repository().join("experiments").join(name)).len();
-    for study in ["python-pendulum", "python-pendulum-confirmed", "python-spread"] {
+    for study in ["python-pendulum", "python-spread"] {
         assert_eq!(of(&format!("{study}.yaml")), 1, "{study}");
     }
     assert_eq!(of("quickstart.yaml"), 0);

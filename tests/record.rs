@@ -40,31 +40,6 @@ fn unexplained(folders: &[PathBuf]) -> Vec<String> {
     offenders
 }
 
-/// What studies that confirm others judge and none of these does, so that it would be counted a second time.
-fn new_questions(folders: &[PathBuf]) -> Vec<String> {
-    let studies: Vec<Verdicts> = folders
-        .iter()
-        .filter_map(|folder| verdicts(folder).ok())
-        .collect();
-    let known = |study: &Verdicts, passed: &Passed| {
-        let confirmed = studies
-            .iter()
-            .filter(|other| study.confirms.contains(&other.study));
-        confirmed
-            .flat_map(|other| &other.verdicts)
-            .any(|other| other.is_of_same(passed))
-    };
-    let confirming = studies.iter().filter(|study| !study.confirms.is_empty());
-    let new = confirming.flat_map(|study| {
-        let judged = study
-            .verdicts
-            .iter()
-            .filter(|it| it.is_judged() && !known(study, it));
-        judged.map(|it| format!("{}: {}", study.study, it.about))
-    });
-    new.collect()
-}
-
 /// The verdicts of a folder; what to say where it has none that can be read.
 fn verdicts(folder: &Path) -> Result<Verdicts, String> {
     let path = folder.join("verdicts.json");
@@ -97,14 +72,6 @@ fn whatever_differs_in_committed_results_has_its_cause() {
     none(
         "write the `cause` of these into their studies",
         &unexplained(&folders()),
-    );
-}
-
-#[test]
-fn what_committed_results_confirm_is_a_question_of_others() {
-    none(
-        "these meet no line of the studies that they confirm",
-        &new_questions(&folders()),
     );
 }
 
@@ -156,30 +123,6 @@ fn a_report_of_changed_files_is_found() {
         of_changed_files(&folders),
         ["changed: - computed by: 2 trials by 0123abc; 1 by 0123abc, with changed files"]
     );
-}
-
-#[test]
-fn what_no_confirmed_study_asks_is_found() {
-    let about = |about: &str| Passed {
-        about: about.into(),
-        ..passed("INCONCLUSIVE")
-    };
-    let (_dir, folders) = made(&[
-        ("one", &[about("claim 2: a > b in x"), about("t: a, c")]),
-        (
-            "two",
-            &[
-                about("claim 1: a > b in x"),
-                about("t: a, c"),
-                about("claim 2: a > b in y"),
-            ],
-        ),
-    ]);
-    let path = folders[1].join("verdicts.json");
-    let mut confirming = verdicts(&folders[1]).unwrap();
-    confirming.confirms = vec!["one".into()];
-    std::fs::write(path, serde_json::to_string(&confirming).unwrap()).unwrap();
-    assert_eq!(new_questions(&folders), ["two: claim 2: a > b in y"]);
 }
 
 #[test]

@@ -199,49 +199,105 @@ fn the_overview_says_what_is_open_and_what_would_decide_it() {
     );
 }
 
+/// A study with a claim on both agents and one on `equal`, of which rounds follow on further seeds.
+fn confirmed() -> String {
+    let claims = "claims:\n  - { claim: dsac.cycle_length > equal.cycle_length, why: a floor }\n  \
+                  - { claim: equal.cycle_length > 0.5, why: it lives, exploratory: true }\n";
+    let confirm = "confirm:\n  - { claims: [2], seeds: 100-102, why: three more }\n  \
+                   - { claims: [1, 2], seeds: { first: 200, min: 3, max: 6 }, matters: 0.25 }\n";
+    format!("{STUDY}{claims}{confirm}")
+}
+
+fn json(bench: &Bench, path: &str) -> serde_json::Value {
+    serde_json::from_str(&read(bench, path)).unwrap()
+}
+
 #[test]
-fn what_a_later_study_decides_on_other_seeds_is_counted_once() {
+fn the_last_word_is_that_of_all_rounds() {
     let bench = Bench::new();
-    let claims = "claims:\n  - { claim: equal.cycle_length > 0.5, why: a floor }\n  - { claim: equal.cycle_length > 1, why: another }\n";
-    bench.write("small.yaml", &format!("{STUDY}{claims}"));
+    bench.write("small.yaml", &confirmed());
+    let planned = bench.ok(&["plan", "small.yaml"]);
+    let of_round = |name: &str| {
+        let at = planned.find(&format!("small/confirm-{name}: ")).unwrap();
+        planned[at..].split("missing").next().unwrap().to_owned()
+    };
+    // A round has the combinations that its claims need.
+    assert!(of_round("1").contains("confirm-1: 3 trials"), "{planned}");
+    assert!(planned.contains("looks at 3, 6 seeds"), "{planned}");
     bench.ok(&["run", "small.yaml"]);
-    let again = format!("study: again\ninclude: small.yaml\nconfirms: small.yaml\nseeds: 100-101\n{claims}");
-    bench.write("again.yaml", &again);
-    bench.ok(&["run", "again.yaml"]);
-    let report = read(&bench, "results/again/report.md");
+    let verdicts = json(&bench, "results/small/verdicts.json");
+    let seeds = |claim: usize| -> Vec<String> {
+        let rounds = verdicts["verdicts"][claim]["rounds"].as_array().unwrap();
+        rounds.iter().map(|it| it["seeds"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(seeds(0)[0], "0-1");
+    assert!(seeds(0)[1].starts_with("200-20"), "{verdicts}");
+    // The seeds by which a claim was found are no round of it.
+    assert_eq!(seeds(1)[0], "100-102");
+    assert_eq!((seeds(0).len(), seeds(1).len()), (2, 2));
+    assert_eq!(verdicts["verdicts"][1]["exploratory"], false);
+    let report = read(&bench, "results/small/report.md");
+    for part in [
+        "## Confirmations",
+        "| 100-102 | ",
+        "all: 0-1, 200-20",
+        "2 confirmations on further seeds.",
+        "seeds of 2 rounds, whose",
+    ] {
+        assert!(report.contains(part), "{part}\n{report}");
+    }
+    assert!(bench.run(&["run", "small.yaml"]).err.contains("nothing to run"));
+    // The record of the rounds is enough for the same report.
+    bench.ok(&["report", "small.yaml", "--recorded"]);
+    assert_eq!(json(&bench, "results/small/verdicts.json"), verdicts);
+    assert_eq!(read(&bench, "results/small/report.md"), report);
+    let text = bench.ok(&["overview", "results", "--open"]);
+    assert!(text.contains("values and claims that are judged are decided"), "{text}");
+}
+
+#[test]
+fn rounds_are_of_the_study_as_it_is_written() {
+    let bench = Bench::new();
+    bench.write("small.yaml", &confirmed());
+    let planned = bench.ok(&["plan", "small.yaml", "--seeds", "2"]);
+    assert!(!planned.contains("confirm-1"), "{planned}");
+    bench.ok(&["run", "small.yaml", "--seeds", "2"]);
+    assert!(!bench.path("results/small+seeds=2/confirm-1").exists());
+    bench.ok(&["check", "small.yaml"]);
+    bench.ok(&["run", "small.yaml"]);
+    bench.ok(&["check", "results/small/resolved.yaml"]);
+    let resolved = read(&bench, "results/small/resolved.yaml");
+    assert!(resolved.contains("confirm:"), "{resolved}");
+    // What a damaged record of a round held is not guessed.
+    bench.write("results/small/confirm-1/record.json", "{}");
+    let refused = bench.run(&["report", "small.yaml", "--recorded"]);
     assert!(
-        report.contains("Confirms small, on seeds that it has not seen."),
+        refused.code != 0 && refused.err.contains("confirm-1/record.json"),
+        "{}",
+        refused.err
+    );
+}
+
+#[test]
+fn studies_of_a_family_are_taken_together() {
+    let bench = Bench::new();
+    let claims = "family: chapter 1\nclaims:\n  - { claim: equal.cycle_length > 0.5, why: it lives }\n";
+    for name in ["one", "two"] {
+        let study = STUDY.replace("study: small", &format!("study: {name}"));
+        bench.write(&format!("{name}.yaml"), &format!("{study}{claims}"));
+    }
+    bench.ok(&["run", "one.yaml", "two.yaml"]);
+    let told: serde_json::Value =
+        serde_json::from_str(&bench.ok(&["overview", "results", "--format", "json"])).unwrap();
+    assert_eq!(told["families"][0]["family"], "chapter 1");
+    assert_eq!(told["families"][0]["judged"], 2);
+    let page = read(&bench, "results/index.html");
+    assert!(page.contains("<h2>By family</h2>") && page.contains("chapter 1"), "{page}");
+    let report = read(&bench, "results/one/report.md");
+    assert!(
+        report.contains("the overview takes those of chapter 1 together (Holm)"),
         "{report}"
     );
-    let verdicts: serde_json::Value =
-        serde_json::from_str(&read(&bench, "results/again/verdicts.json")).unwrap();
-    assert_eq!(verdicts["confirms"], serde_json::json!(["small"]));
-    // The file with all defaults says so, too, from its own folder.
-    let resolved = read(&bench, "results/again/resolved.yaml");
-    assert!(resolved.contains("confirms: [../../small.yaml]"), "{resolved}");
-    bench.ok(&["check", "results/again/resolved.yaml"]);
-    // What is open is made so and what is decided is made so: the words are those of the reports.
-    let words = |first: &str, second: &str| {
-        for (study, word) in [("small", first), ("again", second)] {
-            let path = format!("results/{study}/verdicts.json");
-            let mut verdicts: serde_json::Value = serde_json::from_str(&read(&bench, &path)).unwrap();
-            for one in verdicts["verdicts"].as_array_mut().unwrap() {
-                one["verdict"] = word.into();
-            }
-            bench.write(&path, &verdicts.to_string());
-        }
-        let text = bench.ok(&["overview", "results", "--open"]);
-        text.lines().next().unwrap().to_owned()
-    };
-    assert_eq!(
-        words("INCONCLUSIVE", "SUPPORTED"),
-        "2 of 2 values and claims that are judged are decided (100 %), 2 of them by a later study, on seeds that the first one \
-         had not seen."
-    );
-    let open = "0 of 2 values and claims that are judged are decided (0 %).";
-    assert_eq!(words("INCONCLUSIVE", "INCONCLUSIVE"), open);
-    let decided = "4 of 4 values and claims that are judged are decided (100 %).";
-    assert_eq!(words("SUPPORTED", "REFUTED"), decided);
 }
 
 #[test]

@@ -50,7 +50,6 @@ fn keys(name: &str, imported: &str) -> Vec<(String, String)> {
     let curve = format!("{{ label: old, file: {name}, step: step, value: reward }}");
     let lines = [
         format!("include: {name}"),
-        format!("confirms: {name}"),
         format!(
             "imported: {{ them: {{ from: \"{imported}\", step: step, metrics: {{ return: reward }} }} }}"
         ),

@@ -129,26 +129,6 @@ fn programs_are_told_what_is_lacking_and_whatever_runs_trials_refuses_it() {
     }
 }
 
-#[test]
-fn a_study_that_confirms_one_that_cannot_be_made_here_is_not_checked_either() {
-    let bench = bench_without_interpreter();
-    let elsewhere = std::fs::read_to_string(bench.path("elsewhere.yaml")).unwrap();
-    let two = elsewhere.replace("agents:", "  cells: { battery: { cells: 2 } }\nagents:");
-    bench.write("two.yaml", &two.replace("study: elsewhere", "study: two"));
-    // What it computes itself needs nothing that is not here.
-    let confirming = "study: again\ninclude: two.yaml\nconfirms: two.yaml\nexclude: [{ environment: own }]\n\
-                      seeds: { first: 100, min: 3, max: 6 }\n";
-    bench.write("again.yaml", confirming);
-    let answer = bench.run(&["check", "again.yaml"]);
-    assert_eq!((answer.code, unchecked(&answer).len()), (3, 1), "{}", answer.err);
-    let said = "the study `two.yaml`, which this one confirms, cannot be taken: ";
-    assert!(
-        answer.err.contains(said) && answer.err.contains("`no-such-python`"),
-        "{}",
-        answer.err
-    );
-}
-
 /// What a Python lacks of a lock file is not checked; what is wrong with the code of an environment is wrong, also where
 /// another package is missing.
 #[test]

@@ -624,6 +624,40 @@ mod tests {
     }
 
     #[test]
+    fn rounds_are_looks_at_one_growing_sample() {
+        let trials = |agent: &str, seeds: &[u64]| -> Vec<TrialResult> {
+            let one = |seed: &u64| trial("cells", agent, "", *seed, &Vec::new());
+            seeds.iter().map(one).collect()
+        };
+        let study = Results::of([trials("equal", &[0, 1, 2]), trials("other", &[0, 1, 2])].concat());
+        let round = |seeds: &[u64]| Results {
+            design: Some(Design::new(vec![3, 6])),
+            first_seed: 100,
+            ..Results::of(trials("equal", seeds))
+        };
+        let last = Results::of(trials("equal", &[200, 201]));
+        let of = |results: &Results, agent: &str| {
+            let trials: Vec<_> = results
+                .trials
+                .iter()
+                .filter(|it| it.trial.cell.agent == agent)
+                .collect();
+            let seeds = results.seeds_of(&trials);
+            (seeds.design.map(Vec::from), seeds.limits, seeds.rounds)
+        };
+        // The first look of the round is complete; what it planned besides never ran.
+        let all = Results::pooled(&[&study, &round(&[100, 101, 102, 103]), &last]);
+        assert_eq!(of(&all, "equal"), (Some(vec![3, 6, 8]), vec![3, 103, 202], 3));
+        // A look of the last round is still to come.
+        let two = Results::pooled(&[&study, &round(&[100, 101, 102])]);
+        assert_eq!(of(&two, "equal"), (Some(vec![3, 6, 9]), vec![3, 103], 2));
+        // What has trials in one round alone is that round's.
+        assert_eq!(of(&two, "other"), (None, vec![], 0));
+        let alone = Results::pooled(&[&round(&[100, 101, 102])]);
+        assert_eq!(of(&alone, "equal"), (Some(vec![3, 6]), vec![103], 0));
+    }
+
+    #[test]
     fn times_are_those_of_the_end_and_over_the_updates() {
         let mut learner = trial(
             "cells",

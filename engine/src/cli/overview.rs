@@ -88,14 +88,18 @@ fn open(studies: &[Verdicts]) -> String {
 
 /// All verdicts by study, and what is open.
 fn as_json(studies: &[Verdicts]) -> serde_json::Value {
-    serde_json::json!({ "studies": studies, "open": report::still_open(studies) })
+    serde_json::json!({
+        "families": report::families(studies), "studies": studies, "open": report::still_open(studies),
+    })
 }
 
 /// The verdicts of all studies whose results lie in a folder.
 fn verdicts_within(folder: &Path) -> Result<Vec<Verdicts>, Error> {
     let read = |place: PathBuf| verdicts(&place).transpose();
     let places = within(folder)?.into_iter().filter(|place| is_as_written(place));
-    places.filter_map(read).collect()
+    let mut studies: Vec<Verdicts> = places.filter_map(read).collect::<Result<_, _>>()?;
+    report::take_together(&mut studies);
+    Ok(studies)
 }
 
 /// False for results of a study under options of the command line, which are not those of the study as it is written.
@@ -134,11 +138,16 @@ fn some_rows(folder: &Path) -> Result<String, Failure> {
 /// The table; empty where no study has a row.
 fn table(folder: &Path) -> Result<String, Error> {
     let rows: Vec<String> = rows(folder)?;
-    Ok(if rows.is_empty() {
-        String::new()
+    if rows.is_empty() {
+        return Ok(String::new());
+    }
+    let families = report::families_as_markdown(&report::families(&verdicts_within(folder)?));
+    let families = if families.is_empty() {
+        families
     } else {
-        format!("{HEAD}{}\n", rows.join("\n"))
-    })
+        format!("{families}\n\n")
+    };
+    Ok(format!("{families}{HEAD}{}\n", rows.join("\n")))
 }
 
 /// The rows in the order of their folders' names.
@@ -214,6 +223,11 @@ fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf,
                 None => unread.push(name),
             }
         }
+    }
+    let mut verdicts: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
+    report::take_together(&mut verdicts);
+    for (entry, verdicts) in entries.iter_mut().zip(verdicts) {
+        entry.verdicts = verdicts;
     }
     let path = folder.join(format!("index{name}.html"));
     write_durably(&path, report::index(&entries, options, &unread).as_bytes())?;

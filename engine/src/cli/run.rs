@@ -222,6 +222,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         name: study.name.clone(),
         title: study.title.clone(),
         source: study.source.clone(),
+        family: study.family.clone(),
         summary: study.summary.clone(),
         departures: study.departures.clone(),
         repeats: study.repeats,

@@ -47,6 +47,7 @@ agents:
     ),
     example("title", "", "title: What a learner gains over a rule"),
     example("source", "", "source: \"Somebody et al. 2024, table 3\""),
+    example("family", "studies of one chapter", "family: chapter 3"),
     example(
         "summary",
         "a row of a table and a claim, by their names and numbers",

@@ -28,9 +28,16 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     format!(
         "Seeds: {seeds}. {}{repeats}{}{}",
         exploratory(study, contents),
-        confirmations(study),
+        format_args!("{}{}", confirmations(study), family(study)),
         searches.collect::<String>()
     )
+}
+
+/// Which verdicts are taken together with those of the study, where others are.
+fn family(study: &StudyInfo) -> String {
+    let words =
+        |family| format!(" Verdicts are each alone; the overview takes those of {family} together (Holm).");
+    study.family.as_ref().map_or_else(String::new, words)
 }
 
 /// How many rounds follow on further seeds; empty where none does.
@@ -316,19 +323,6 @@ mod tests {
         };
         results.trials.extend((0..4).map(encounter));
         assert!(line(&StudyInfo::default(), &results).starts_with("Seeds: 2, fixed before the first trial."));
-    }
-
-    #[test]
-    fn which_studies_are_put_to_other_seeds_is_said() {
-        let of = |names: &[&str]| {
-            let study = StudyInfo {
-                confirms: names.iter().map(|&name| name.into()).collect(),
-                ..StudyInfo::default()
-            };
-            line(&study, &results(&[2]))
-        };
-        assert!(of(&["a"]).ends_with("exploratory. Confirms a, on seeds that it has not seen."));
-        assert!(of(&["a", "b", "c"]).ends_with("Confirms a, b and c, on seeds that these have not seen."));
     }
 
     #[test]

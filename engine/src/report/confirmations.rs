@@ -141,11 +141,14 @@ impl Contents {
                 let (_, cell) = grid.places().find(|(known, _)| *known == place)?;
                 Some(value_alone(grid, cell, results))
             });
-            self.confirmed.push(Confirmed {
+            let confirmed = Confirmed {
                 about: format!("{name}: {place}"),
-                rounds: here.collect(),
+                rounds: here.filter(|round| !round.seeds.is_empty()).collect(),
                 all: value_alone(&grid, cell, &pooled),
-            });
+            };
+            // A row that no round is about has the seeds of the study alone.
+            self.confirmed
+                .extend((confirmed.rounds.len() > 1).then_some(confirmed));
         }
         grid.notes.push(
             "Values and verdicts are of all seeds of the study and its confirmations; what each round says alone stands \
@@ -217,16 +220,20 @@ fn seeds(cells: &BTreeSet<CellName>, results: &Results) -> String {
 /// A row for each round and one for all of them; `None` where nothing was confirmed.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let rows = |it: &Confirmed| {
-        let row = |about: &str, round: &Alone, seeds: String| {
+        let row = |about: Entry, round: &Alone, seeds: String| {
+            let verdict = Entry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone());
             vec![
-                Entry::of(Tone::Code, about),
+                about,
                 Entry::plain(seeds),
-                Entry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone()),
+                verdict,
                 Entry::plain(round.value.clone()),
             ]
         };
-        let rounds = it.rounds.iter().map(|round| row("", round, round.seeds.clone()));
-        let all = row(&it.about, &it.all, format!("all: {}", it.all.seeds));
+        let about = Entry::of(Tone::Code, it.about.clone());
+        let all = row(about, &it.all, format!("all: {}", it.all.seeds));
+        // One round says what all say.
+        let rounds = it.rounds.iter().filter(|_| it.rounds.len() > 1);
+        let rounds = rounds.map(|round| row(Entry::default(), round, round.seeds.clone()));
         std::iter::once(all).chain(rounds).collect::<Vec<_>>()
     };
     (!contents.confirmed.is_empty()).then(|| Sheet {

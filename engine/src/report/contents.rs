@@ -47,6 +47,8 @@ pub struct Contents {
     /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
     /// is not known.
     pub lost_record: Option<PathBuf>,
+    /// True where the study is one of a family, whose verdicts are taken together elsewhere.
+    has_family: bool,
     /// What was put to several rounds of seeds.
     pub(super) confirmed: Vec<Confirmed>,
     /// What the trials of each confirmation took.
@@ -146,6 +148,7 @@ impl Contents {
                 .enumerate()
                 .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
+            has_family: study.family.is_some(),
             ..Self::default()
         };
         if study.is_rehearsal {
@@ -216,41 +219,53 @@ impl Contents {
             .collect()
     }
 
-    /// Takes the judged values of the study together, and its claims together (Holm). What was thought of
-    /// after results were seen is in neither family.
+    /// Says how strictly each value and claim is decided, and takes those of the study together (Holm) where it is a family
+    /// of its own. What was thought of after results were seen is in no family.
     pub fn adjust(&mut self) {
         self.leave_families();
+        let is_family = !self.has_family;
         let grids = self
             .tables
             .iter_mut()
             .filter_map(|(_, grid)| grid.as_mut().ok())
             .filter(|grid| !grid.exploratory);
-        let mut judgements: Vec<_> = grids
+        let cells = grids
             .flat_map(|grid| grid.cells.iter_mut().flatten())
-            .filter(|cell| cell.first_judged_by.is_none())
-            .filter_map(|cell| Some((cell.judgement.as_mut()?, cell.training)))
-            .collect();
-        judgements.retain(|(judgement, _)| judgement.statement.is_some());
-        let family: Vec<&Statement> = judgements
-            .iter()
-            .filter_map(|(judgement, _)| judgement.statement.as_ref())
-            .collect();
-        let outcomes = holm(&family);
-        for ((judgement, training), outcome) in judgements.into_iter().zip(outcomes) {
-            judgement.adjusted = Some(Verdict::of(outcome).at_budget(training));
-        }
+            .filter(|cell| cell.first_judged_by.is_none());
+        let values = cells.filter_map(|cell| cell.judgement.as_mut());
+        let mut values: Vec<_> = values.filter(|it| it.statement.is_some()).collect();
         let lines = self.claims.iter_mut().filter(|line| !line.is_exploratory());
-        let claims = lines.filter_map(|line| Some((line.verdict.as_mut().ok()?, line.training)));
-        let claims: Vec<_> = claims
-            .filter(|(claim, _)| claim.statement.is_some() && claim.verdict.is_judged())
+        let claims = lines.filter_map(|line| line.verdict.as_mut().ok());
+        let mut claims: Vec<_> = claims
+            .filter(|claim| claim.statement.is_some() && claim.verdict.is_judged())
             .collect();
-        let family: Vec<&Statement> = claims
-            .iter()
-            .filter_map(|(claim, _)| claim.statement.as_ref())
-            .collect();
-        let outcomes = holm(&family);
-        for ((claim, training), outcome) in claims.into_iter().zip(outcomes) {
-            claim.adjusted = Some(ClaimOutcome::of(outcome).at_budget(training));
+        for value in &mut values {
+            value.strictest = value.statement.as_ref().and_then(Statement::strictest);
+        }
+        for claim in &mut claims {
+            claim.strictest = claim.statement.as_ref().and_then(Statement::strictest);
+        }
+        if !is_family {
+            return;
+        }
+        let of_values = values.iter().map(|it| it.strictest);
+        let strictest: Vec<Option<f64>> = of_values.chain(claims.iter().map(|it| it.strictest)).collect();
+        let decided = holm(&strictest);
+        for (value, is_decided) in values.iter_mut().zip(&decided) {
+            let falls = value.strictest.is_some() && !is_decided;
+            value.adjusted = Some(if falls {
+                Verdict::Inconclusive
+            } else {
+                value.verdict
+            });
+        }
+        for (claim, is_decided) in claims.iter_mut().zip(&decided[values.len()..]) {
+            let falls = claim.strictest.is_some() && !is_decided;
+            claim.adjusted = Some(if falls {
+                ClaimOutcome::Inconclusive
+            } else {
+                claim.verdict
+            });
         }
     }
 

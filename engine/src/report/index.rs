@@ -2,7 +2,7 @@
 //! what reports wrote into their folders, so it says nothing that no report says.
 
 use super::{
-    Verdicts, duration, open,
+    Verdicts, duration, families, open,
     page::{Extra, document_with},
     sheet::{Entry, NONE, Sheet},
     verdicts::words,
@@ -32,8 +32,9 @@ pub fn index(entries: &[IndexEntry], options: &[String], unread: &[String]) -> S
         cost(entries).html()
     );
     let body = format!(
-        "{}{studies}{}{cost}",
+        "{}{}{studies}{}{cost}",
         header(entries, options, unread),
+        by_family(entries),
         still_open(entries)
     );
     let extra = Extra {
@@ -65,8 +66,8 @@ fn header(entries: &[IndexEntry], options: &[String], unread: &[String]) -> Stri
         ),
     };
     format!(
-        "<header>\n<h1>Results of all studies</h1>\n{options}<p>Verdicts are those of all published values, or of \
-         all claims, of a study taken together (Holm). What was thought of after results were seen is counted \
+        "<header>\n<h1>Results of all studies</h1>\n{options}<p>Verdicts are those of a \
+         family of studies, or of one study, taken together (Holm). What was thought of after results were seen is counted \
          apart.</p>\n{unread}<div class=\"summary\">\n<div><h2>Studies</h2><p>{}</p></div>\n{}<div><h2>Time</h2>\
          <p>{} in {trials} trials</p></div>\n</div>\n</header>\n",
         entries.len(),
@@ -106,6 +107,18 @@ fn study(entry: &IndexEntry) -> String {
         text(basis, " class=\"quiet\""),
         drawings(entry, &page)
     )
+}
+
+/// The counts by family; empty where there is none.
+fn by_family(entries: &[IndexEntry]) -> String {
+    let studies: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
+    let sheet = families::sheet(&families::families(&studies));
+    sheet.map_or_else(String::new, |sheet| {
+        format!(
+            "<section id=\"families\">\n<h2>By family</h2>\n{}</section>\n",
+            sheet.html()
+        )
+    })
 }
 
 /// What is open in any of the studies; empty where nothing is.

@@ -13,6 +13,7 @@ mod collapses;
 mod confirmations;
 mod contents;
 mod differences;
+mod families;
 mod files;
 mod floors;
 mod head;
@@ -44,6 +45,7 @@ pub use basis::basis;
 pub use budgets::{duration, told};
 pub use confirmations::{Alone, Round};
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
+pub use families::{Family, families, families_as_markdown, take_together};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
@@ -89,6 +91,8 @@ pub struct StudyInfo {
     pub source: String,
     /// What it came to, with placeholders.
     pub summary: Option<Summary>,
+    /// The verdicts that are read together with those of this study, such as `chapter 3`; its own alone where absent.
+    pub family: Option<String>,
     /// Where it departs from that.
     pub departures: Vec<String>,
     /// Samples of its sweep, where several came to the same setting.

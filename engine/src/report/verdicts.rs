@@ -23,6 +23,9 @@ pub struct Verdicts {
     /// What it came to, in its own sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<String>,
+    /// The verdicts that are read together with those of this study; its own alone where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<String>,
     /// Trials that ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials: Option<usize>,
@@ -59,9 +62,12 @@ pub struct Passed {
     pub in_full: Option<String>,
     /// The word, of this value or claim alone.
     pub verdict: String,
-    /// The word where all of the study are taken together (Holm) and it is another.
+    /// The word where all of its family are taken together (Holm) and it is another.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<String>,
+    /// The strictest share of its level at which it is decided so; absent where it is open.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strictest: Option<f64>,
     /// True where it was thought of after results were seen.
     #[serde(default)]
     pub exploratory: bool,
@@ -149,6 +155,7 @@ impl Verdicts {
         Self {
             study: study.name.clone(),
             title: study.title.clone(),
+            family: study.family.clone(),
             summary: sentence(study, contents),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
@@ -185,6 +192,7 @@ fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
                 in_full: shows_one.then_some(in_full),
                 verdict: verdict.word().into(),
                 together: together.map(|it| it.word().into()),
+                strictest: judgement.strictest,
                 exploratory: grid.is_exploratory(cell),
                 cause: cause.map(Into::into),
                 would_decide: seeds_to_decide(judgement).map(|n| Effort::of(n, &cell.rests_on, results)),
@@ -219,6 +227,7 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
         in_full: None,
         verdict: line.word().into(),
         together: line.together().map(|outcome| outcome.word().into()),
+        strictest: line.verdict.as_ref().ok().and_then(|claim| claim.strictest),
         exploratory: line.is_exploratory(),
         cause: line.cause().map(Into::into),
         would_decide: line

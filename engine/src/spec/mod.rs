@@ -23,6 +23,7 @@
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `imported` | runs of other programs, which stand where agents stand |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
+//! | `quotes` | values of the study in its own words |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved` | a study with all defaults written out |
@@ -50,6 +51,7 @@ pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
+mod quotes;
 mod repeats;
 mod resolved;
 mod schedule;
@@ -129,6 +131,8 @@ pub struct Study {
     pub title: String,
     /// Where the published numbers come from; empty where absent.
     pub source: String,
+    /// The verdicts that are read together with those of this study; its own alone where absent.
+    pub family: Option<String>,
     /// What it came to, with placeholders; `None` where absent.
     pub summary: Option<Summary>,
     /// What differs from the source, one sentence each.
@@ -355,6 +359,9 @@ struct Made {
     imported: Vec<Imported>,
     asked: names::Asked,
     confirm: Vec<Confirmation>,
+    resolved: Vec<(String, resolved::Section)>,
+    title: String,
+    departures: Vec<String>,
 }
 
 /// The second half of loading: cells are made and built, and what is asked of them is checked.
@@ -381,6 +388,11 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let about_success = names::success(root, success.as_ref(), &mut world, sources);
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
+    let resolved = resolved::sections(root, sections, &plan, &world.plays);
+    let root = &quotes::fill(root, &resolved, sources).unwrap_or_else(|errors| {
+        found.extend(errors);
+        root.clone()
+    });
     let asked = names::Asked::read(root, &world, sources, sections.folder);
     found.extend(about_success.into_iter().chain(names::searches(sections, &world)));
     found.extend(names::beside_the_source(root, &world, sources));
@@ -404,6 +416,9 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         imported,
         asked,
         confirm,
+        resolved,
+        title: section(root, "title").unwrap_or_default(),
+        departures: section(root, "departures").unwrap_or_default(),
     })
 }
 
@@ -440,17 +455,21 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         imported,
         asked,
         confirm,
+        resolved,
+        title,
+        departures,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
     Study {
         name: section(root, "study").unwrap_or_default(),
-        title: section(root, "title").unwrap_or_default(),
+        title,
         source: section(root, "source").unwrap_or_default(),
+        family: section(root, "family"),
         summary: asked.summary,
-        departures: section(root, "departures").unwrap_or_default(),
+        departures,
         environments: world.environments,
         agents: world.agents,
-        resolved: resolved::sections(root, sections, &plan, &world.plays),
+        resolved,
         plays: world.plays,
         seeds: plan.seeds,
         design: plan.design,
@@ -525,8 +544,9 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 13] = [
+    const SHOWN: [&str; 14] = [
         "confirm",
+        "family",
         "title",
         "source",
         "summary",

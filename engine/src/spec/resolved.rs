@@ -42,6 +42,8 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
         .map(|(key, text)| (key.into(), Section::Plain(json!(text))))
         .into();
     let summary = study.summary.iter();
+    let family = study.family.iter();
+    sections.extend(family.map(|it| ("family".into(), Section::Plain(json!(it)))));
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the

@@ -40,6 +40,10 @@ pub(super) struct Sections {
     title: String,
     /// Where the published numbers come from.
     source: String,
+    /// A name for the studies whose verdicts are read together, such as `chapter 3`. The overview takes these together (Holm);
+    /// without it the study is a family of its own.
+    #[schemars(length(min = 1))]
+    family: String,
     /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
     /// value, with `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
     summary: String,

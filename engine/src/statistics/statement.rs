@@ -8,14 +8,16 @@
 //! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
 //! decides is final, whatever the seeds say that other statements ask for afterwards.
 //!
-//! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, each
-//! must be decided at `alpha / m`, then the rest at `alpha / (m - 1)`, and so on until none is decided any
-//! more.
+//! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, the one that is
+//! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until one is not.
 
 use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Design};
 
 /// Below this many seeds nothing is decided, unless seeds make no difference at all.
 pub const FEWEST_SEEDS: usize = 3;
+
+/// The least share of a level that is looked at: no family is larger than a million.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// What the seeds say of a number, as far as its interval needs it.
 #[derive(Debug, Clone, PartialEq)]
@@ -258,6 +260,32 @@ impl Statement {
     }
 }
 
+impl Statement {
+    /// The strictest share of the statement's level at which it is decided as it is at its own, to three digits; `None`
+    /// where it is open.
+    #[must_use]
+    pub fn strictest(&self) -> Option<f64> {
+        let outcome = self.decide().outcome;
+        let holds = |share: f64| self.decide_at(self.alpha * share).outcome == outcome;
+        if !outcome.is_final() {
+            return None;
+        }
+        if holds(LEAST_SHARE) {
+            return Some(LEAST_SHARE);
+        }
+        let (mut open, mut decided) = (LEAST_SHARE.ln(), 0.0);
+        while decided - open > 1e-3 {
+            let middle = f64::midpoint(open, decided);
+            if holds(middle.exp()) {
+                decided = middle;
+            } else {
+                open = middle;
+            }
+        }
+        Some(decided.exp())
+    }
+}
+
 impl Look {
     fn outcome(&self, nominal: f64) -> Outcome {
         let enough = self.evidence.n() >= FEWEST_SEEDS && !self.evidence.has_no_spread();
@@ -300,23 +328,23 @@ fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome
     }
 }
 
-/// The outcomes of a family of statements, so that the probability of any wrong decision among them is that
-/// of a single one.
+/// Which statements of a family are decided together, so that the probability of any wrong decision among them is that of
+/// a single one: from the strictest share of its level at which each is decided, `None` where it is open alone.
 #[must_use]
-pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
-    let mut outcomes = vec![Outcome::Open; family.len()];
-    loop {
-        let open: Vec<usize> = (0..family.len())
-            .filter(|&index| !outcomes[index].is_final())
-            .collect();
-        let share = |index: usize| family[index].alpha / super::estimators::count(open.len());
-        for &index in &open {
-            outcomes[index] = family[index].decide_at(share(index)).outcome;
+pub fn holm(strictest: &[Option<f64>]) -> Vec<bool> {
+    let mut order: Vec<(usize, f64)> = (0..)
+        .zip(strictest)
+        .filter_map(|(index, share)| Some((index, (*share)?)))
+        .collect();
+    order.sort_by(|one, other| one.1.total_cmp(&other.1));
+    let mut decided = vec![false; strictest.len()];
+    for (taken, (index, share)) in order.into_iter().enumerate() {
+        if share * super::estimators::count(strictest.len() - taken) > 1.0 {
+            break;
         }
-        if open.iter().all(|&index| !outcomes[index].is_final()) {
-            return outcomes;
-        }
+        decided[index] = true;
     }
+    decided
 }
 
 #[cfg(test)]
@@ -367,6 +395,7 @@ mod tests {
         let statement = Statement {
             looks: vec![at(&near, region), at(&far, region)],
             design,
+            by_last: false,
             alpha: 0.05,
         };
         assert_eq!(
@@ -494,34 +523,62 @@ mod tests {
             high: f64::INFINITY,
             closed: false,
         };
-        let with_p = |p: f64| {
+        let strictest = |p: f64| {
             // Two degrees of freedom: values with mean m and standard error 1 reach p where m is the
             // quantile.
             let mean = super::super::student_t::quantile(1.0 - p, 2.0);
             let sd = 3f64.sqrt();
-            fixed(&[mean - sd, mean, mean + sd], above)
+            fixed(&[mean - sd, mean, mean + sd], above).strictest()
         };
-        let outcomes = |ps: [f64; 3]| {
-            let family = ps.map(with_p);
-            holm(&family.iter().collect::<Vec<_>>())
+        let decided = |ps: [f64; 3]| holm(&ps.map(strictest));
+        assert_eq!(decided([0.01, 0.02, 0.04]), [true, true, true]);
+        assert_eq!(decided([0.02, 0.02, 0.02]), [false, false, false]);
+        assert_eq!(decided([0.04, 0.01, 0.03]), [false, true, false]);
+        assert_eq!(decided([0.049, 0.024, 0.016]), [true, true, true]);
+        assert_eq!(decided([0.01, 0.06, 0.04]), [true, false, false]);
+        let share = strictest(0.02).unwrap();
+        assert!((share - 0.4).abs() < 1e-3, "{share}");
+        assert_eq!((strictest(0.06), strictest(1e-9)), (None, Some(LEAST_SHARE)));
+    }
+
+    /// Five seeds that are clear alone, and three more that are not with them.
+    #[test]
+    fn rounds_that_were_not_planned_together_are_decided_by_all_their_seeds() {
+        let above = Region {
+            low: 0.0,
+            high: f64::INFINITY,
+            closed: false,
         };
-        use Outcome::{Holds, Open};
-        assert_eq!(outcomes([0.01, 0.02, 0.04]), [Holds, Holds, Holds]);
-        assert_eq!(outcomes([0.02, 0.02, 0.02]), [Open, Open, Open]);
-        assert_eq!(outcomes([0.04, 0.01, 0.03]), [Open, Holds, Open]);
-        assert_eq!(outcomes([0.049, 0.024, 0.016]), [Holds, Holds, Holds]);
+        let values = [1.0, 1.2, 0.8, 1.1, 0.9, -2.0, -1.0, 1.0];
+        let of = |by_last| Statement {
+            looks: vec![at(&values[..5], above), at(&values, above)],
+            design: Some(Design::new(vec![5, 8])),
+            by_last,
+            alpha: 0.025,
+        };
+        let planned = of(false).decide();
+        assert_eq!((planned.outcome, planned.look), (Outcome::Holds, 0));
+        let rounds = of(true).decide();
+        assert_eq!((rounds.outcome, rounds.look), (Outcome::Open, 1));
+        // The level of the last look is less than that of a single one.
+        let single = MeanEstimate::of(&values).interval(0.95).unwrap();
+        let interval = rounds.interval.unwrap();
+        assert!(interval.low < single.low && single.high < interval.high);
     }
 
     proptest! {
         #[test]
-        fn holm_never_decides_what_a_single_statement_leaves_open(means in prop::collection::vec(-3.0..3.0,
-            1..8)) {
+        fn a_statement_is_decided_alike_at_every_level_from_its_strictest_on(mean in -3.0..3.0, share in 0.0..1.0) {
             let above = Region { low: 0.0, high: f64::INFINITY, closed: false };
-            let family: Vec<Statement> = means.iter().map(|mean| fixed(&[mean - 1.0, *mean, mean + 1.0,
-                mean + 0.5], above)).collect();
-            let adjusted = holm(&family.iter().collect::<Vec<_>>());
-            for (statement, outcome) in family.iter().zip(adjusted) {
-                prop_assert!(outcome == Outcome::Open || outcome == statement.decide().outcome);
+            let statement = fixed(&[mean - 1.0, mean, mean + 1.0, mean + 0.5], above);
+            let Some(strictest) = statement.strictest() else {
+                return Ok(());
+            };
+            let level: f64 = strictest * 1.002 + share * (1.0 - strictest);
+            let level = statement.alpha * level.min(1.0);
+            prop_assert_eq!(statement.decide_at(level).outcome, statement.decide().outcome);
+            if strictest > LEAST_SHARE {
+                prop_assert_eq!(statement.decide_at(statement.alpha * strictest * 0.998).outcome, Outcome::Open);
             }
         }
     }

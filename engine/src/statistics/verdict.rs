@@ -249,6 +249,8 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// The verdict when all judged values of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<Verdict>,
+    /// The strictest share of its level at which it is decided so; `None` where it is open, and until that is sought.
+    pub strictest: Option<f64>,
     /// Seeds it rests on.
     pub n: usize,
     /// Mean over these seeds; `None` without seeds or where it is not finite.
@@ -275,6 +277,7 @@ impl Judgement {
         Self {
             verdict,
             adjusted: None,
+            strictest: None,
             n: values.len(),
             mean: Some(estimate.value).filter(|mean| mean.is_finite()),
             interval: estimate.interval(1.0 - 2.0 * ALPHA),
@@ -412,6 +415,7 @@ pub fn judge(
     Judgement {
         verdict: Verdict::of(decision.outcome),
         adjusted: None,
+        strictest: None,
         n: taken.evidence.n(),
         mean: Some(taken.evidence.value() + offset).filter(|mean| mean.is_finite()),
         interval,

@@ -478,7 +478,7 @@ fn seeds_without_success_complete_a_look() {
     assert_eq!(
         super::compare(&comparison, &results).unwrap().cells[0][0]
             .looks
-            .complete,
+            .complete(),
         0
     );
 }

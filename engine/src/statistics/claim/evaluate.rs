@@ -158,6 +158,8 @@ pub struct ClaimVerdict {
     pub verdict: ClaimOutcome,
     /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<ClaimOutcome>,
+    /// The strictest share of its level at which it is decided so; `None` where it is open, and until that is sought.
+    pub strictest: Option<f64>,
     /// Seeds it rests on: pairs, or seeds of the smaller sample.
     pub n: usize,
     /// True where both sides are compared seed by seed.
@@ -186,6 +188,7 @@ impl ClaimVerdict {
         Self {
             verdict,
             adjusted: None,
+            strictest: None,
             n: 0,
             paired: false,
             difference: None,
@@ -549,6 +552,7 @@ fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds:
     ClaimVerdict {
         verdict,
         adjusted: None,
+        strictest: None,
         n: taken.evidence.n(),
         paired: taken.design == Design::Paired,
         difference: Some(taken.difference()).filter(|value| value.is_finite()),

@@ -320,11 +320,11 @@ fn shares_of_successes_are_no_means() {
 fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
     let design = Some(crate::statistics::spending::Design::new(vec![3, 6]));
     let values = [1.0, 2.0, 9.0, -3.0, 4.0, 5.0];
-    let at = |complete| {
+    let at = |complete: usize| {
         let seeds = Seeds {
             design: design.clone(),
-            complete,
-            first: 0,
+            limits: [3, 6][..complete].to_vec(),
+            rounds: 0,
         };
         let of = |_: &Operand, _| Some((0..).zip(values).collect());
         evaluate(&parse("a.x > 0").unwrap(), None, &of, &|_| false, &seeds)
@@ -339,11 +339,11 @@ fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
 fn planned_looks_stop_at_the_first_decision() {
     let design = Some(crate::statistics::spending::Design::new(vec![3, 6, 9]));
     let values = [5.0, 5.5, 4.5, -20.0, -30.0, -40.0];
-    let from = |first: u64, complete| {
+    let from = |first: u64, complete: usize| {
         let seeds = Seeds {
             design: design.clone(),
-            complete,
-            first,
+            limits: [3, 6, 9][..complete].iter().map(|most| first + most).collect(),
+            rounds: 0,
         };
         evaluate(
             &parse("a.x > 0").unwrap(),

@@ -1,0 +1,211 @@
+//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure or the summary stands for the
+//! number that the trials have, also under a profile.
+//!
+//! | placeholder | value |
+//! |---|---|
+//! | `{protocol.steps}` | a key of the protocol |
+//! | `{learner.discount}`, `{cells.load}` | a key of an agent or an environment |
+//! | `{prepare.teacher.protocol.steps}` | a key of an entry of `prepare` |
+//! | `{paper_budget.steps}` | a key of another section |
+//!
+//! Overrides and sweeps are of combinations and are not looked at.
+
+use super::resolved::Section;
+use crate::{
+    diagnostic::{Diagnostic, Sources},
+    document::{Kind, Node},
+};
+use serde_json::Value;
+
+/// The sections whose texts are filled.
+const TEXTS: [&str; 6] = ["title", "summary", "departures", "tables", "figures", "claims"];
+
+/// The document with the values of the study in its texts.
+///
+/// # Errors
+/// Placeholders that name no value.
+pub(super) fn fill(
+    root: &Node,
+    resolved: &[(String, Section)],
+    sources: &Sources,
+) -> Result<Node, Vec<Diagnostic>> {
+    let mut filler = Filler {
+        root,
+        resolved,
+        sources,
+        found: Vec::new(),
+    };
+    let mut filled = root.clone();
+    if let Kind::Mapping(entries) = &mut filled.kind {
+        let texts = entries
+            .iter_mut()
+            .filter(|entry| TEXTS.contains(&entry.key.as_str()));
+        texts.for_each(|entry| filler.node(&mut entry.value, &entry.key));
+    }
+    if filler.found.is_empty() {
+        Ok(filled)
+    } else {
+        Err(filler.found)
+    }
+}
+
+struct Filler<'a> {
+    root: &'a Node,
+    resolved: &'a [(String, Section)],
+    sources: &'a Sources,
+    found: Vec<Diagnostic>,
+}
+
+impl Filler<'_> {
+    fn node(&mut self, node: &mut Node, at: &str) {
+        let span = node.span;
+        match &mut node.kind {
+            Kind::Scalar(scalar) => {
+                let Some(text) = scalar.value.as_str().filter(|text| text.contains('{')) else {
+                    return;
+                };
+                match self.text(text) {
+                    Ok(text) => {
+                        scalar.value = Value::String(text.clone());
+                        scalar.text = text;
+                    }
+                    Err(placeholder) => {
+                        let message = format!("`{{{placeholder}}}` names no value of this study");
+                        let help = "write the dotted path of a value, as in `{protocol.steps}` or `{learner.discount}`";
+                        self.found.push(self.sources.error(span, at, message).help(help));
+                    }
+                }
+            }
+            Kind::Sequence(items) => items.iter_mut().for_each(|item| self.node(item, at)),
+            Kind::Mapping(entries) => entries
+                .iter_mut()
+                .for_each(|entry| self.node(&mut entry.value, at)),
+        }
+    }
+
+    /// A text with its values; the first placeholder without one.
+    fn text(&self, text: &str) -> Result<String, String> {
+        let mut filled = String::with_capacity(text.len());
+        let mut rest = text;
+        while let Some(start) = rest.find('{') {
+            let (before, from) = rest.split_at(start);
+            filled.push_str(before);
+            let inner = from[1..].find('}').map(|end| &from[1..=end]);
+            match inner.filter(|inner| is_path(inner)) {
+                Some(path) => {
+                    let value = self.value(path).ok_or_else(|| path.to_owned())?;
+                    filled.push_str(&value);
+                    rest = &from[path.len() + 2..];
+                }
+                None => {
+                    filled.push('{');
+                    rest = &from[1..];
+                }
+            }
+        }
+        Ok(filled + rest)
+    }
+
+    /// The value at a dotted path, in words.
+    fn value(&self, path: &str) -> Option<String> {
+        let (first, rest) = path.split_once('.')?;
+        let section = |name: &str| self.resolved.iter().find(|(known, _)| known == name);
+        let of_part = |value: &Value, rest: &str| in_words(descend(inside(value)?, rest)?);
+        let named = |name: &str, key: &str| match section(name) {
+            Some((_, Section::Named(entries))) => {
+                let entry = entries.iter().find(|(known, _)| known == key);
+                entry.map(|(_, value)| value)
+            }
+            _ => None,
+        };
+        match (first, section(first)) {
+            ("protocol", Some((_, Section::Plain(value)))) => of_part(value, rest),
+            ("prepare", _) => {
+                let (name, rest) = rest.split_once('.')?;
+                let (kind, rest) = rest.split_once('.')?;
+                of_part(named("prepare", name)?.get(kind)?, rest)
+            }
+            (_, Some((_, Section::Plain(value)))) => in_words(descend(value, rest)?),
+            _ => match named("agents", first).or_else(|| named("environments", first)) {
+                Some(value) => of_part(value, rest),
+                None => in_words(descend(&self.root.get(first)?.to_value(), rest)?),
+            },
+        }
+    }
+}
+
+/// True for names with dots between them.
+fn is_path(text: &str) -> bool {
+    let is_name = |name: &str| {
+        let mut letters = name.bytes();
+        letters.next().is_some_and(|first| first.is_ascii_alphabetic())
+            && letters.all(|letter| letter.is_ascii_alphanumeric() || letter == b'_')
+    };
+    text.contains('.') && text.split('.').all(is_name)
+}
+
+/// The config of a plugin, under the plugin's name.
+fn inside(value: &Value) -> Option<&Value> {
+    value.as_object()?.values().next()
+}
+
+fn descend<'v>(value: &'v Value, path: &str) -> Option<&'v Value> {
+    path.split('.').try_fold(value, |value, key| value.get(key))
+}
+
+/// A number with its thousands apart from 10 000 on, or a word.
+fn in_words(value: &Value) -> Option<String> {
+    match value {
+        Value::Number(number) => Some(number.as_u64().map_or_else(|| number.to_string(), apart)),
+        Value::String(text) => Some(text.clone()),
+        Value::Bool(is) => Some(is.to_string()),
+        Value::Null | Value::Array(_) | Value::Object(_) => None,
+    }
+}
+
+fn apart(number: u64) -> String {
+    let digits = number.to_string();
+    if digits.len() < 5 {
+        return digits;
+    }
+    let first = digits.len() % 3;
+    let groups = digits.as_bytes()[first..].chunks(3).map(String::from_utf8_lossy);
+    let groups = std::iter::once(digits[..first].into()).chain(groups);
+    let groups: Vec<_> = groups.filter(|group| !group.is_empty()).collect();
+    groups.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn numbers_are_written_as_in_a_text() {
+        let words = |value: Value| in_words(&value).unwrap();
+        assert_eq!(words(json!(640)), "640");
+        assert_eq!(words(json!(5000)), "5000");
+        assert_eq!(words(json!(20_000)), "20 000");
+        assert_eq!(words(json!(300_000)), "300 000");
+        assert_eq!(words(json!(5_000_000)), "5 000 000");
+        assert_eq!(words(json!(0.99)), "0.99");
+        assert_eq!(words(json!("surrogate")), "surrogate");
+        assert_eq!(in_words(&json!([1])), None);
+    }
+
+    #[test]
+    fn only_dotted_names_are_paths() {
+        assert!(["protocol.steps", "a.b_1.c"].iter().all(|path| is_path(path)));
+        let others = [
+            "",
+            "steps",
+            "claim 1",
+            "table-3.3: rule",
+            "a..b",
+            "1.5",
+            "a.{b",
+            "{",
+        ];
+        assert!(others.iter().all(|path| !is_path(path)));
+    }
+}
