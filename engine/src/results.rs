@@ -210,6 +210,12 @@ impl TrialResult {
         self.trial.cell.names()
     }
 
+    /// True for a run of another program.
+    #[must_use]
+    pub fn is_imported(&self) -> bool {
+        self.trial.cell.purpose == Purpose::Imported
+    }
+
     /// True where the trial ended `ok`.
     #[must_use]
     pub fn is_ok(&self) -> bool {
@@ -417,8 +423,10 @@ pub struct Round {
 
 impl Round {
     fn of(results: &Results) -> Self {
-        let trials = results.trials.iter().map(|it| it.trial.key.seed);
-        let seeds: BTreeSet<u64> = trials.filter(|seed| *seed >= results.first_seed).collect();
+        // Runs of others have seeds of their own.
+        let own = results.trials.iter().filter(|it| !it.is_imported());
+        let seeds = own.map(|it| it.trial.key.seed);
+        let seeds: BTreeSet<u64> = seeds.filter(|seed| *seed >= results.first_seed).collect();
         Self {
             seeds: seeds.into_iter().collect(),
             design: results.design.clone(),
@@ -520,7 +528,7 @@ impl Results {
         }
         // Seeds of a play have several trials each, where all meet all.
         let mut ended: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
-        for trial in trials {
+        for trial in trials.iter().filter(|it| !it.is_imported()) {
             let seeds = ended.entry(trial.cell()).or_default();
             *seeds.entry(trial.trial.key.seed).or_insert(true) &= !is_missing(trial.end.as_deref());
         }

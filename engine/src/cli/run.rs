@@ -18,7 +18,7 @@ use crate::{
     search::Search,
     spec::{Progress, Study},
     store::Store,
-    trial::{Purpose, Trial},
+    trial::Trial,
 };
 use serde_json::Value;
 use std::{
@@ -384,9 +384,7 @@ fn drawings(one: &Planned, store: &Store, trials: &[TrialResult]) -> BTreeMap<St
     let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
     let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
     // Runs of others left nothing here.
-    let own = trials
-        .iter()
-        .filter(|trial| trial.trial.cell.purpose != Purpose::Imported);
+    let own = trials.iter().filter(|trial| !trial.is_imported());
     for trial in own.filter(|trial| trial.is_ok()) {
         for kind in &kinds {
             let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());

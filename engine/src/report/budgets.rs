@@ -137,7 +137,7 @@ pub(super) fn cost(results: &Results) -> Cost {
 impl Cost {
     /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
     fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
-        let trials = trials.filter(|trial| trial.trial.cell.purpose != Purpose::Imported);
+        let trials = trials.filter(|trial| !trial.is_imported());
         let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
         let seconds: BTreeMap<&str, f64> = ended.collect();
         Self {
@@ -227,9 +227,7 @@ impl Budget<'_> {
     }
 
     fn is_imported(&self) -> bool {
-        self.trials
-            .iter()
-            .any(|trial| trial.trial.cell.purpose == Purpose::Imported)
+        self.trials.iter().any(|trial| trial.is_imported())
     }
 
     fn ok(&self) -> impl Iterator<Item = &TrialResult> {

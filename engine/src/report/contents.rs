@@ -48,7 +48,7 @@ pub struct Contents {
     /// is not known.
     pub lost_record: Option<PathBuf>,
     /// True where the study is one of a family, whose verdicts are taken together elsewhere.
-    has_family: bool,
+    pub(super) has_family: bool,
     /// What was put to several rounds of seeds.
     pub(super) confirmed: Vec<Confirmed>,
     /// What the trials of each confirmation took.

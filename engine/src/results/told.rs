@@ -2,7 +2,7 @@
 //! where the trials are not at hand.
 
 use super::{EndState, Results, TrialResult};
-use crate::{count::count, trial::Purpose};
+use crate::count::count;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -70,7 +70,7 @@ impl Ran {
         }
         let mut ran = Self::default();
         let all = results.prepared.iter().chain(&results.trials);
-        for trial in all.filter(|trial| trial.trial.cell.purpose != Purpose::Imported) {
+        for trial in all.filter(|trial| !trial.is_imported()) {
             match &trial.end {
                 None => ran.not_run += 1,
                 Some(end) => *ran.ended.entry(end.state).or_default() += 1,

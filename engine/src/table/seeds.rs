@@ -121,9 +121,7 @@ impl<'a> Scope<'a> {
     /// True where other programs made the runs.
     #[must_use]
     pub fn is_imported(&self) -> bool {
-        self.trials
-            .iter()
-            .any(|trial| trial.trial.cell.purpose == Purpose::Imported)
+        self.trials.iter().any(|trial| trial.is_imported())
     }
 
     /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for
