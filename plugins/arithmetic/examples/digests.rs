@@ -61,14 +61,14 @@ fn main() {
     };
     for function in &DOUBLE {
         print(format!("f64.{}", function.0), 28, &|first, sums| {
-            each(&|i| double_summand(function, i), first, sums)
+            each(&|i| double_summand(function, i), first, sums);
         });
     }
     print("draw.normal".into(), 24, &|first, sums| {
-        each(&normal_summand, first, sums)
+        each(&normal_summand, first, sums);
     });
     print("draw.log_gamma".into(), 24, &|first, sums| {
-        each(&log_gamma_summand, first, sums)
+        each(&log_gamma_summand, first, sums);
     });
     for (name, digest) in steps() {
         println!("steps.{name} {digest:016x}");
