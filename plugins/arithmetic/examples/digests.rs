@@ -1,5 +1,5 @@
-//! Prints the digests of this crate's results, one line each, as `fixtures/digests.txt` holds them. All cores are used;
-//! the sums are modulo 2^64, so that the division of work does not matter.
+//! Prints the digests of this crate's results, one line each, as `fixtures/digests.txt` holds them. All cores are
+//! used; the sums are modulo 2^64, so that the division of work does not matter.
 //!
 //! `cargo run --release --example digests -p regimen-arithmetic [-- --fast] [--plain]`: with `--fast` over the kept
 //! classes alone, whose totals are then printed as 0; with `--plain` one `f32` at a time instead of slices.

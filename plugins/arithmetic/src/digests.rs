@@ -1,11 +1,11 @@
 //! Numbers that sum up every bit of this crate's results, for a comparison of processors and cards.
 //!
-//! `examples/digests.rs` prints them on a processor and `cuda/check.cu` on a card; `fixtures/digests.txt` holds them. A
-//! line is `name total class_0 class_1 ... class_15`, in hexadecimal digits.
+//! `examples/digests.rs` prints them on a processor and `cuda/check.cu` on a card; `fixtures/digests.txt` holds them.
+//! A line is `name total class_0 class_1 ... class_15`, in hexadecimal digits.
 //!
-//! A digest is the sum modulo 2^64 of [`mix`] over all inputs, so that their order does not matter. Inputs `i` fall into
-//! 4096 classes, `i mod 4096`; the first 16 have digests of their own, which a quick test recomputes. Every class is
-//! spread over the whole range.
+//! A digest is the sum modulo 2^64 of [`mix`] over all inputs, so that their order does not matter. Inputs `i` fall
+//! into 4096 classes, `i mod 4096`; the first 16 have digests of their own, which a quick test recomputes. Every
+//! class is spread over the whole range.
 //!
 //! | family | inputs | argument | summand |
 //! |---|---|---|---|
@@ -14,8 +14,8 @@
 //! | `draw.normal` | `i < 2^24` | the word `mix(i)` | `mix(bits + i GOLDEN)` |
 //! | `draw.log_gamma` | `i < 2^24` | [`shape`], words of [`Stream`] from `i` on | `mix(bits + i GOLDEN)` |
 //!
-//! `steps.*` are digests over the entries of a few products, sums and steps ([`steps`]); entry `i` counts `mix(bits + i
-//! GOLDEN)`, and there are no classes.
+//! `steps.*` are digests over the entries of a few products, sums and steps ([`steps`]); entry `i` counts `mix(bits +
+//! i GOLDEN)`, and there are no classes.
 
 use crate::draws::{Words, log_gamma, normal, uniform};
 use crate::products::{Matrix, product, row_sums, sum, sum_of_squares};
@@ -89,8 +89,8 @@ pub const DOUBLE: [Double; 11] = [
     ("trigamma", |x, _| gamma::trigamma(x), [0.0, 16.0]),
 ];
 
-/// Argument of a function of `f64` for input `i` from the word `w = mix(i)`, or `mix(w)` for a second argument: the number
-/// with the bits of `w` for even `i`, `low + (high - low) uniform(w)` for odd `i`.
+/// Argument of a function of `f64` for input `i` from the word `w = mix(i)`, or `mix(w)` for a second argument: the
+/// number with the bits of `w` for even `i`, `low + (high - low) uniform(w)` for odd `i`.
 #[must_use]
 pub fn argument(i: u64, word: u64, [low, high]: [f64; 2]) -> f64 {
     if i.is_multiple_of(2) {
@@ -157,8 +157,9 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 /// Digests of products, sums and steps.
 ///
 /// Products of `[17, K]` and `[K, 33]` for `K = 24, 512, 513, 1300`, with the factors as they are, the second one and
-/// the first one transposed in memory; sums of 100,000 numbers; 200 steps of Adam over 4096 parameters, whose gradients
-/// are scaled to a norm of 50 and end after 60 steps for all but every third, with a moving average beside it.
+/// the first one transposed in memory; sums of 100,000 numbers; 200 steps of Adam over 4096 parameters, whose
+/// gradients are scaled to a norm of 50 and end after 60 steps for all but every third, with a moving average beside
+/// it.
 #[must_use]
 pub fn steps() -> Vec<(&'static str, u64)> {
     let mut products = [0_u64; 4];

@@ -26,7 +26,7 @@ pub(crate) const ROUNDING: f64 = 6_755_399_441_055_744.0;
 
 /// The first 41 bits of ln 2; a product with an integer below 2^12 is exact.
 pub(crate) const LN_2_HIGH: f64 = 0.693_147_180_559_663;
-/// What [`LN_2_HIGH`] lacks.
+/// The rest of ln 2 below [`LN_2_HIGH`].
 pub(crate) const LN_2_LOW: f64 = 2.823_529_056_303_157_7e-13;
 
 /// `(e^r - 1 - r) / r^2` for `|r| <= ln 2 / 2`, lowest power first; relative error of `e^r` below 2^-61.

@@ -7,15 +7,15 @@
 //! | [`log_gamma`] | two for each try, one more for a shape below one | ln x of `x ~ Gamma(shape, 1)` |
 //!
 //! The quantile is algorithm AS 241 (M. J. Wichura, Applied Statistics 37, 1988, routine PPND16), whose relative
-//! error is about 1e-16 (up to 5.6 units in the last place found here at 80,000 words, rounding included). It is at most 8.2 in size: `uniform` has no
-//! number nearer to 0 than 2^-53.
+//! error is about 1e-16 (up to 5.6 units in the last place found here at 80,000 words, rounding included). It is at
+//! most 8.2 in size: `uniform` has no number nearer to 0 than 2^-53.
 //!
 //! The gamma draw is the algorithm of G. Marsaglia and W. W. Tsang (ACM TOMS 26, 2000) without their quick first
-//! test. With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. Where `t = 1 +
-//! c z` is not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d t^3` is the draw if
-//! `ln u < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1` comes first, then a word, and
-//! `ln x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in `ln x`, because for small shapes
-//! most draws are below the smallest `f64`: at shape 0.01 half of them are below 1e-30.
+//! test. With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. Where
+//! `t = 1 + c z` is not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d t^3` is the
+//! draw if `ln u < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1` comes first, then
+//! a word, and `ln x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in `ln x`, because for
+//! small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are below 1e-30.
 
 use crate::double::{NAN, ln, polynomial};
 
@@ -31,7 +31,8 @@ impl<F: FnMut() -> u64> Words for F {
     }
 }
 
-/// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2` for `|p - 1/2| <= 0.425`, lowest power first.
+/// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2` for `|p - 1/2| <= 0.425`, lowest power
+/// first.
 const CENTRE: [[f64; 8]; 2] = [
     [
         3.3871328727963665,

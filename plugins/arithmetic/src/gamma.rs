@@ -6,16 +6,16 @@
 //! | [`digamma`] | 3.84 | around its zero 1.4616 too |
 //! | [`trigamma`] | 3.79 | |
 //!
-//! Errors are against values with 40 digits, at 99,000 to 140,000 arguments each: spread evenly over the logarithms from
-//! 1e-300 to 1e300, densely from 0.01 to 20, and next to the zeros. For `x <= 0` and NaN the result is [`NAN`]: the reflection to
-//! negative arguments is left out.
+//! Errors are against values with 40 digits, at 99,000 to 140,000 arguments each: spread evenly over the logarithms
+//! from 1e-300 to 1e300, densely from 0.01 to 20, and next to the zeros. For `x <= 0` and NaN the result is [`NAN`]:
+//! the reflection to negative arguments is left out.
 //!
 //! Plain operations of `f64` and [`ln`]. From 10 on the asymptotic series in `1/x` (Abramowitz and Stegun 6.1.40,
-//! 6.3.18, 6.4.12). Below, the recurrences lead to the interval from 1 to 2 (digamma), from 1 to 2.5 (ln Gamma) or from
-//! 10 on (trigamma); their terms are added as one fraction, so that one division is done for all of them. There `ln
-//! Gamma(1 + z) = z U(z - 1/4)`, `ln Gamma(2 + z) = z (1 - gamma + z P(z))` and `digamma(x) = (x - x0) Q(x - 3/2)` with the
-//! zero `x0` in two parts, so that both functions keep their relative accuracy at their zeros. `U`, `P` and `Q` are
-//! interpolations at Chebyshev nodes computed with 60 digits.
+//! 6.3.18, 6.4.12). Below, the recurrences lead to the interval from 1 to 2 (digamma), from 1 to 2.5 (ln Gamma) or
+//! from 10 on (trigamma); their terms are added as one fraction, so that one division is done for all of them. There
+//! `ln Gamma(1 + z) = z U(z - 1/4)`, `ln Gamma(2 + z) = z (1 - gamma + z P(z))` and `digamma(x) = (x - x0) Q(x -
+//! 3/2)` with the zero `x0` in two parts, so that both functions keep their relative accuracy at their zeros. `U`,
+//! `P` and `Q` are interpolations at Chebyshev nodes computed with 60 digits.
 
 use crate::double::{NAN, ln, polynomial};
 

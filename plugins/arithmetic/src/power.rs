@@ -1,14 +1,14 @@
 //! Powers of `f64`: real exponents ([`pow`]) and whole ones ([`powi`]).
 //!
-//! Largest error found of [`pow`]: 0.82 units in the last place, against values with 40 digits at 78,000
-//! arguments: bases over the whole range, exponents for which the power is finite, and bases next to one. Special cases are those
-//! of IEEE 754 (`pow`): anything to the power zero and one to any power are one, a negative base has whole powers
-//! only. A NaN is [`NAN`].
+//! Largest error found of [`pow`]: 0.82 units in the last place, against values with 40 digits at 78,000 arguments:
+//! bases over the whole range, exponents for which the power is finite, and bases next to one. Special cases are
+//! those of IEEE 754 (`pow`): anything to the power zero and one to any power are one, a negative base has whole
+//! powers only. A NaN is [`NAN`].
 //!
-//! Plain operations of `f64`. The logarithm is a sum of two numbers with a relative error of 2^-65: `x = 2^k m`, `J` the
-//! integer nearest to `64 / m`, `ln x = k ln 2 + ln(64 / J) + ln(1 + r)` with `r = m J / 64 - 1` exact, below 1/89,
-//! and `ln(1 + r)` by its series up to `r^9`. The table has `ln(64 / J)` with 106 bits. The product with the exponent
-//! keeps both parts, and exp takes them.
+//! Plain operations of `f64`. The logarithm is a sum of two numbers with a relative error of 2^-65: `x = 2^k m`, `J`
+//! the integer nearest to `64 / m`, `ln x = k ln 2 + ln(64 / J) + ln(1 + r)` with `r = m J / 64 - 1` exact, below
+//! 1/89, and `ln(1 + r)` by its series up to `r^9`. The table has `ln(64 / J)` with 106 bits. The product with the
+//! exponent keeps both parts, and exp takes them.
 
 use crate::double::{LN_2_HIGH, LN_2_LOW, NAN, ROUNDING, exp_parts, polynomial, scaled, split};
 use crate::trigonometry::{two_product, two_sum};
@@ -16,7 +16,7 @@ use crate::trigonometry::{two_product, two_sum};
 /// 2^64: from here on every power of a number other than one is zero or infinite.
 const LARGEST: f64 = 18_446_744_073_709_551_616.0;
 
-/// `ln(1 + r) = r - r^2 / 2 + r^3 (1/3 - r/4 + ...)`: what stands in the brackets.
+/// `ln(1 + r) = r - r^2 / 2 + r^3 (1/3 - r/4 + ...)`: the series in brackets.
 const SERIES: [f64; 7] = [1.0 / 3.0, -0.25, 0.2, -1.0 / 6.0, 1.0 / 7.0, -0.125, 1.0 / 9.0];
 
 /// `ln(64 / J)` as a sum of two numbers, for `J = 45, 46, ... 91`.

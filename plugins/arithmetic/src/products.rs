@@ -1,19 +1,20 @@
 //! Products of matrices, sums over rows and sums of many numbers: the order of every sum.
 //!
-//! **Chains.** An entry of a product over `k = 0, 1, ... K - 1` is cut into blocks of [`BLOCK`] values of `k`. Within a
-//! block it is one chain of fused multiply-adds that begins at +0, `c <- fma(a_k, b_k, c)`, in the order of `k`. The first
-//! block's chain is the entry; that of each further block is added to it, in their order. No size of a tile, number of rows or
-//! of processors enters, so an entry depends on its row and its column alone.
+//! **Chains.** An entry of a product over `k = 0, 1, ... K - 1` is cut into blocks of [`BLOCK`] values of `k`. Within
+//! a block it is one chain of fused multiply-adds that begins at +0, `c <- fma(a_k, b_k, c)`, in the order of `k`.
+//! The first block's chain is the entry; that of each further block is added to it, in their order. No size of a
+//! tile, number of rows or of processors enters, so an entry depends on its row and its column alone.
 //!
 //! **Sums over rows** (gradients of biases) are products with a row of ones: `fma(1, x, c)` is `c + x`.
 //!
-//! **Sums of many numbers** are taken in blocks of [`SUM_BLOCK`] = 32 x 32. Lane `l` of 32 adds the entries `l, l + 32, l +
-//! 64, ...` of the block to +0, in this order. Then lane `l` takes lane `l + 16`'s sum, for `l` below 16, then that of `l + 8`
-//! below 8, and so on with 4, 2, 1; lane 0 has the sum of the block. The sums of the blocks are numbers that are summed the
-//! same way, until one is left. Missing entries of a block are +0, which changes no bit. The sum of nothing is +0.
+//! **Sums of many numbers** are taken in blocks of [`SUM_BLOCK`] = 32 x 32. Lane `l` of 32 adds the entries `l, l +
+//! 32, l + 64, ...` of the block to +0, in this order. Then lane `l` takes lane `l + 16`'s sum, for `l` below 16,
+//! then that of `l + 8` below 8, and so on with 4, 2, 1; lane 0 has the sum of the block. The sums of the blocks are
+//! numbers that are summed the same way, until one is left. Missing entries of a block are +0, which changes no bit.
+//! The sum of nothing is +0.
 //!
-//! The loops are the definition, not a fast product: a processor with fused multiply-adds takes about 0.07 ns for each
-//! multiply-add on one core, and one without calls the C library (exact, some ten times slower).
+//! The loops are the definition, not a fast product: a processor with fused multiply-adds takes about 0.07 ns for
+//! each multiply-add on one core, and one without calls the C library (exact, some ten times slower).
 
 use crate::slices::widest;
 

@@ -1,7 +1,7 @@
 //! Steps of optimisers over slices of `f32`: Adam, a largest norm of gradients, a moving average of parameters.
 //!
-//! Adam (Kingma and Ba 2015, algorithm 1), entry by entry, each operation rounded to `f32`, products before sums and without
-//! fused multiply-adds:
+//! Adam (Kingma and Ba 2015, algorithm 1), entry by entry, each operation rounded to `f32`, products before sums and
+//! without fused multiply-adds:
 //!
 //! | line | operations |
 //! |---|---|
@@ -10,8 +10,9 @@
 //! | moments below the smallest normal number are +0 | `if abs(m) < 2^-126 { m = 0 }`, and `v` alike |
 //! | `x <- x - rate m' / (sqrt(v') + epsilon)` | `x = x - (step * m) / (sqrt(v) * root + epsilon)` |
 //!
-//! `b1`, `b2` and `epsilon` are rounded to `f32` first, `1 - b1` and `1 - b2` are differences of `f32`; `step = rate / (1 -
-//! b1^t)` and `root = 1 / sqrt(1 - b2^t)` are computed in `f64` with [`pow`] and rounded to `f32`, once for all entries.
+//! `b1`, `b2` and `epsilon` are rounded to `f32` first, `1 - b1` and `1 - b2` are differences of `f32`; `step = rate
+//! / (1 - b1^t)` and `root = 1 / sqrt(1 - b2^t)` are computed in `f64` with [`pow`] and rounded to `f32`, once for
+//! all entries.
 //!
 //! The squared norm of several gradients is the sum of [`sum_of_squares`] of each, in their order, from +0.
 
@@ -49,7 +50,8 @@ impl Rates {
         [self.step, self.root]
     }
 
-    /// One step of parameters `x` against `gradient`, with the moments `first` and `second`. All slices have one length.
+    /// One step of parameters `x` against `gradient`, with the moments `first` and `second`. All slices have one
+    /// length.
     pub fn descend(&self, x: &mut [f32], gradient: &[f32], first: &mut [f32], second: &mut [f32]) {
         let ([b1, b2], epsilon) = (self.betas, EPSILON as f32);
         let (c1, c2) = (1.0 - b1, 1.0 - b2);

@@ -137,7 +137,7 @@ fn special_values_of_double_functions() {
     bits(trigonometry::sin(trigonometry::HALF_PI_HIGH), 1.0);
 }
 
-/// What IEEE 754 says of `pow`, and the C library does.
+/// Special cases are those of IEEE 754, as the C library has them.
 #[test]
 fn powers_of_special_numbers_are_those_of_the_c_library() {
     let numbers = [
