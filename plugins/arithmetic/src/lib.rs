@@ -1,0 +1,48 @@
+//! Arithmetic with the same bits on every processor and card.
+//!
+//! A result depends on the arguments alone: not on the width of vectors, the C library, the number of threads, or on
+//! how many trials are computed together. This holds because everything here is made of
+//!
+//! - sums, differences, products, quotients and square roots, each rounded to the nearest number as IEEE 754 has it,
+//! - fused multiply-adds, and only where this crate says so (the chains of [`products`]),
+//! - comparisons, operations on bits and conversions between integers and numbers,
+//!
+//! in an order that is stated and that no compiler may change: Rust neither reorders nor contracts operations on
+//! numbers, and the CUDA twin `cuda/arithmetic.cuh` is compiled with `--fmad=false` and without fast division, fast
+//! roots or flushed denormals (the defaults of `nvcc`).
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`single`] | exp, ln, ln_1p, tanh, sigmoid, softplus of `f32`, one by one |
+//! | [`slices`] | the same over slices, with the widest vectors of the processor |
+//! | [`double`] | exp, exp_m1, ln, ln_1p, tanh of `f64` |
+//! | [`trigonometry`] | sin and cos of `f64` |
+//! | [`power`] | real and whole powers of `f64` |
+//! | [`gamma`] | ln Gamma, digamma and trigamma of `f64` |
+//! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
+//! | [`products`] | products of matrices and sums over rows as chains, sums in blocks |
+//! | [`steps`] | a step of Adam, a largest norm, a moving average |
+//! | [`digests`] | numbers that sum up all of the above, for a comparison of processors and cards |
+//! | [`errors`] | errors in units in the last place |
+//!
+//! A result that is not a number is always the one with the bits `0x7fc00000` or `0x7ff8000000000000` in the
+//! functions of [`single`], [`double`], [`trigonometry`], [`power`], [`gamma`] and [`draws`]; elsewhere its bits are
+//! left open, since processors differ in them.
+
+pub mod digests;
+pub mod double;
+pub mod draws;
+pub mod errors;
+pub mod gamma;
+pub mod power;
+pub mod products;
+pub mod single;
+pub mod slices;
+pub mod steps;
+pub mod trigonometry;
+
+/// Raised whenever a change in this crate changes a bit of a result.
+pub const VERSION: u32 = 0;
+
+#[cfg(test)]
+mod tests;
