@@ -11,7 +11,9 @@
 #include <cstring>
 #include <vector>
 
-using namespace arithmetic;
+
+namespace arithmetic {
+
 
 #define GOLDEN 0x9e3779b97f4a7c15ull
 enum { CLASSES = 4096, KEPT = 16 };
@@ -272,7 +274,7 @@ void steps() {
     print("steps.average", of_singles(it.target, PARAMETERS));
 }
 
-int main(int count, char** arguments) {
+int run(int count, char** arguments) {
     bool is_fast = count > 1 && strcmp(arguments[1], "fast") == 0;
 #ifdef __CUDACC__
     is_fast = false;
@@ -298,4 +300,8 @@ int main(int count, char** arguments) {
     print<LogGamma>("draw.log_gamma", is_fast);
     products();
     steps();
+    return 0;
 }
+}  // namespace arithmetic
+
+int main(int argc, char** argv) { return arithmetic::run(argc, argv); }
