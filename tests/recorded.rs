@@ -242,6 +242,13 @@ fn copy(from: &Path, to: &Path) {
         fs::write(path, bytes).unwrap();
     }
     fs::copy(from.join("manifest.json"), to.join("manifest.json")).unwrap();
+    for round in (1..).map(|round| format!("confirm-{round}")) {
+        if !from.join(&round).exists() {
+            break;
+        }
+        let manifest = format!("{round}/manifest.json");
+        fs::copy(from.join(&manifest), to.join(&manifest)).unwrap();
+    }
 }
 
 /// What is judged in a folder, and how.

@@ -65,8 +65,17 @@ fn committed_results_come_from_a_commit_or_say_at_their_head_that_they_do_not() 
 
 #[test]
 fn committed_folders_hold_what_their_report_wrote_and_nothing_else() {
+    // The record of a confirmation lies beside the report of its study, with a manifest of its own.
+    let with_rounds = |folder: PathBuf| {
+        let rounds = (1..)
+            .map(|round| folder.join(format!("confirm-{round}")))
+            .take_while(|path| path.exists());
+        let rounds: Vec<PathBuf> = rounds.collect();
+        std::iter::once(folder).chain(rounds)
+    };
     let listed = folders()
         .into_iter()
+        .flat_map(with_rounds)
         .filter(|folder| folder.join("manifest.json").exists());
     let mut seen = 0;
     for folder in listed {
@@ -107,7 +116,9 @@ fn the_readme_has_the_table_that_overview_makes_of_the_results() {
 fn list(root: &Path, folder: &Path, found: &mut BTreeSet<String>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        if path.is_dir() {
+        if path.join("manifest.json").exists() {
+            // Its files are its own.
+        } else if path.is_dir() {
             list(root, &path, found);
         } else {
             found.insert(path.strip_prefix(root).unwrap().to_string_lossy().into_owned());

@@ -588,7 +588,8 @@ pub(super) fn code_of(states: impl IntoIterator<Item = Option<EndState>>) -> u8 
 
 /// `resolve`: the study with every default.
 pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
-    for one in load(registry, selection, None)? {
+    let planned = load(registry, selection, None)?;
+    for (one, _) in confirmations::by_study(&planned) {
         say(&spec::resolved_yaml(&one.study, Path::new(""))?);
     }
     Ok(OK)

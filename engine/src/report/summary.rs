@@ -47,7 +47,7 @@ pub fn summary(
     let mut last: Vec<String> = budgets::untrained(results);
     last.push(basis(study, results, contents));
     last.extend(counts(study, contents));
-    last.push(format!("Time: {}", budgets::cost(results).sentence()));
+    last.push(format!("Time: {}", contents.cost(results).sentence()));
     last.extend(
         study
             .profiles

@@ -48,6 +48,8 @@ pub struct Sections<'a> {
     pub limits: &'a Limits,
     /// What environments announced before, where that is known.
     pub announced: Option<&'a Announcements>,
+    /// True without a profile and options of the command line.
+    pub is_as_written: bool,
 }
 
 impl Sections<'_> {

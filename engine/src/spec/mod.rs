@@ -306,15 +306,12 @@ pub fn load_text(
         excluded: &excluded,
         limits: &limits,
         announced: options.announced.as_ref(),
+        is_as_written: options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none(),
     };
     let study = finish(&root, &sections, found)?;
-    // Profiles and options make another study of it, which confirms nothing.
-    let is_as_written = options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none();
-    let confirm = if is_as_written { study.confirm } else { Vec::new() };
     Ok(Study {
         profile: options.profile.clone(),
         included,
-        confirm,
         ..study
     })
 }
@@ -399,7 +396,12 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     found.extend(asked.found.iter().cloned());
     let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
     let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
-    let confirm = confirmations::read(root, (&asked.claims, &asked.tables), &used, sources);
+    let confirm = if sections.is_as_written {
+        confirmations::read(root, (&asked.claims, &asked.tables), &used, sources)
+    } else {
+        // Profiles and options make another study of it, which confirms nothing.
+        Ok(Vec::new())
+    };
     let confirm = confirm.unwrap_or_else(|errors| {
         found.extend(errors);
         Vec::new()
