@@ -443,7 +443,7 @@ fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bi
             assert!(two.import(folder.path()).unwrap(), "{name}");
             assert_eq!(act(&mut *one), act(&mut *two), "{name}");
             assert!(two.import(&folder.path().join("nowhere")).is_err(), "{name}");
-            checked.push(*name);
+            checked.push(name);
         }
     }
     checked.dedup();

@@ -124,7 +124,7 @@ fn learning_that_is_cut_in_three_ends_as_learning_that_is_whole() {
                 !whole.files.is_empty() && whole.rows.iter().any(|row| row.1 < 48),
                 "{name}"
             );
-            cut.push(*name);
+            cut.push(name);
             break;
         }
     }

@@ -91,7 +91,10 @@ fn what_shows_a_metric_and_what_starts_and_ends_a_program_determine_nothing() {
 fn a_sweep_of_a_parameter_makes_a_trial_of_each_value() {
     let bench = bench();
     let swept = study("1.0") + "sweep:\n  quick.parameters.rate: { grid: [0.5, 1.0, 2.0] }\n";
-    let swept = swept.replace("quick.return > slow", "quick[rate=2.0].return > slow");
+    let swept = swept.replace(
+        "quick.return > slow.return",
+        "\"quick[rate=2.0].return > slow.return\"",
+    );
     bench.write("study.yaml", &swept);
     bench.ok(&["run", "study.yaml", "--yes"]);
     assert_eq!(bench.digests("store").len(), 12);
@@ -199,7 +202,10 @@ fn a_parameter_is_a_key_of_its_agent() {
     let bench = bench();
     let swept = study("1.0")
         + "sweep:\n  quick.rate: { grid: [0.5, 2.0] }\nprofiles:\n  smoke: { protocol.steps: 500, slow.rate: 0.1 }\n";
-    let swept = swept.replace("quick.return > slow", "quick[rate=2.0].return > slow");
+    let swept = swept.replace(
+        "quick.return > slow.return",
+        "\"quick[rate=2.0].return > slow.return\"",
+    );
     bench.write("study.yaml", &swept);
     bench.ok(&["run", "study.yaml", "--yes"]);
     assert_eq!(bench.digests("store").len(), 9);
@@ -215,4 +221,21 @@ fn a_parameter_is_a_key_of_its_agent() {
         "{}",
         answer.err
     );
+}
+
+#[test]
+fn of_runs_that_do_not_repeat_the_first_that_was_stored_stays() {
+    let place = Place::new("echo r=$(cat ../../../../../../luck)\n", "{ return: r }", "");
+    for (store, luck) in [("one", "1"), ("two", "2")] {
+        place.bench.write("luck", luck);
+        place.bench.ok(&["run", "study.yaml", "--yes", "--store", store]);
+    }
+    let answer = place.bench.run(&["merge", "two", "--into", "one"]);
+    assert_eq!(answer.code, 0, "{}\n{}", answer.out, answer.err);
+    let told = answer.out + &answer.err;
+    assert!(
+        told.contains("1 other runs") && told.contains("what was stored first counts"),
+        "{told}"
+    );
+    place.bench.ok(&["fsck", "one"]);
 }

@@ -20,7 +20,7 @@ const WALKER: &str = r#"#!/bin/sh
 awk -v rate="$1" -v seed="$2" -v steps="$3" 'BEGIN {
   for (step = 100; step <= steps; step += 100) {
     noise = (seed * 7919 + step * 31) % 100 / 1000
-    printf "{\"global_step\": %d, \"charts\": {\"return\": %.6f}}\n", step, rate * step / steps + noise
+    printf "{\"global_step\": %d, \"charts\": {\"return\": %.6f}}\n", step, rate * (step / steps + noise)
   }
 }'
 "#;
@@ -55,12 +55,14 @@ impl Place {
             .run(&[&["run", "study.yaml", "-j", "1", "--yes"], options].concat())
     }
 
-    /// The rows of the only trial as `phase step metric value`, in order.
+    /// What the only trial recorded, as lines of tidy tables with the names above.
     fn rows(&self) -> Vec<String> {
         self.bench
-            .ok(&["export", "study.yaml", "--to", "tidy", "--output", "tidy"]);
-        let text = fs::read_to_string(self.bench.path("tidy/one/metrics.csv")).unwrap();
-        text.lines().map(str::to_owned).collect()
+            .ok(&["export", "study.yaml", "--to", "taken", "--as", "csv"]);
+        let read = |name: &str| fs::read_to_string(self.bench.path(&format!("taken/{name}.csv"))).unwrap();
+        let rows = [read("evaluations"), read("training")].concat();
+        fs::remove_dir_all(self.bench.path("taken")).unwrap();
+        rows.lines().map(str::to_owned).collect()
     }
 
     /// The text of the acknowledgement of the only trial.

@@ -56,7 +56,7 @@ fn a_program_that_is_stopped_goes_on_where_it_was() {
             .unwrap()
             .success()
     );
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(child.wait().unwrap().code(), Some(106));
     until("it has left", || place.processes().is_empty());
     assert!(place.work().join("checkpoint/step").is_file());
     assert_eq!(place.run(&[]).code, 0, "{}", place.trial()["end"]);

@@ -91,6 +91,11 @@ impl Guarded {
         }
     }
 
+    /// True once the guard is gone, and the program with it, whatever holds their output open.
+    pub fn has_left(&mut self) -> bool {
+        !matches!(self.guard.try_wait(), Ok(None))
+    }
+
     /// Waits for the end of what was asked to, or has ended.
     pub fn end(&mut self) -> Left {
         let status = self.wait();

@@ -194,7 +194,7 @@ fn start(order: &Order) -> std::io::Result<u32> {
     let mut command = Command::new(own);
     command
         .arg(VERBS[1])
-        .arg(std::process::id().to_string())
+        .arg(process::id().to_string())
         .arg(&order.notes)
         .args(&order.words)
         .current_dir(&order.folder)
@@ -208,7 +208,7 @@ fn note_standing(order: &Order, program: u32) -> std::io::Result<()> {
         Look::Started(ticks) => ticks,
         Look::Gone | Look::Hidden => 0,
     };
-    let own = std::process::id();
+    let own = process::id();
     let standing = Standing {
         place: here(),
         guard: (own, since(own)),
@@ -243,7 +243,7 @@ fn after(grace: Duration, gone: &Receiver<()>, then: impl FnOnce()) {
 fn end_all() {
     let lives = |pid: &u32| matches!(process::look(*pid), Look::Started(_));
     loop {
-        let others: Vec<u32> = footprint::family(std::process::id())[1..].to_vec();
+        let others: Vec<u32> = footprint::family(process::id())[1..].to_vec();
         let others: Vec<u32> = others.into_iter().filter(lives).collect();
         if others.is_empty() {
             return;

@@ -49,6 +49,14 @@ pub enum Fate {
         /// What the destination has.
         destination: Imprint,
     },
+    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was stored first
+    /// stays.
+    Another {
+        /// What the source has.
+        source: Imprint,
+        /// What the destination has.
+        destination: Imprint,
+    },
     /// One of the two copies is not what was acknowledged; nothing was taken.
     Damaged {
         /// Whose copy.
@@ -167,9 +175,12 @@ impl<'a> Merge<'a> {
         if there.differences(&here).is_empty() {
             return Ok(Some(Fate::Same));
         }
-        Ok(Some(Fate::Conflict {
-            source: there,
-            destination: here,
+        let may_differ = there.may_differ_from(&here);
+        let (source, destination) = (there, here);
+        Ok(Some(if may_differ {
+            Fate::Another { source, destination }
+        } else {
+            Fate::Conflict { source, destination }
         }))
     }
 

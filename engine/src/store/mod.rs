@@ -122,6 +122,10 @@ pub struct TrialFile {
     /// Hash of what the trial printed, where that is kept. It is no result: honest runs of one trial differ in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<String>,
+    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that was stored
+    /// stays.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub trained_itself: bool,
 }
 
 /// The file in which is kept what a trial printed, packed by gzip.
@@ -141,6 +145,7 @@ impl TrialFile {
             build: None,
             files,
             output: None,
+            trained_itself: false,
         }
     }
 
@@ -244,6 +249,7 @@ impl Store {
             ended_at,
             build,
             output: running::settle_output(&folder)?,
+            trained_itself: running::has_work(&folder),
             ..TrialFile::new(trial, end.clone(), files)
         };
         sealed_folder::flush_way_to(&folder)?;

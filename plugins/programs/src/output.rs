@@ -20,6 +20,8 @@ use std::{
 pub const STREAMS: [&str; 2] = ["stdout", "stderr"];
 /// How much is kept of the beginning, and as much again of the end, bytes.
 const KEPT: usize = 1 << 20;
+/// How long the streams of a program that has ended may stay open.
+const LONGEST_CLOSING: Duration = Duration::from_secs(2);
 /// How much of standard error is told where a program fails, bytes.
 const LAST_WORDS: usize = 2000;
 
@@ -125,8 +127,12 @@ impl Listening {
         all
     }
 
-    /// Waits for the threads, once the streams are closed.
+    /// Waits for the threads, once the program has ended. What it left in another session, under a guard that was killed,
+    /// may hold the streams open, and is not waited for.
     pub fn end(&mut self) {
+        if !self.threads.is_empty() && !self.closes_within(LONGEST_CLOSING) {
+            self.threads.clear();
+        }
         for thread in self.threads.drain(..) {
             // A panic of one was printed.
             let _ = thread.join();

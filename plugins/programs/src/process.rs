@@ -52,7 +52,8 @@ impl Process {
 
     /// Waits for its end, not longer than `wait`; `None` where it runs on.
     pub fn ends_within(&mut self, wait: Duration) -> Option<Result<(), Error>> {
-        if !self.listening.closes_within(wait) {
+        // A guard that is killed leaves behind what holds the output open.
+        if !self.listening.closes_within(wait) && !self.guarded.has_left() {
             return None;
         }
         let left = self.end();
