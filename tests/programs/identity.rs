@@ -239,3 +239,14 @@ fn of_runs_that_do_not_repeat_the_first_that_was_stored_stays() {
     );
     place.bench.ok(&["fsck", "one"]);
 }
+
+#[test]
+fn the_study_of_the_book_comes_to_what_it_shows() {
+    let page = fs::read_to_string(crate::program::repository().join("docs/src/programs.md")).unwrap();
+    let bench = Bench::new();
+    bench.write("study.yaml", &blocks(&page, "yaml")[0]);
+    bench.write("train.sh", &blocks(&page, "text")[0]);
+    bench.ok(&["run", "study.yaml", "--yes"]);
+    let page = fs::read_to_string(bench.path("results/walk/index.html")).unwrap();
+    assert!(page.contains("SUPPORTED"), "{page}");
+}

@@ -8,6 +8,7 @@ mod reading;
 mod resuming;
 
 use crate::{
+    book::blocks,
     program::{Answer, Bench, trial_files},
     slurm::until,
 };

@@ -283,7 +283,7 @@ mod tests {
         assert!(written.metrics.now().iter().all(|curve| curve.values.is_empty()));
         written.write("stdout.jsonl", "{\"step\": 1, \"x\": \"0.5\"}\n");
         assert_eq!(written.metrics.now()[0].values, [(1, 0.5)]);
-        written.write("runs/1/log.csv", "r,l\n1,10\n3,10\n3,");
+        written.write("runs/1/log.csv", "r,l\n1,10\n3,10\n");
         assert_eq!(written.metrics.now()[1].values, [(10, 1.0), (20, 3.0)]);
         written.write("runs/1/log.csv", "r,l\n1,10\n3,10\n3,5\n");
         assert_eq!(

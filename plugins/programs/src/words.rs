@@ -260,7 +260,7 @@ mod tests {
         for (text, why) in [
             (
                 "{sed}",
-                "`{sed}` stands for nothing here; these do: `{lr}`, `{seed}`",
+                "`{sed}` stands for nothing here; these do: `{list}`, `{lr}`, `{seed}`",
             ),
             ("{environment}", "no part of a trial's id: `{environment.id}` is"),
             ("{environment.name}", "has no value `name`; it has `id`, `wind`"),
