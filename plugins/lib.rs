@@ -1,5 +1,5 @@
-//! What the program is made of: the engine's protocols, the environments, those in Python, the agents, the estimators and
-//! the generators, in one registry.
+//! What the program is made of: the engine's protocols, the environments, those in Python, the agents, programs as agents,
+//! the estimators and the generators, in one registry.
 
 use engine::{Build, Registry};
 
@@ -22,6 +22,7 @@ pub fn registry() -> Registry {
     agents::register(&mut registry);
     estimators::register(&mut registry);
     generators::register(&mut registry);
+    programs::register(&mut registry);
     python::register(&mut registry);
     registry
 }

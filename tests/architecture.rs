@@ -21,6 +21,7 @@ fn the_engine_and_numerics_depend_on_no_workspace_crate() {
         "agents",
         "estimators",
         "generators",
+        "programs",
         "python",
     ] {
         assert!(
@@ -50,6 +51,22 @@ fn environments_in_python_and_the_other_plugins_do_not_know_each_other() {
     for folder in ["numerics", "environments", "agents", "estimators", "generators"] {
         assert!(!depends_on(&format!("plugins/{folder}"), "python"), "{folder}");
         assert!(!depends_on("plugins/python", folder), "{folder}");
+    }
+}
+
+/// So that no simulator and no learner is needed for a trial of a program.
+#[test]
+fn programs_and_the_other_plugins_do_not_know_each_other() {
+    for folder in [
+        "numerics",
+        "environments",
+        "agents",
+        "estimators",
+        "generators",
+        "python",
+    ] {
+        assert!(!depends_on(&format!("plugins/{folder}"), "programs"), "{folder}");
+        assert!(!depends_on("plugins/programs", folder), "{folder}");
     }
 }
 

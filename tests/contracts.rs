@@ -2,18 +2,54 @@
 
 use engine::{
     Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space,
-    UseOfDatasets, random::stream, results::UPDATES, trial::TrialKey,
+    UseOfDatasets, random::stream, registry::AgentEntry, results::UPDATES, trial::TrialKey,
 };
 use plugins::registry;
 use rand::Rng as _;
 
-/// The environments that are there with their defaults: one in Python has to be named.
+/// The environments that are there with their defaults: one in Python and one of a program have to be named.
 pub(crate) fn ready_made(registry: &Registry) -> impl Iterator<Item = &'static str> {
     registry
         .environments
         .keys()
         .copied()
-        .filter(|name| *name != "python")
+        .filter(|name| !["named", "python"].contains(name))
+}
+
+/// The agents that a protocol trains or measures: a program, which trains itself, has to be named.
+pub(crate) fn acting(registry: &Registry) -> impl Iterator<Item = (&'static str, &AgentEntry)> {
+    let all = registry.agents.iter().map(|(name, entry)| (*name, entry));
+    all.filter(|(_, entry)| !entry.trains_itself)
+}
+
+#[test]
+fn a_program_and_its_task_have_to_be_named() {
+    let registry = registry();
+    let entry = &registry.environments["named"];
+    let refusal = (entry.build)(&entry.about.defaults).err().unwrap().to_string();
+    assert!(refusal.contains("`id`: names no task"), "{refusal}");
+    let entry = &registry.agents["program"];
+    let interface = default_environment(&registry, "allocation_bandit").interface();
+    let refusal = (entry.build)(&entry.about.defaults, &interface, &mut stream(&["contract"]));
+    let refusal = refusal.err().unwrap().to_string();
+    assert!(refusal.contains("`run`: names no program"), "{refusal}");
+}
+
+#[test]
+fn no_agent_acts_where_there_is_nothing_to_act_in() {
+    let registry = registry();
+    let nothing = Interface {
+        seats: Vec::new(),
+        state: Vec::new(),
+    };
+    for (name, entry) in acting(&registry) {
+        match (entry.build)(&entry.about.defaults, &nothing, &mut stream(&["contract"])) {
+            Err(Error::Mismatch { problem, .. }) => {
+                assert!(problem.contains("named alone"), "{name}: {problem}")
+            }
+            _ => panic!("{name} acts in an environment that is named alone"),
+        }
+    }
 }
 
 #[test]
@@ -230,7 +266,7 @@ fn a_restored_environment_continues_to_the_same_bits() {
 #[test]
 fn agents_act_within_the_space_of_an_environment_that_takes_them() {
     let registry = registry();
-    for name in registry.agents.keys() {
+    for (name, _) in acting(&registry) {
         let mut taken = 0;
         for environment_name in ready_made(&registry) {
             let mut environment = default_environment(&registry, environment_name);
@@ -263,7 +299,7 @@ fn agents_act_within_the_space_of_an_environment_that_takes_them() {
 #[test]
 fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
     let registry = registry();
-    for (name, entry) in &registry.agents {
+    for (name, entry) in acting(&registry) {
         for environment in ready_made(&registry) {
             let interface = default_environment(&registry, environment).interface();
             let Some(agent) = fitting(&registry, name, &interface, &mut stream(&["contract"])) else {

@@ -1,7 +1,7 @@
 //! Agents that meet after they were trained: planned, scheduled after their sources, and shown as a matrix.
 
 use crate::{
-    contracts::ready_made,
+    contracts::{acting, ready_made},
     program::{Bench, answer, trial_files},
     shrunk::shrunk,
 };
@@ -417,7 +417,7 @@ fn trained(agent: &mut dyn Agent, environment: &mut dyn Environment) -> Vec<Obse
 fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bit() {
     let registry = registry();
     let mut checked = Vec::new();
-    for (name, entry) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
+    for (name, entry) in acting(&registry).filter(|(_, entry)| entry.learns) {
         for environment in ready_made(&registry) {
             let environment = &registry.environments[environment];
             let mut environment = (environment.build)(&environment.about.defaults).unwrap();
@@ -443,7 +443,7 @@ fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bi
             assert!(two.import(folder.path()).unwrap(), "{name}");
             assert_eq!(act(&mut *one), act(&mut *two), "{name}");
             assert!(two.import(&folder.path().join("nowhere")).is_err(), "{name}");
-            checked.push(*name);
+            checked.push(name);
         }
     }
     checked.dedup();

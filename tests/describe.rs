@@ -1,6 +1,9 @@
 //! `describe` tells everything that the registry and the schemas hold, and what it shows passes `check`.
 
-use crate::{contracts::ready_made, program::Bench};
+use crate::{
+    contracts::{acting, ready_made},
+    program::Bench,
+};
 use engine::{
     Registry,
     describe::{self, Asked, Group, Subject, text},
@@ -156,7 +159,7 @@ fn examples_of_plugins_pass_check_together_as_they_are_described() {
         );
         environments.insert(name, subject);
     }
-    for name in registry.agents.keys() {
+    for (name, _) in acting(&registry) {
         let subject = describe::subject(&registry, Group::Agents, name, NOTHING_BUILT).unwrap();
         let fits = |environment: &&Subject| {
             let facts = environment.environment.as_ref().unwrap();
@@ -166,7 +169,7 @@ fn examples_of_plugins_pass_check_together_as_they_are_described() {
             panic!("{name} fits no environment with its defaults")
         };
         let rules = &place.environment.as_ref().unwrap().rules;
-        let rule = rules.first().map_or(*name, String::as_str);
+        let rule = rules.first().map_or(name, String::as_str);
         let facts = subject.agent.as_ref().unwrap();
         let protocols = if facts.learns {
             facts.protocols.clone()

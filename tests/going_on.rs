@@ -64,6 +64,7 @@ fn learn(
         streams,
         record: Default::default(),
         progress: &mut |_, _| {},
+        assignment: Default::default(),
         keeper: &mut NoKeeper,
         folder: Some(folder),
     };
@@ -99,7 +100,7 @@ fn read_into(folder: &Path, at: &str, files: &mut BTreeMap<String, Vec<u8>>) {
 fn learning_that_is_cut_in_three_ends_as_learning_that_is_whole() {
     let registry = registry();
     let mut cut = Vec::new();
-    let learners = registry.agents.iter().filter(|(_, entry)| entry.learns);
+    let learners = crate::contracts::acting(&registry).filter(|(_, entry)| entry.learns);
     for (name, _) in learners {
         let of_decisions = |key: &TrialKey| {
             key.protocol.plugin == "train_evaluate" && key.environment.plugin != "generator_search"
@@ -123,7 +124,7 @@ fn learning_that_is_cut_in_three_ends_as_learning_that_is_whole() {
                 !whole.files.is_empty() && whole.rows.iter().any(|row| row.1 < 48),
                 "{name}"
             );
-            cut.push(*name);
+            cut.push(name);
             break;
         }
     }

@@ -48,6 +48,7 @@ mod plain_output;
 mod portable_datasets;
 mod portable_policies;
 mod program;
+mod programs;
 mod provenance;
 mod python_environments;
 mod record;

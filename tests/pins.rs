@@ -13,7 +13,7 @@
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
 use crate::{
-    contracts::ready_made,
+    contracts::{acting, ready_made},
     datasets::{self, with_sources},
     needs::{note, skip, skip_part},
     program::repository,
@@ -203,9 +203,9 @@ fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About
 
 /// Everything that must have a pin.
 fn subjects(registry: &Registry) -> Vec<String> {
-    // What an environment in Python gives out is pinned by its lock file.
+    // What an environment in Python gives out is pinned by its lock file, and what a program does by its sources.
     let environments = ready_made(registry).map(|name| format!("environment {name}"));
-    let agents = registry.agents.keys().map(|name| format!("agent {name}"));
+    let agents = acting(registry).map(|(name, _)| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
     environments.chain(agents).chain(protocols).collect()
 }
@@ -347,7 +347,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
             .collect()
     };
     let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].learns;
-    let mut agents = candidates("agent", registry.agents.keys().copied().collect());
+    let mut agents = candidates("agent", acting(registry).map(|(name, _)| name).collect());
     if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
         // What pins an environment shall not move with an algorithm.
         agents.retain(|agent| !learns(agent));

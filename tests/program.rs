@@ -46,6 +46,8 @@ impl Bench {
         command
             .args(arguments)
             .current_dir(self.folder.path())
+            .env("XDG_STATE_HOME", self.path("state"))
+            .env("XDG_CONFIG_HOME", self.path("config"))
             .env_remove("REGIMEN_STORE")
             .env_remove("REGIMEN_JOBS");
         command
@@ -66,6 +68,8 @@ impl Bench {
         command
             .args(arguments)
             .current_dir(self.folder.path())
+            .env("XDG_STATE_HOME", self.path("state"))
+            .env("XDG_CONFIG_HOME", self.path("config"))
             .env_remove("REGIMEN_STORE")
             .env_remove("REGIMEN_JOBS");
         command

@@ -1,7 +1,7 @@
 //! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for
 //! every agent.
 
-use crate::contracts::ready_made;
+use crate::contracts::{acting, ready_made};
 use crate::datasets::{self, with_sources};
 use crate::shrunk::shrunk;
 use engine::{
@@ -228,7 +228,7 @@ fn run_interrupted(
 fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
     let mut met = BTreeSet::new();
-    for (name, _) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
+    for (name, _) in acting(&registry).filter(|(_, entry)| entry.learns) {
         let trials = trials(&registry, name);
         assert!(
             !trials.is_empty(),

@@ -1,6 +1,6 @@
 //! What an agent is: `act`, `learn`, `save`, `load`.
 
-use crate::{Action, End, Error, Metric, Observation, Recorder, Rng};
+use crate::{Action, End, Error, Metric, Observation, OwnTraining, Recorder, Rng};
 use std::path::Path;
 
 /// Whether actions are for learning (explore) or for measuring (the policy's best).
@@ -69,6 +69,16 @@ pub trait Agent: Send {
     /// Where the transitions cannot be learned from.
     fn survey(&mut self, _transitions: &[Transition]) -> Result<(), Error> {
         Ok(())
+    }
+
+    /// The training of an agent that trains itself; `None` for others, which a protocol trains.
+    fn own_training(&mut self) -> Option<&mut dyn OwnTraining> {
+        None
+    }
+
+    /// What an agent that trains itself records.
+    fn records(&self) -> Vec<Metric> {
+        Vec::new()
     }
 
     /// The updates of an agent that learns; `None` for others.

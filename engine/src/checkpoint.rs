@@ -1,8 +1,9 @@
 //! How a running trial goes on in another process: what keeps its state, and numbers that JSON keeps to the
 //! bit.
 
-use crate::{Agent, Error, Recorder};
+use crate::{Agent, Error, Recorder, own_training::Place};
 use serde_json::Value;
+use std::time::Duration;
 
 /// Keeps what a running trial needs to continue in another process. Whether and how often it saves cannot
 /// reach a result.
@@ -39,6 +40,30 @@ pub trait Keeper {
     /// # Errors
     /// Where a file cannot be written.
     fn note(&mut self, record: &Recorder) -> Result<(), Error>;
+
+    /// Where an agent that trains itself works; `None` where nothing is kept of the trial.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    fn place(&mut self) -> Result<Option<Place>, Error> {
+        Ok(None)
+    }
+
+    /// The time for which nothing may be heard of an agent that trains itself; `None` for any.
+    fn patience(&self) -> Option<Duration> {
+        None
+    }
+
+    /// Told what the training of such an agent printed so far.
+    ///
+    /// # Errors
+    /// Where it cannot be kept.
+    fn keep_output(&mut self, _said: &[u8]) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Told that the record is made anew from here on: what was noted of it counts no more.
+    fn begin_anew(&mut self) {}
 
     /// Told that what [`load`](Self::load) took up last does not fit. It is not taken up again; false where
     /// there was nothing.

@@ -129,14 +129,22 @@ impl DataFile {
     /// [`Error::DataFileChanged`] where it holds not what the trial's id names, and [`Error::File`].
     pub fn copy_into(&self, folder: &Path) -> Result<PathBuf, Error> {
         let copy = folder.join(self.path.file_name().unwrap_or_default());
+        self.copy_to(&copy)?;
+        Ok(copy)
+    }
+
+    /// Copies what the file holds to a place.
+    ///
+    /// # Errors
+    /// As [`copy_into`](Self::copy_into).
+    pub fn copy_to(&self, copy: &Path) -> Result<(), Error> {
         let written = match &self.content {
-            Some(content) => fs::write(&copy, content.as_bytes()),
+            Some(content) => fs::write(copy, content.as_bytes()),
             None => input_file::open(&self.path, Use::Bytes)
-                .and_then(|mut file| io::copy(&mut file, &mut File::create(&copy)?).map(drop)),
+                .and_then(|mut file| io::copy(&mut file, &mut File::create(copy)?).map(drop)),
         };
         written.map_err(Error::file("copy", &self.path))?;
-        self.held_against(|| digest_of(&copy))?;
-        Ok(copy)
+        self.held_against(|| digest_of(copy))
     }
 
     /// Held against the trial's id once more, after a plugin read the file by its path.

@@ -1,9 +1,13 @@
 //! Every way in which the engine can fail below the spec, as one enum.
 
-use crate::reach;
+use crate::{
+    reach,
+    world::process::{self, Ending},
+};
 use std::{
     borrow::Cow,
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 /// An error of the engine or of a plugin.
@@ -144,6 +148,22 @@ pub enum Error {
         /// The number of the signal.
         signal: i32,
     },
+    /// A program that trains an agent did not end well, by its own doing.
+    #[error("`{program}` {}{}", ending(*how), last_words(said))]
+    Program {
+        /// Its first words.
+        program: String,
+        /// How it ended.
+        how: Ending,
+        /// Its last lines on standard error.
+        said: String,
+    },
+    /// Nothing was heard of a training for longer than the study allows.
+    #[error("nothing was heard of it for the limit of {} s", limit.as_secs_f64())]
+    Silent {
+        /// How long that may be.
+        limit: Duration,
+    },
     /// A plugin stopped without an answer.
     #[error("it stopped with `{said}`, which is a mistake of its code")]
     Panicked {
@@ -226,6 +246,21 @@ pub enum Error {
         /// What happened.
         problem: String,
     },
+}
+
+fn ending(how: Ending) -> String {
+    match how {
+        Ending::Code(code) => format!("left with exit code {code}"),
+        Ending::Signal(signal) => format!("was ended by {}", process::signal_name(signal)),
+    }
+}
+
+fn last_words(said: &str) -> String {
+    if said.is_empty() {
+        "; it said nothing on standard error".into()
+    } else {
+        format!("; it said last: {said}")
+    }
 }
 
 /// A place inside a file, as in `, line 3, column `x``.

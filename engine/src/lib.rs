@@ -37,11 +37,13 @@ pub mod export;
 pub mod figure;
 pub mod first_study;
 mod footprint;
+pub mod guard;
 pub mod imported;
 pub mod input_file;
 pub mod kinds;
 pub mod limits;
 pub mod lookalikes;
+pub mod own_training;
 mod pace;
 pub mod panics;
 mod parquet;
@@ -85,6 +87,7 @@ pub use environment::{
     Seat, Space, Step,
 };
 pub use error::Error;
+pub use own_training::OwnTraining;
 pub use product::{Checkpoint, Product, ProductKind};
 pub use protocol::Protocol;
 pub use random::Rng;

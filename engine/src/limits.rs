@@ -14,6 +14,11 @@ pub struct Limits {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001, max = 1e9), extend("x-unit" = "s"))]
     pub wall_time_s: Option<f64>,
+    /// Longest time for which nothing may be heard of a program that trains itself: no output, and no value; then it is
+    /// ended and the trial is a `timeout`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.001, max = 1e9), extend("x-unit" = "s"))]
+    pub stalled_after_s: Option<f64>,
     /// Most memory that a trial's process may hold; then it is ended and the trial is `oom`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1), extend("x-unit" = "MB"))]
@@ -53,10 +58,16 @@ impl Limits {
             let value = value.to_string();
             Err(LimitError { key, value, instead })
         };
-        // A number that is none lies in no range.
-        if let Some(value) = self.wall_time_s.filter(|value| !(0.001..=1e9).contains(value)) {
-            let instead = "write seconds from 0.001 to 1e9, or leave it out where nothing is limited";
-            return wrong("wall_time_s", &value, instead);
+        let times = [
+            ("wall_time_s", self.wall_time_s),
+            ("stalled_after_s", self.stalled_after_s),
+        ];
+        for (key, time) in times {
+            // A number that is none lies in no range.
+            if let Some(value) = time.filter(|value| !(0.001..=1e9).contains(value)) {
+                let instead = "write seconds from 0.001 to 1e9, or leave it out where nothing is limited";
+                return wrong(key, &value, instead);
+            }
         }
         if self.memory_mb == Some(0) {
             let instead = "write 1 megabyte or more, or leave it out where nothing is limited";
@@ -86,6 +97,7 @@ impl Limits {
         let tighter = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
         Limits {
             wall_time_s: tighter(self.wall_time_s, machine.wall_time_s),
+            stalled_after_s: tighter(self.stalled_after_s, machine.stalled_after_s),
             memory_mb: self.memory_mb.into_iter().chain(machine.memory_mb).min(),
             retries: machine.retries.or(self.retries),
             retry_on: machine.retry_on.clone().or_else(|| self.retry_on.clone()),

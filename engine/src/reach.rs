@@ -60,6 +60,12 @@ impl Reach {
         }
     }
 
+    /// The folder of the project, without links.
+    #[must_use]
+    pub fn project(&self) -> &Path {
+        &self.project
+    }
+
     /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study there,
     /// or the current folder where that holds it.
     #[must_use]

@@ -69,6 +69,12 @@ impl About {
         self.marked("x-identity", false)
     }
 
+    /// Keys of the config that name files by a list of patterns: those that the schema marks with `x-patterns`. The list is
+    /// replaced by a mapping of names to files before the config is read.
+    pub fn pattern_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-patterns", true)
+    }
+
     fn marked(&self, mark: &'static str, value: bool) -> impl Iterator<Item = &str> {
         let properties = self.schema.get("properties").and_then(Value::as_object);
         let is_marked =
@@ -92,6 +98,8 @@ pub struct EnvironmentEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Environment>,
+    /// What the environment of a config is called elsewhere, by key, for agents that train themselves.
+    pub names: fn(&Value) -> Vec<(&'static str, String)>,
 }
 
 /// A registered agent.
@@ -108,6 +116,8 @@ pub struct AgentEntry {
     pub datasets: UseOfDatasets,
     /// True where it proposes whole designs, one after the other.
     pub designs: bool,
+    /// True where it trains itself: the protocol lets it, and takes in what it measures.
+    pub trains_itself: bool,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -120,7 +130,10 @@ pub struct ProtocolEntry {
     pub build: Build<dyn Protocol>,
     /// The config for an agent that does not learn: measurements alone, at the steps at which those that
     /// learn are measured, so that its trials do not depend on the rest of a training budget.
-    pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
+    pub without_training: Resolve,
+    /// The config for an agent that trains itself: how long, and how often measurements are taken in. `None` where the
+    /// protocol has nothing for such agents.
+    pub own_training: Option<Resolve>,
 }
 
 /// Raised whenever a change in the engine changes the numbers of trials, whichever protocol runs them.
@@ -159,6 +172,8 @@ pub struct AgentTraits {
     pub datasets: UseOfDatasets,
     /// True where it proposes whole designs, one after the other, and has to be asked for them by a protocol.
     pub designs: bool,
+    /// True where it trains itself, as [`Agent::own_training`] does.
+    pub trains_itself: bool,
 }
 
 /// Whether an agent can learn from transitions that others gathered.
@@ -211,6 +226,7 @@ impl Registry {
         let entry = EnvironmentEntry {
             about: describe::<C>(version, about),
             build: Box::new(move |raw| build(typed(raw)?)),
+            names: |_| Vec::new(),
         };
         assert!(
             self.environments.insert(name, entry).is_none(),
@@ -237,7 +253,13 @@ impl Registry {
             learns_from_examples: traits.learns_from_examples,
             datasets: traits.datasets,
             designs: traits.designs,
-            build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
+            trains_itself: traits.trains_itself,
+            build: Box::new(move |raw, interface, rng| {
+                if interface.seats.is_empty() && !traits.trains_itself {
+                    return Err(no_seats(name));
+                }
+                build(typed(raw)?, interface, rng)
+            }),
         };
         assert!(
             self.agents.insert(name, entry).is_none(),
@@ -260,14 +282,27 @@ impl Registry {
         let entry = ProtocolEntry {
             about: describe::<C>(version, about),
             build: Box::new(move |raw| build(typed(raw)?)),
-            without_training: Box::new(move |raw| {
-                serde_json::to_value(without_training(serde_json::from_value(raw.clone())?))
-            }),
+            without_training: changed(without_training),
+            own_training: None,
         };
         assert!(
             self.protocols.insert(name, entry).is_none(),
             "protocol `{name}` is registered twice"
         );
+    }
+
+    /// Says how the environments of a registered plugin are called elsewhere, by key.
+    pub fn environment_names(&mut self, name: &str, names: fn(&Value) -> Vec<(&'static str, String)>) {
+        if let Some(entry) = self.environments.get_mut(name) {
+            entry.names = names;
+        }
+    }
+
+    /// Says that a registered protocol lets agents train themselves, and the config that such an agent gets.
+    pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C) -> C) {
+        if let Some(entry) = self.protocols.get_mut(name) {
+            entry.own_training = Some(changed(own_training));
+        }
     }
 
     /// Registers a form of policy files, so that `export` can write policies of it for other runtimes.
@@ -282,6 +317,19 @@ impl Registry {
             "the form of policies `{name}` is registered twice"
         );
     }
+}
+
+fn no_seats(agent: &'static str) -> Error {
+    let problem = "the environment is named alone, and has no seats in which an agent could act: only an agent that                    trains itself can be used in it, as a program is";
+    Error::Mismatch {
+        agent,
+        problem: problem.into(),
+    }
+}
+
+/// A change of a config, with its type erased.
+fn changed<C: Config>(change: fn(C) -> C) -> Resolve {
+    Box::new(move |raw| serde_json::to_value(change(serde_json::from_value(raw.clone())?)))
 }
 
 fn typed<C: Config>(raw: &Value) -> Result<C, Error> {

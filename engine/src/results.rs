@@ -27,6 +27,8 @@ use std::{
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
+/// How far an agent trained that trains itself: the last step for which it gave a value.
+pub const OWN_STEPS: &str = "own_steps";
 
 /// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
 pub const SUCCESS: &str = "success";
@@ -91,6 +93,17 @@ fn has_time(asked: &Value) -> bool {
         Value::Object(entries) => entries.values().any(has_time),
         _ => false,
     }
+}
+
+/// What [`OWN_STEPS`] says, for names, units and directions.
+#[must_use]
+pub fn own_steps_metric() -> Metric {
+    Metric::new(
+        OWN_STEPS,
+        "steps",
+        "the last step for which an agent that trains itself gave a value",
+    )
+    .per_episode(PerEpisode::Last)
 }
 
 /// What [`UPDATES`] says, for names, units and directions.
@@ -227,6 +240,12 @@ impl TrialResult {
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
         self.select(Phase::Final, UPDATES).last().map(|row| row.value)
+    }
+
+    /// True where the agent learned in the trial: it recorded its updates, or how far it trained itself.
+    #[must_use]
+    pub fn trains(&self) -> bool {
+        self.updates().is_some() || self.select(Phase::Final, OWN_STEPS).next().is_some()
     }
 
     /// Whether the trial was a success; `None` where the study does not say what that is, and where nothing

@@ -91,7 +91,7 @@ pub fn trained(trials: &[&TrialResult], results: &Results) -> BTreeSet<String> {
 /// The trainings behind a trial: the agent's name in the study, and its steps.
 fn trainings(trial: &TrialResult, results: &Results) -> Vec<(String, u64)> {
     let Trial { cell, key, .. } = &*trial.trial;
-    let own = trial.updates().and_then(|_| steps(key));
+    let own = trial.trains().then(|| steps(key)).flatten();
     let roles = key.agent.cast().into_iter().flat_map(|cast| &cast.roles);
     let played = roles.filter_map(|(role, member)| {
         let trained = trial_of(results, member.trial.as_deref()?)?;

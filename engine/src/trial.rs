@@ -6,6 +6,7 @@ use crate::{
     cast::{Seating, Team},
     complete_config::CompleteConfig,
     data_file,
+    own_training::Assignment,
     product::{FindProduct, Taken, no_product},
     protocol::Run,
     random::Streams,
@@ -381,12 +382,14 @@ impl TrialKey {
         let interface = first_environment.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();
+        let assignment = self.assignment((environment.names)(&config), &config);
         let mut run = Run {
             make_environment: &make_environment,
             agent,
             streams,
             record,
             progress,
+            assignment,
             keeper,
             folder,
         };
@@ -399,6 +402,16 @@ impl TrialKey {
             run.agent.export(folder).map_err(Error::of_store)?;
         }
         Ok(run.record)
+    }
+
+    /// What an agent that trains itself is told of the trial; the protocol adds for how long.
+    fn assignment(&self, names: Vec<(&str, String)>, environment: &Value) -> Assignment {
+        Assignment {
+            trial: self.id(),
+            seed: self.seed,
+            environment: with_names(environment, names),
+            ..Assignment::default()
+        }
     }
 
     /// What acts, freshly made; `find` as in [`run_after`](Self::run_after).
@@ -514,6 +527,17 @@ impl Trial {
             self.cell.environment, self.cell.agent, self.key.seed
         )
     }
+}
+
+/// The config of an environment, with what that is called elsewhere where no key of its own has the name.
+pub(crate) fn with_names(environment: &Value, names: Vec<(&str, String)>) -> Value {
+    let mut named = environment.clone();
+    if let Some(keys) = named.as_object_mut() {
+        for (key, name) in names {
+            keys.entry(key).or_insert(Value::String(name));
+        }
+    }
+    named
 }
 
 fn find_entry<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {

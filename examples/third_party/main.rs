@@ -14,10 +14,14 @@ use engine::Registry;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    engine::cli::main(registry, include_str!("study.yaml"))
+}
+
+fn registry() -> Registry {
     let mut registry = Registry::default();
     engine::protocol::register(&mut registry);
     thermostat::register(&mut registry);
     proportional::register(&mut registry);
     episodes::register(&mut registry);
-    engine::cli::main(&registry, include_str!("study.yaml"))
+    registry
 }

@@ -141,7 +141,7 @@ fn every_policy_that_an_agent_leaves_is_taken_away_and_acts_as_the_agent() {
     let (registry, cases) = (registry(), Cases::new());
     let mut held: BTreeMap<&str, usize> = BTreeMap::new();
     let mut refused = BTreeSet::new();
-    for (name, entry) in &registry.agents {
+    for (name, entry) in crate::contracts::acting(&registry) {
         for key in crate::resume::keys(&registry, name)
             .into_iter()
             .filter(|_| entry.learns)
@@ -156,7 +156,7 @@ fn every_policy_that_an_agent_leaves_is_taken_away_and_acts_as_the_agent() {
             };
             let case = format!("{name}-{}-{}", key.environment.plugin, key.protocol.plugin);
             match hold_trial(&registry, &case, &mut trained, &cases) {
-                0 => drop(refused.insert(*name)),
+                0 => drop(refused.insert(name)),
                 n => *held.entry(name).or_default() += n,
             }
         }

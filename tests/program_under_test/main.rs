@@ -11,9 +11,13 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     crash::install();
+    engine::cli::main(registry, plugins::SELFTEST)
+}
+
+fn registry() -> engine::Registry {
     let mut registry = plugins::registry();
     misbehaving::register(&mut registry);
     fickle::register(&mut registry);
     painter::register(&mut registry);
-    engine::cli::main(&registry, plugins::SELFTEST)
+    registry
 }

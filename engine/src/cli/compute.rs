@@ -295,6 +295,7 @@ impl Compute<'_> {
         let (held, said) = (study.on(&self.settings.limits), self.limits);
         Limits {
             wall_time_s: said.wall_time_s.or(held.wall_time_s),
+            stalled_after_s: said.stalled_after_s.or(held.stalled_after_s),
             memory_mb: said.memory_mb.or(held.memory_mb),
             retries: said.retries.or(held.retries),
             retry_on: if said.retry_on.is_empty() {

@@ -112,6 +112,13 @@ fn line(merged: &Merged) -> Option<String> {
     let (word, text) = match &merged.fate {
         Fate::Taken | Fate::Same | Fate::Unfinished => return None,
         Fate::Conflict { source, destination } => ("conflict", conflict(source, destination)),
+        Fate::Another { source, destination } => {
+            let text = conflict(source, destination);
+            (
+                "another",
+                format!("{text}; the program does not repeat to the bit, and what was stored first counts"),
+            )
+        }
         Fate::Damaged { side, findings } => ("damaged", format!("{}: {}", place(*side), faults(findings))),
         Fate::Running { side, owner } => {
             let (pid, host) = (owner.pid, &owner.host);
@@ -167,13 +174,17 @@ impl Taking<'_> {
     }
 
     /// Numbers of trials by their fates.
-    fn counts(&self) -> [(&'static str, usize); 6] {
+    fn counts(&self) -> [(&'static str, usize); 7] {
         [
             ("taken", self.count(|fate| *fate == Fate::Taken)),
             ("same", self.count(|fate| *fate == Fate::Same)),
             (
                 "conflicts",
                 self.count(|fate| matches!(fate, Fate::Conflict { .. })),
+            ),
+            (
+                "other runs",
+                self.count(|fate| matches!(fate, Fate::Another { .. })),
             ),
             ("damaged", self.count(|fate| matches!(fate, Fate::Damaged { .. }))),
             ("running", self.count(|fate| matches!(fate, Fate::Running { .. }))),

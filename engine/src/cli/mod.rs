@@ -5,6 +5,7 @@ mod command_line;
 mod compare;
 mod compute;
 mod confirmations;
+mod consent;
 mod cost;
 mod describe;
 mod export;
@@ -42,7 +43,7 @@ mod waiting;
 mod watch;
 
 use crate::{
-    Registry, input_file, limits::Limits, panics, patience, plain_text, reach, scheduler::hosts::Relay,
+    Registry, guard, input_file, limits::Limits, panics, patience, plain_text, reach, scheduler::hosts::Relay,
 };
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{
@@ -165,6 +166,8 @@ struct RunOptions {
     retry_failed: bool,
     #[command(flatten)]
     limits: LimitOptions,
+    #[command(flatten)]
+    consent: consent::Consent,
 }
 
 /// What one trial may use, and what is tried again; each in place of what the study and regimen.toml say.
@@ -188,6 +191,9 @@ struct LimitOptions {
     /// Longest time of an attempt at a trial.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = wall_time_s)]
     wall_time_s: Option<f64>,
+    /// Longest time for which nothing may be heard of a program that trains itself.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = stalled_after_s)]
+    stalled_after_s: Option<f64>,
     /// Most memory of a trial's process.
     #[arg(long, value_name = "MB", value_parser = memory_mb)]
     memory_mb: Option<u64>,
@@ -215,6 +221,10 @@ impl LimitOptions {
             self.retry_delay_s.map(|value| value.to_string()),
         );
         with("--wall-time-s", self.wall_time_s.map(|value| value.to_string()));
+        with(
+            "--stalled-after-s",
+            self.stalled_after_s.map(|value| value.to_string()),
+        );
         with("--memory-mb", self.memory_mb.map(|value| value.to_string()));
         let states: Vec<&str> = self.retry_on.iter().map(|state| state.name()).collect();
         with("--retry-on", (!states.is_empty()).then(|| states.join(",")));
@@ -228,6 +238,13 @@ impl LimitOptions {
 fn wall_time_s(text: &str) -> Result<f64, String> {
     limit(text, |value| Limits {
         wall_time_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn stalled_after_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        stalled_after_s: Some(value),
         ..Limits::default()
     })
 }
@@ -349,6 +366,8 @@ enum Verb {
         #[command(flatten)]
         limits: LimitOptions,
         #[command(flatten)]
+        consent: consent::Consent,
+        #[command(flatten)]
         summaries: summaries::Summaries,
     },
     /// Check every file of a store and set aside what is wrong; what it held runs again.
@@ -430,7 +449,12 @@ enum Verb {
 /// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the
 /// self-test computes.
 #[must_use]
-pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
+pub fn main(registry: impl FnOnce() -> Registry, selftest: &str) -> ExitCode {
+    // Once for every trial of a program, before anything is built.
+    if let Some(code) = guard::serve_if_asked() {
+        return code;
+    }
+    let registry = &registry();
     panics::print_no_caught_ones();
     let Command { verb, common } = parse(registry);
     common.input_mb.into_iter().for_each(input_file::allow);
@@ -492,12 +516,20 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             jobs,
             submission,
             limits,
+            consent,
             summaries,
         } => summaries.after(registry, &selection, common, || {
             if !submitted::is_wanted(submission.as_deref(), common)? {
                 return Ok(OK);
             }
-            run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
+            run::worker(
+                registry,
+                &selection,
+                index.as_deref(),
+                jobs,
+                (&limits, &consent),
+                common,
+            )
         }),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),

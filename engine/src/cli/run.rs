@@ -4,7 +4,9 @@ use super::{
     BAD_SPEC, Common, Failure, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
     TRIALS_FAILED, complain,
     compute::Compute,
-    confirmations, folders, hosts, looks, overview, pack, reports, searches, settings, stages,
+    confirmations,
+    consent::Consent,
+    folders, hosts, looks, overview, pack, reports, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -42,6 +44,7 @@ pub(super) fn run(
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
     study::warn(&planned);
+    options.consent.ask(registry, &planned, &store)?;
     let mut how = Compute {
         registry,
         asked: (selection, common),
@@ -171,13 +174,14 @@ pub(super) fn worker(
     selection: &Selection,
     index: Option<&str>,
     jobs: usize,
-    limits: &LimitOptions,
+    (limits, consent): (&LimitOptions, &Consent),
     common: &Common,
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let store = settings.open()?;
     let mut planned = study::load_with_looks(registry, selection, &store)?;
+    consent.ask(registry, &planned, &store)?;
     let (asked, workers) = ((selection, common), jobs);
     let how = Compute {
         registry,

@@ -163,7 +163,9 @@ pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
 fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text).map_err(|mut error| {
         error.set_input(Some(text));
-        let tables = if error.message().starts_with("unknown field") {
+        let tables = if error.message().starts_with("unknown field `trusted`") {
+            TRUSTED.to_owned()
+        } else if error.message().starts_with("unknown field") {
             known_tables()
         } else {
             String::new()
@@ -221,6 +223,10 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
     }
     Ok(settings)
 }
+
+/// Why a project says nothing of trust.
+const TRUSTED: &str = "a project cannot say that its own programs are trusted: `trusted = [\"/FOLDER\"]` belongs into your \
+                       own file, `regimen/regimen.toml` in $XDG_CONFIG_HOME or ~/.config\n";
 
 /// The tables that a file may have besides its keys.
 fn known_tables() -> String {

@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, UNCHECKED,
     absent, complain,
     confirmations::{self, Confirms},
-    cost, looks,
+    consent, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -326,6 +326,9 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
             count(study.claims.len(), "claim"),
             any_difference(&study)
         ));
+        for program in consent::shown(registry, study.built_agents().iter().map(|it| &**it)) {
+            say(&format!("  `run` starts `{program}`"));
+        }
     }
     Ok(if unchecked.is_empty() { OK } else { UNCHECKED })
 }

@@ -4,6 +4,7 @@ use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, RunOptions, Selection,
     complain,
     compute::{Compute, has_paused, listen_for_signals},
+    consent::{self, Consent},
     prepare::Ends,
     progress::Progress,
     say, settings,
@@ -57,6 +58,8 @@ pub(super) struct SubmitOptions {
     /// With --dry-run: write it into this file instead.
     #[arg(long, short = 'o', value_name = "FILE", requires = "dry_run")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    consent: Consent,
 }
 
 impl From<Error> for Failure {
@@ -198,6 +201,9 @@ impl Asked<'_> {
         let cores = executor.cpus_per_task().get();
         let mut arguments = worker_arguments(&specs, &store, cores, self.selection, self.common);
         arguments.extend(self.how.limits.arguments());
+        // Who hands programs over has agreed to them.
+        let starts = |one: &Planned| consent::has_programs(self.how.registry, &one.plan);
+        arguments.extend(self.planned.iter().any(starts).then(|| "--yes".to_owned()));
         let program = std::env::current_exe().map_err(|source| Error::NoProgram {
             program: "regimen",
             source,
@@ -254,7 +260,11 @@ pub(super) fn submit(
     common: &Common,
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let planned = study::load_with_looks(registry, selection, &settings.open()?)?;
+    let store = settings.open()?;
+    let planned = study::load_with_looks(registry, selection, &store)?;
+    if !options.dry_run {
+        options.consent.ask(registry, &planned, &store)?;
+    }
     let limits = LimitOptions::default();
     let said = (selection, common);
     let how = Compute {

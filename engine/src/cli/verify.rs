@@ -2,7 +2,11 @@
 
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, Selection,
-    complain, compute::Compute, one_trial::named, say, settings, study,
+    complain,
+    compute::Compute,
+    consent::{self, Consent},
+    one_trial::named,
+    say, settings, study,
 };
 use crate::{
     Error, Registry,
@@ -57,6 +61,8 @@ pub(super) struct VerifyOptions {
     out: Option<PathBuf>,
     #[command(flatten)]
     limits: LimitOptions,
+    #[command(flatten)]
+    consent: Consent,
 }
 
 /// A stored trial that may be computed again.
@@ -105,6 +111,10 @@ pub(super) fn verify(registry: &Registry, options: &VerifyOptions, common: &Comm
             text: format!("no trial of `{}` can be computed again", store.root().display()),
         });
     }
+    let trials = found.candidates.values().map(|it| &*it.trial);
+    options
+        .consent
+        .ask_for(consent::of_trials(registry, trials, options.specs.first())?)?;
     let receipt = receipt(&how, found, &store, options)?;
     let text = match common.format {
         Format::Json => serde_json::to_string_pretty(&receipt).map_err(|error| Failure {

@@ -187,7 +187,7 @@ impl Log {
                 let step = u64::try_from(point.step)
                     .map_err(|_| wrong(format!("step {} is negative", point.step)))?;
                 let (place, value) = ((point.file, point.record), point.value);
-                if value.is_finite() {
+                if value.is_finite() || mapping.is_own {
                     group.log.entries.push(Entry {
                         place,
                         step,

@@ -151,7 +151,7 @@ impl Found {
             .enumerate()
             .filter_map(|(place, run)| Some((place, lacking(run)?)))
             .collect();
-        let Some((first, metric)) = lacks.first() else {
+        let Some((first, metric)) = lacks.first().filter(|_| !mapping.is_own) else {
             return Ok(());
         };
         let (run, all) = (&self.runs[*first], lacks.len() == self.runs.len());

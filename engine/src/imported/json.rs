@@ -63,6 +63,21 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
     Ok(rows.table(file))
 }
 
+/// The values of an object on a line, by names joined as in tables; `None` where something else stands there.
+#[must_use]
+pub fn of_line(line: &str) -> Option<Vec<(String, String)>> {
+    let Ok(Value::Object(object)) = serde_json::from_str(&with_numbers_quoted(line)) else {
+        return None;
+    };
+    let mut rows = Rows::default();
+    rows.push(1, &object);
+    let cells = rows
+        .lines
+        .iter()
+        .flat_map(|line| line.cells.iter().map(str::to_owned));
+    Some(rows.names.iter().cloned().zip(cells).collect())
+}
+
 /// Lines that are gathered, with the union of their names.
 #[derive(Default)]
 struct Rows {

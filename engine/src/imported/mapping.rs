@@ -225,6 +225,10 @@ pub struct Mapping {
     pub only: BTreeMap<String, String>,
     /// How many of the last values make the final one.
     pub last: u64,
+    /// True for the files of an own trial, which is judged as one: values that are not finite stay, and a metric may have
+    /// no value yet.
+    #[serde(skip)]
+    pub is_own: bool,
 }
 
 impl Default for Mapping {
@@ -241,6 +245,7 @@ impl Default for Mapping {
             copies: None,
             only: BTreeMap::new(),
             last: one(),
+            is_own: false,
         }
     }
 }
@@ -274,6 +279,7 @@ impl ImportedText {
             copies: self.copies,
             only: only.collect(),
             last: self.last,
+            is_own: false,
         }
     }
 }

@@ -21,7 +21,8 @@ mod table;
 mod tables;
 
 pub use found::{Columns, Found, columns, read};
-pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step};
+pub use json::of_line;
+pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
 pub use pattern::{PatternError, matching};
 
 use content::Content;

@@ -197,7 +197,7 @@ impl<'m> Gathered<'m> {
                 continue;
             }
             let value = table.number(line, column)?;
-            if value.is_finite() {
+            if value.is_finite() || self.mapping.is_own {
                 let entry = Entry {
                     place: (at.file, line.number),
                     step,

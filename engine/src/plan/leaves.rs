@@ -27,6 +27,14 @@ pub struct Difference {
 
 impl Display for Difference {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        if let Some((part, name)) = self.file() {
+            let change = match (&self.stored, &self.planned) {
+                (None, _) => "is new",
+                (_, None) => "is gone",
+                _ => "has other content",
+            };
+            return write!(out, "{part}: `{name}` {change}");
+        }
         // A key of a config ends in a colon, everything else reads as a sentence: `agent version 1 -> 2`.
         let colon = if self.what.contains('.') { ":" } else { "" };
         write!(
@@ -36,6 +44,15 @@ impl Display for Difference {
             short(self.stored.as_ref()),
             short(self.planned.as_ref())
         )
+    }
+}
+
+impl Difference {
+    /// The part and the name of a file whose content differs, where that stands under a name.
+    fn file(&self) -> Option<(&str, &str)> {
+        let (part, name) = self.what.strip_suffix(".file.content")?.split_once(".sources.")?;
+        // One in a list is told by its place there.
+        name.parse::<usize>().is_err().then_some((part, name))
     }
 }
 

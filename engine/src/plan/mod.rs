@@ -54,6 +54,14 @@ pub type Wanted = BTreeMap<CellName, u32>;
 type OfCells = BTreeMap<usize, Vec<Arc<Trial>>>;
 
 impl Study {
+    /// The agents of its trials, each with its config once.
+    #[must_use]
+    pub fn built_agents(&self) -> Vec<Arc<Part>> {
+        let all = self.cells.iter().map(|cell| Arc::clone(&cell.parts[1].part));
+        let by_place = all.map(|part| (Arc::as_ptr(&part), part));
+        by_place.collect::<BTreeMap<_, _>>().into_values().collect()
+    }
+
     /// The trials that the study has whatever its results are: all of them, or those of the first look.
     #[must_use]
     pub fn plan(&self) -> Plan {

@@ -14,6 +14,7 @@ mod numbered;
 mod offline_fit;
 #[cfg(test)]
 mod offline_tests;
+mod own_training;
 mod position;
 mod search;
 mod supervised_fit;
@@ -24,7 +25,7 @@ mod train_evaluate;
 
 use crate::{
     Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry,
-    random::Streams, results::UPDATES, trial::Part,
+    own_training::Assignment, random::Streams, results::UPDATES, trial::Part,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
@@ -78,6 +79,8 @@ pub struct Run<'a> {
     pub record: Recorder,
     /// Told how far the trial is: steps done, steps in all.
     pub progress: &'a mut dyn FnMut(u64, u64),
+    /// What an agent that trains itself is given; the protocol says for how long.
+    pub assignment: Assignment,
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,
     /// Where products go that the protocol makes; `None` where nothing is kept of the trial but its record.

@@ -4,7 +4,7 @@
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure, measure_alone, observe},
-    going_on,
+    going_on, own_training,
     position::{Blocks, Position, restored},
 };
 use crate::{
@@ -91,6 +91,22 @@ pub(super) fn register(registry: &mut Registry) {
         without_training,
         |config| Ok(Box::new(config)),
     );
+    registry.lets_train(NAME, for_own_training);
+}
+
+/// What is left for an agent that trains itself: how long, and how often its measurements are taken in.
+fn for_own_training(config: TrainEvaluate) -> TrainEvaluate {
+    TrainEvaluate {
+        steps: config.steps,
+        environments: 1,
+        evaluate_every: config.evaluate_every,
+        episodes: 0,
+        final_episodes: 1,
+        trace_episodes: 0,
+        go_on_from: None,
+        leave_checkpoint: false,
+        train: true,
+    }
 }
 
 /// What is left for an agent that does not learn: the measurements, at the same steps.
@@ -163,6 +179,9 @@ impl Protocol for TrainEvaluate {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
+        if run.agent.own_training().is_some() {
+            return own_training::run(self.steps, self.evaluate_every, run);
+        }
         if self.train {
             let (learned, blocks) = self.learn_and_measure(run)?;
             (run.progress)(self.steps, self.steps);

@@ -250,7 +250,7 @@ impl Budget<'_> {
 
     /// Steps that the agent learned from: those done when the last measurement was made.
     fn steps(&self, learns: bool) -> Entry {
-        let learning = self.ok().filter(|trial| learns || trial.updates().is_some());
+        let learning = self.ok().filter(|trial| learns || trial.trains());
         let last = |trial: &TrialResult| {
             trial
                 .rows

@@ -74,6 +74,7 @@ pub fn replay(
         streams,
         record,
         progress: &mut |_, _| {},
+        assignment: Default::default(),
         keeper: &mut NoKeeper,
         folder: None,
     };

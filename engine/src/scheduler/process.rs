@@ -7,13 +7,13 @@ use super::{
 };
 use crate::{
     Error,
-    footprint::exceeded,
+    footprint::{exceeded, family},
     input_file,
     limits::Limits,
     results::EndState,
     world::{
         clock,
-        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio, end_group},
+        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Signal, Stdio, end_group, signal},
     },
 };
 use std::{
@@ -293,8 +293,14 @@ impl Shared {
             && busy.exceeded.is_none()
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
-            if busy.exceeded.is_some() {
-                let _ = child.kill();
+            match &busy.exceeded {
+                // What a program started holds the memory, and hears nothing of its worker's end for a while.
+                Some((EndState::Oom, _)) => {
+                    let family = family(child.id());
+                    family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));
+                }
+                Some(_) => drop(child.kill()),
+                None => {}
             }
         }
     }

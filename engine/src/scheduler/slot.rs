@@ -365,6 +365,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             store: self.all.store.root().to_path_buf(),
             checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
             until: task.until,
+            stalled_after_s: task.limits.stalled_after_s,
         };
         let (slot, events, started) = (self.number, self.events, clock::now());
         let mut progress = |done, total| {

@@ -42,6 +42,9 @@ pub struct Request {
     /// The step at which the trial pauses, once that is measured.
     #[serde(default)]
     pub until: Option<u64>,
+    /// How long nothing may be heard of a program that trains itself.
+    #[serde(default)]
+    pub stalled_after_s: Option<f64>,
 }
 
 /// What a worker says.
@@ -194,7 +197,10 @@ fn attempt(
     fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let stop = Arc::clone(&stops.asked);
-    let mut keeper = RunningTrial::open(&folder, &trial.id, every, stop).until(request.until);
+    let patience = request.stalled_after_s.map(Duration::try_from_secs_f64);
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, stop)
+        .until(request.until)
+        .patient(patience.and_then(Result::ok));
     let outcome = panics::caught(|| {
         trial.key.run_after(
             registry,
@@ -234,6 +240,7 @@ fn attempt(
         }
         // What ended with the signal that stops the run has not failed.
         Ok(Err(_)) | Err(_) if stops.has_come() => return Ok(Reply::Stopped),
+        Ok(Err(error @ Error::Silent { .. })) => end(EndState::Timeout, &error.to_string()),
         Ok(Err(error @ Error::Ended { .. })) => end(EndState::Killed, &error.to_string()),
         Ok(Err(error)) => end(EndState::Failed, &error.to_string()),
         Err(said) => end(EndState::Panicked, &said),

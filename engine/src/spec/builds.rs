@@ -15,6 +15,7 @@ use crate::{
     Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     describe::fit,
     diagnostic::{Diagnostic, in_order, say_once},
+    own_training::Assignment,
     panics, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
@@ -22,6 +23,7 @@ use crate::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
     setting::word,
+    trial::with_names,
 };
 use serde_json::Value;
 use std::{
@@ -136,6 +138,7 @@ enum Given {
     DecisionsOfOthers,
     NoDataset,
     NoDemand,
+    Training,
 }
 
 /// Builds the cells' parts.
@@ -290,7 +293,7 @@ impl<'a> Builder<'a> {
         self.extra += usize::from(!first);
         self.build_once(cell, &facts.interface, first, world)?;
         self.goes_on_well(cell, &facts.interface)?;
-        if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell)) {
+        if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell).filter(|it| !it.trains_itself)) {
             let updates = || entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
             let of_agent = || {
                 entry
@@ -319,7 +322,14 @@ impl<'a> Builder<'a> {
         else {
             return Ok(None);
         };
-        if let Some(why) = self.entry(cell).and_then(|entry| measures.gives_another(entry)) {
+        let lets_train = self.sections.registry.protocols[protocol.part.plugin.as_str()]
+            .own_training
+            .is_some();
+        let given = |entry: &AgentEntry| match entry.trains_itself {
+            true => (!lets_train).then_some(Given::Training),
+            false => measures.gives_another(entry),
+        };
+        if let Some(why) = self.entry(cell).and_then(given) {
             return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
         }
         if self.accepted.insert(ids(cell)) {
@@ -342,13 +352,59 @@ impl<'a> Builder<'a> {
             return Ok(());
         }
         self.agents.insert(given.clone(), FROM_THE_FIRST_STEP);
-        let built = self.agent(cell, interface)?;
+        let mut built = self.agent(cell, interface)?;
+        if self.entry(cell).is_some_and(|it| it.trains_itself) {
+            return self.note_own_training(cell, &mut *built, world);
+        }
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
         self.agents.insert(given, learns_after);
         if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
             self.note(cell, pair, || built.decision_metrics(), world)?;
         }
         Ok(())
+    }
+
+    /// Holds an agent that trains itself against its environment, and notes what it records.
+    fn note_own_training(&mut self, cell: &Cell, built: &mut dyn Agent, world: &mut World) -> Outcome<()> {
+        let agent = &cell.parts[1];
+        let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
+        let begun = self.config(cell, 0).and_then(|config| {
+            let assignment = Assignment {
+                environment: with_names(&config, (entry.names)(&config)),
+                ..Assignment::default()
+            };
+            built
+                .own_training()
+                .map_or(Ok(Vec::new()), |training| training.command(&assignment))
+        });
+        begun.map_err(|error| Box::new(self.refused(agent, &error)))?;
+        if self.warned.insert((agent.given.target, FROM_THE_FIRST_STEP, 0)) {
+            let doubts = built
+                .own_training()
+                .map_or(Vec::new(), |training| training.doubts());
+            let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
+            world.warnings.extend(doubts);
+        }
+        let recorded = built.records();
+        if let Some(error) = self.is_taken(cell, &recorded) {
+            return Err(Box::new(self.refused(agent, &error)));
+        }
+        let Some(pair) = cell.pair() else { return Ok(()) };
+        self.note(cell, pair, || recorded, world)
+    }
+
+    /// A metric with the name of one that means something else for the agents that the protocol trains: where an
+    /// environment has seats, both may stand in a table.
+    fn is_taken(&self, cell: &Cell, recorded: &[Metric]) -> Option<Error> {
+        let facts = self.facts(cell)?;
+        let measures = self.protocols.get(cell.parts[2].id())?.as_ref()?;
+        let mut known = measures.metrics.iter().chain(&facts.metrics);
+        let taken = known.find(|known| recorded.iter().any(|it| it.name == known.name))?;
+        let problem = format!(
+            "`{}` is measured of the other agents of this environment, and another thing than a program says of              itself: take another name, as `own_{}`",
+            taken.name, taken.name
+        );
+        (!facts.interface.seats.is_empty()).then(|| Error::config("metrics", problem))
     }
 
     /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
@@ -385,6 +441,10 @@ impl<'a> Builder<'a> {
             && self.recorded.insert((pair, ids(cell)))
         {
             let of_agent = of_agent();
+            if self.entry(cell).is_some_and(|it| it.trains_itself) {
+                world.record(pair, of_agent.iter().chain(&[wall_time_metric()]));
+                return Ok(());
+            }
             let metrics = measures.metrics.len() + facts.metrics.len() + of_agent.len();
             if metrics > MOST_METRICS {
                 return Err(Box::new(self.records_too_much(environment, metrics)));
@@ -495,6 +555,10 @@ impl<'a> Builder<'a> {
             Given::NoDataset => (
                 format!("from datasets; `{protocol}` gives none"),
                 "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
+            ),
+            Given::Training => (
+                format!("by itself; `{protocol}` trains agents, or measures them"),
+                "the protocol `train_evaluate` lets it train, and takes in what it measures".into(),
             ),
             Given::NoDemand => (
                 format!("from whole designs that it proposes; `{protocol}` asks for none"),

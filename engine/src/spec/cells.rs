@@ -3,7 +3,7 @@
 use super::{
     cell::{Cell, Cells, Combination, Swept},
     config::{self, Files, Plugin},
-    known::{Given, Known, Resolved, words},
+    known::{Form, Given, Known, Resolved, words},
     overrides::Override,
     path::{self, Target},
     search::Searched,
@@ -240,10 +240,16 @@ impl Sections<'_> {
     ) -> Result<Resolved, Vec<Diagnostic>> {
         let config = self.assigned(&given);
         let mut part = config::resolve(plugin, &config, files, self.sources)?;
-        if !given.training {
-            let entry = &self.registry.protocols[plugin.name];
-            let config = (entry.without_training)(&part.config).map_err(|error| {
-                let message = format!("`{}` has no form without training: {error}", plugin.name);
+        let protocol = || &self.registry.protocols[plugin.name];
+        let changed = match given.form {
+            Form::Trained => None,
+            Form::Alone => Some(&protocol().without_training),
+            // A protocol that has nothing for such an agent is refused with it.
+            Form::Own => protocol().own_training.as_ref(),
+        };
+        if let Some(changed) = changed {
+            let config = changed(&part.config).map_err(|error| {
+                let message = format!("`{}` has no form for this agent: {error}", plugin.name);
                 vec![self.sources.error(plugin.span, &plugin.at, message)]
             })?;
             part.config = config.into();

@@ -6,17 +6,22 @@ use crate::{
     data_file::hash_of,
     diagnostic::{Diagnostic, Sources, Span},
     document::{Kind, Node},
+    imported::matching,
     reach::{Outside, Reach},
     registry::About,
     schema_check::{At, Checker, View},
     trial::Part,
 };
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
     io::ErrorKind,
     path::{Path, PathBuf},
 };
+
+/// Most files that patterns of one plugin may name: each is read whenever a study is.
+const MOST_FILES: usize = 5_000;
+const MANY_FILES: &str = "name the folder of the sources, as `lib/**/*.py`";
 
 /// A plugin to resolve a config for.
 pub struct Plugin<'a> {
@@ -120,7 +125,8 @@ pub fn resolve(
     if !found.is_empty() {
         return Err(found);
     }
-    let merged = merged(plugin.about, given);
+    let mut merged = merged(plugin.about, given);
+    list_files(plugin, given, &mut merged, files, sources)?;
     let mut config =
         (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, given, &error, sources))?;
     let mut hashes = BTreeMap::new();
@@ -143,6 +149,53 @@ pub fn resolve(
         of_machine: plugin.about.machine_keys().map(Into::into).collect(),
         ..Part::new(plugin.name, plugin.about.version, config)
     })
+}
+
+/// Replaces lists of patterns, where a plugin asks for files by such, by the files that they name: each under its name as
+/// seen from the study's folder.
+fn list_files(
+    plugin: &Plugin<'_>,
+    given: &Node,
+    config: &mut Value,
+    files: &Files<'_>,
+    sources: &Sources,
+) -> Result<(), Vec<Diagnostic>> {
+    for key in plugin.about.pattern_keys() {
+        let Some(Value::Array(patterns)) = config.get(key) else {
+            continue;
+        };
+        let at = format!("{}.{key}", plugin.at);
+        let mut listed = serde_json::Map::new();
+        for (index, pattern) in patterns.iter().enumerate() {
+            let span = locate(given, &format!("{key}.{index}")).unwrap_or(plugin.span);
+            let refused = |message: String, help: &str| vec![sources.error(span, &at, message).help(help)];
+            let Some(pattern) = pattern.as_str() else {
+                return Err(refused(
+                    "no name of a file, and no pattern of such".into(),
+                    MANY_FILES,
+                ));
+            };
+            let found = matching(&files.reach, files.folder, pattern);
+            let found = found.map_err(|error| refused(error.to_string(), Outside::HELP))?;
+            if found.is_empty() {
+                let help = format!(
+                    "files are sought from the folder of the study: `{}`",
+                    files.folder.display()
+                );
+                return Err(refused(format!("no file is named by `{pattern}`"), &help));
+            }
+            for path in found {
+                let name = path.strip_prefix(files.folder).unwrap_or(&path);
+                let name = name.strip_prefix(".").unwrap_or(name).display().to_string();
+                listed.insert(name.clone(), json!({ "file": name }));
+            }
+            if listed.len() > MOST_FILES {
+                return Err(refused(format!("more than {MOST_FILES} files"), MANY_FILES));
+            }
+        }
+        config[key] = Value::Object(listed);
+    }
+    Ok(())
 }
 
 /// A file that does not stand under a key `file`, but is part of a word, as in `tank.py:make`.

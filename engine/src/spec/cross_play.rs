@@ -4,6 +4,7 @@ use super::{
     cell::Cells,
     cells::{MOST_TRIALS, Sections},
     config::{self, Files, locate},
+    known::Form,
     path::{KeyPath, Target},
     written::Named,
 };
@@ -236,7 +237,7 @@ impl Reader<'_> {
                 let name = self.sections.written.agents[index].name.clone();
                 players.push(Player {
                     name,
-                    learns: self.cells.at(cell).parts[2].given.training,
+                    learns: self.cells.at(cell).parts[2].given.form != Form::Alone,
                     cell,
                 });
             }

@@ -91,7 +91,10 @@ pub(super) fn with_presets(about: &About) -> Value {
     if !schema["properties"].is_object() {
         schema["properties"] = json!({});
     }
-    schema["additionalProperties"] = false.into();
+    // A plugin that takes any key says so.
+    if !schema["additionalProperties"].is_object() {
+        schema["additionalProperties"] = false.into();
+    }
     schema["description"] = about.about.into();
     if !about.presets.is_empty() {
         let names: Vec<&str> = about.presets.iter().map(|preset| preset.name).collect();

@@ -60,8 +60,19 @@ pub struct Given {
     pub tried: Option<(usize, usize)>,
     /// The part of a schedule that a protocol takes.
     pub stretch: Option<Stretch>,
-    /// False for a protocol that is given to an agent which does not learn.
-    pub training: bool,
+    /// The form in which a protocol is given to an agent.
+    pub form: Form,
+}
+
+/// How an agent comes to its policy, which decides the keys of a protocol that concern it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Form {
+    /// The protocol trains it. All parts but protocols have this form.
+    Trained,
+    /// It does not learn.
+    Alone,
+    /// It trains itself.
+    Own,
 }
 
 pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
@@ -190,12 +201,12 @@ impl<'a> Known<'a> {
         place: usize,
     ) -> Given {
         let plugin = self.sections.written.plugin(targets[1]);
-        let learns = self
-            .sections
-            .registry
-            .agents
-            .get(plugin)
-            .is_some_and(|entry| entry.learns);
+        let form = match self.sections.registry.agents.get(plugin) {
+            _ if place < 2 => Form::Trained,
+            Some(entry) if entry.trains_itself => Form::Own,
+            Some(entry) if entry.learns => Form::Trained,
+            _ => Form::Alone,
+        };
         let of_setting =
             |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
         let stretch = tried.and_then(of_setting);
@@ -213,7 +224,7 @@ impl<'a> Known<'a> {
             points: points.iter().filter(concerned).copied().collect(),
             tried: tried.filter(|_| target == Target::Agent(agent)),
             stretch: stretch.filter(|_| target == Target::Protocol),
-            training: learns || place < 2,
+            form,
         }
     }
 
@@ -245,14 +256,22 @@ pub(super) fn words(keys: &[&str]) -> Vec<Arc<str>> {
 
 /// The complete config of the protocol with which settings are compared.
 pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
+    Some(parts_of(sections, searched)?[2].part.config.clone())
+}
+
+/// The complete config of the agent whose settings are compared, as it is written.
+pub fn agent_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
+    Some(parts_of(sections, searched)?[1].part.config.clone())
+}
+
+fn parts_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<[Arc<Resolved>; 3]> {
     let mut known = Known::new(sections);
     let targets = [
         Target::Environment(searched.environment),
         Target::Agent(searched.agent),
         Target::Protocol,
     ];
-    let parts = known
+    known
         .parts(targets, (searched.environment, searched.agent), &[], None)
-        .ok()?;
-    Some(parts[2].part.config.clone())
+        .ok()
 }

@@ -78,6 +78,15 @@ pub fn find<'a>(
     if keys.is_empty() {
         return Err(vec![place.names_no_key(used, &config)]);
     }
+    let own = own_keys(&config, written.part(target));
+    let keys = match own {
+        Some((below, ref names))
+            if config.property(&keys[0]).is_none() && names.contains(&keys[0].as_str()) =>
+        {
+            [&[below.to_owned()], &keys[..]].concat()
+        }
+        _ => keys,
+    };
     match config.descend(&keys) {
         Ok(schema) => Ok(KeyPath {
             target,
@@ -87,6 +96,11 @@ pub fn find<'a>(
             span,
         }),
         Err((index, known)) => {
+            let own = own
+                .filter(|_| index == 0)
+                .into_iter()
+                .flat_map(|(_, names)| names);
+            let known = known.into_iter().chain(own).collect();
             let owner = match index {
                 0 => format!("`{plugin}`"),
                 _ => format!("`{}` of `{plugin}`", keys[..index].join(".")),
@@ -95,6 +109,22 @@ pub fn find<'a>(
             Err(vec![place.unknown(first + index, message, known)])
         }
     }
+}
+
+/// The key under which a plugin has keys that a study gives names to, which are then named as its own, and the names that
+/// are there.
+fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w Named>) -> Option<(&'a str, Vec<&'w str>)> {
+    let names = config.property_names().into_iter();
+    let is_marked = |name: &&str| {
+        let property = config.property(name);
+        property.is_some_and(|it| it.get("x-own-keys") == Some(&Value::Bool(true)))
+    };
+    let below = names.into_iter().find(is_marked)?;
+    let entries = match &named?.config.get(below)?.kind {
+        Kind::Mapping(entries) => entries.iter(),
+        _ => return None,
+    };
+    Some((below, entries.map(|entry| entry.key.as_str()).collect()))
 }
 
 /// The seeds as a whole, or a key of their design.

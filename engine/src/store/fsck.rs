@@ -4,9 +4,10 @@
 //! of its own.
 
 use super::{
-    LOOKS, Store, TrialFile, announced,
+    LOOKS, OUTPUT, Store, TrialFile, announced,
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
+    merge::acknowledged_files,
     metrics_file, names, pack, partial, running,
     seal::hash,
 };
@@ -328,7 +329,7 @@ impl<'a> Check<'a> {
 
     fn unexpected(&mut self, path: PathBuf, name: &str) {
         match name {
-            "running" | "earlier.json" => {}
+            "running" | "earlier.json" | OUTPUT => {}
             name if is_lease(name) => self.note(path, Fault::Left, "its owner is gone", None),
             name if name.starts_with('.') && name.ends_with(".tmp") => {
                 self.note(path, Fault::Left, "its writing was never finished", None);
@@ -347,9 +348,7 @@ impl<'a> Check<'a> {
 
     /// The files that an acknowledgement names; where one is not right, the acknowledgement goes with it.
     fn results(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Vec<String> {
-        let metrics =
-            (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
-        let named: Vec<(String, String)> = metrics.into_iter().chain(file.files.clone()).collect();
+        let named = acknowledged_files(file);
         let before = self.found.findings.len();
         for (name, digest) in &named {
             self.result(folder, id, name, digest);
@@ -362,7 +361,7 @@ impl<'a> Check<'a> {
                 Some(id),
             );
         }
-        named.into_iter().map(|(name, _)| name).collect()
+        named.into_keys().collect()
     }
 
     fn result(&mut self, folder: &Path, id: &str, name: &str, digest: &str) {

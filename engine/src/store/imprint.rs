@@ -18,6 +18,9 @@ pub struct Imprint {
     pub build: Option<Build>,
     /// When it ended, where the program noted it.
     pub ended_at: Option<String>,
+    /// True where the agent trained itself, so that honest runs may differ.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub trained_itself: bool,
 }
 
 /// One thing that two copies of a trial do not share.
@@ -41,6 +44,7 @@ impl Imprint {
             files: file.files.clone(),
             build: file.build.clone(),
             ended_at: file.ended_at.clone(),
+            trained_itself: file.trained_itself,
         }
     }
 
@@ -68,6 +72,13 @@ impl Imprint {
         found
     }
 
+    /// True where two copies that both ended well may differ without damage.
+    #[must_use]
+    pub fn may_differ_from(&self, other: &Self) -> bool {
+        let is_free = |it: &Self| it.trained_itself && it.state == EndState::Ok;
+        is_free(self) && is_free(other)
+    }
+
     /// Who computed it, in words.
     #[must_use]
     pub fn by(&self) -> String {
@@ -91,6 +102,7 @@ mod tests {
                 .collect(),
             build: None,
             ended_at: None,
+            trained_itself: false,
         }
     }
 

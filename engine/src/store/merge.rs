@@ -8,7 +8,7 @@
 mod pauses;
 
 use super::{
-    Claim, Fault, Finding, Imprint, Leases, Owner, RunningTrial, Store, TrialFile, earlier,
+    Claim, Fault, Finding, Imprint, Leases, OUTPUT, Owner, RunningTrial, Store, TrialFile, earlier,
     fsck::{Check, refuse_links},
     inside::{files_of, is_folder, is_link, read_in},
     is_missing,
@@ -44,6 +44,14 @@ pub enum Fate {
     Same,
     /// The destination has other bytes, which stay.
     Conflict {
+        /// What the source has.
+        source: Imprint,
+        /// What the destination has.
+        destination: Imprint,
+    },
+    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was stored first
+    /// stays.
+    Another {
         /// What the source has.
         source: Imprint,
         /// What the destination has.
@@ -167,9 +175,12 @@ impl<'a> Merge<'a> {
         if there.differences(&here).is_empty() {
             return Ok(Some(Fate::Same));
         }
-        Ok(Some(Fate::Conflict {
-            source: there,
-            destination: here,
+        let may_differ = there.may_differ_from(&here);
+        let (source, destination) = (there, here);
+        Ok(Some(if may_differ {
+            Fate::Another { source, destination }
+        } else {
+            Fate::Conflict { source, destination }
         }))
     }
 
@@ -285,7 +296,7 @@ impl<'a> Merge<'a> {
 }
 
 /// Files of a trial's folder that are there while it is missing.
-const KEPT: [&str; 3] = ["running", "earlier.json", "trial.json"];
+const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", OUTPUT];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
     Finding {
@@ -314,7 +325,13 @@ fn gone_since(source: &Store, id: &str, path: &Path) -> Fate {
 pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
     let metrics =
         (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
-    file.files.clone().into_iter().chain(metrics).collect()
+    let output = file.output.clone().map(|digest| (OUTPUT.to_owned(), digest));
+    file.files
+        .clone()
+        .into_iter()
+        .chain(metrics)
+        .chain(output)
+        .collect()
 }
 
 /// A look at every byte of a copy.

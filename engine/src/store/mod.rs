@@ -119,7 +119,17 @@ pub struct TrialFile {
     /// choice, drawings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
+    /// Hash of what the trial printed, where that is kept. It is no result: honest runs of one trial differ in it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<String>,
+    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that was stored
+    /// stays.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub trained_itself: bool,
 }
+
+/// The file in which is kept what a trial printed, packed by gzip.
+pub const OUTPUT: &str = "output.gz";
 
 impl TrialFile {
     /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
@@ -134,6 +144,8 @@ impl TrialFile {
             ended_at: None,
             build: None,
             files,
+            output: None,
+            trained_itself: false,
         }
     }
 
@@ -236,6 +248,8 @@ impl Store {
         let file = TrialFile {
             ended_at,
             build,
+            output: running::settle_output(&folder)?,
+            trained_itself: running::has_work(&folder),
             ..TrialFile::new(trial, end.clone(), files)
         };
         sealed_folder::flush_way_to(&folder)?;

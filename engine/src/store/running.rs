@@ -3,6 +3,8 @@
 //! ```text
 //! <trial's folder>/running/metrics.log      every row so far
 //!                          checkpoint-<n>/  state.json, agent/, manifest.json
+//!                          output.gz        what it printed
+//!                          work/            of an agent that trains itself; its own business
 //! ```
 //!
 //! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are
@@ -12,15 +14,19 @@
 //! Nothing here is acknowledged: what was measured at a pause is stored besides, see [`Partial`](super::Partial).
 
 use super::{
-    MetricsTable, absent_is_fine, boundary,
+    MetricsTable, OUTPUT, absent_is_fine, boundary,
     inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
     partial::{first_rows, rows_until},
+    remove,
+    seal::hash,
     sealed_folder::{flush, flush_way_to, is_whole, seal},
+    write_durably,
 };
 use crate::{
     Agent, Error, Keeper, Phase, Recorder,
+    own_training::Place,
     recorder::Running,
     world::{clock, fs},
 };
@@ -42,6 +48,8 @@ const NOTE_EVERY: Duration = Duration::from_secs(1);
 /// Between two saves lies at least this many times what the last one took.
 const WORK_PER_SAVE: u32 = 20;
 const PREFIX: &str = "checkpoint-";
+/// The folder in which an agent works that trains itself.
+const WORK: &str = "work";
 
 /// Keeps a running trial in its folder of the store. Only one process may run a trial at a time.
 #[derive(Debug)]
@@ -52,6 +60,8 @@ pub struct RunningTrial {
     stop: Arc<AtomicBool>,
     /// The step at which the trial pauses, once that is measured.
     until: Option<u64>,
+    /// How long nothing may be heard of an agent that trains itself.
+    patience: Option<Duration>,
     /// What was recorded up to there, once it has come there.
     paused: Option<Recorder>,
     /// Rows that were all finite when they were looked at, or saved by an earlier process.
@@ -93,6 +103,7 @@ impl RunningTrial {
             every,
             stop,
             until: None,
+            patience: None,
             paused: None,
             looked_at: 0,
             failed: Recorder::default(),
@@ -111,6 +122,13 @@ impl RunningTrial {
     #[must_use]
     pub fn until(mut self, step: Option<u64>) -> Self {
         self.until = step;
+        self
+    }
+
+    /// The same for a trial that ends where nothing is heard of its training for so long.
+    #[must_use]
+    pub fn patient(mut self, patience: Option<Duration>) -> Self {
+        self.patience = patience;
         self
     }
 
@@ -320,10 +338,52 @@ impl Keeper for RunningTrial {
         Ok(())
     }
 
+    fn place(&mut self) -> Result<Option<Place>, Error> {
+        let work = self.folder.join(WORK);
+        fs::create_dir_all(&work).map_err(Error::file("create", &work))?;
+        let folder = fs::canonicalize(&work).map_err(Error::file("find", &work))?;
+        let until = self.until;
+        Ok(Some(Place { folder, until }))
+    }
+
+    fn patience(&self) -> Option<Duration> {
+        self.patience
+    }
+
+    fn keep_output(&mut self, said: &[u8]) -> Result<(), Error> {
+        use std::io::Write as _;
+        let path = self.folder.join(OUTPUT);
+        let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        let packed = packed.write_all(said).and_then(|()| packed.finish());
+        fs::create_dir_all(&self.folder).map_err(Error::file("create", &self.folder))?;
+        packed
+            .and_then(|packed| fs::write(&path, packed))
+            .map_err(Error::file("write", &path))
+    }
+
+    fn begin_anew(&mut self) {
+        (self.log, self.looked_at) = (None, 0);
+    }
+
     fn refuse(&mut self) -> bool {
         self.taken_up
             .take()
             .is_some_and(|number| self.refused.insert(number))
+    }
+}
+
+/// True where an agent that trains itself works, or worked, in a trial that has not been put away yet.
+pub(super) fn has_work(folder: &Path) -> bool {
+    fs::is_folder(&running(folder).join(WORK))
+}
+
+/// Puts what a trial printed last into its folder, to be acknowledged with how it ended: its hash, where something is kept.
+pub(super) fn settle_output(folder: &Path) -> Result<Option<String>, Error> {
+    let (from, to) = (running(folder).join(OUTPUT), folder.join(OUTPUT));
+    match fs::read(&from) {
+        Ok(bytes) => write_durably(&to, &bytes).map(|()| Some(hash(&bytes))),
+        Err(source) if source.kind() == io::ErrorKind::NotFound => remove(&to).map(|()| None),
+        Err(source) => Err(Error::file("read", &from)(source)),
     }
 }
 
@@ -353,7 +413,7 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
             faults.push((name, "its writing was never finished"));
         } else if name == "metrics.log" && is_damaged(&path, trial) {
             faults.push((name, "a frame before its end is damaged"));
-        } else if !name.starts_with(PREFIX) && name != "metrics.log" {
+        } else if !name.starts_with(PREFIX) && ![WORK, OUTPUT, "metrics.log"].contains(&name.as_str()) {
             faults.push((name, "a running trial has no such file"));
         }
     }

@@ -112,10 +112,10 @@ impl<'a> Scope<'a> {
             .len()
     }
 
-    /// True where the agent makes updates; rules and bounds record no number of them.
+    /// True where the agent learns; rules and bounds record neither updates nor steps of their own.
     #[must_use]
     pub fn learns(&self) -> bool {
-        self.trials.iter().any(|trial| trial.updates().is_some())
+        self.trials.iter().any(|trial| trial.trains())
     }
 
     /// True where other programs made the runs.

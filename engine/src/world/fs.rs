@@ -23,6 +23,15 @@ pub fn is_inside(name: &Path) -> bool {
     name.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
+/// Makes a file readable for its owner alone.
+///
+/// # Errors
+/// What the system says.
+pub fn make_private(path: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))
+}
+
 /// True where something is there; a link is followed.
 pub fn exists(path: &Path) -> bool {
     metadata(path).is_ok()

@@ -68,11 +68,123 @@ pub fn look(pid: u32) -> Look {
 
 /// Ends a process that leads a group of its own, with what it started; what cannot be ended is left to itself.
 pub fn end_group(child: &mut Child) {
-    let group = format!("-{}", child.id());
-    let mut kill = Command::new("kill");
-    kill.args(["-KILL", "--", &group]).stdin(Stdio::null());
-    let _ = kill.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    signal_group(child.id(), Signal::Kill);
     let _ = child.kill();
+}
+
+/// What a process may be told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Signal {
+    /// To end, in good order.
+    Term,
+    /// What a program makes of it: many save their state.
+    Usr1,
+    /// To stand still.
+    Stop,
+    /// To go on.
+    Continue,
+    /// To be gone.
+    Kill,
+}
+
+impl Signal {
+    fn of_system(self) -> rustix::process::Signal {
+        use rustix::process::Signal as Of;
+        match self {
+            Self::Term => Of::TERM,
+            Self::Usr1 => Of::USR1,
+            Self::Stop => Of::STOP,
+            Self::Continue => Of::CONT,
+            Self::Kill => Of::KILL,
+        }
+    }
+}
+
+/// Sends a signal to a process; one that is gone gets none.
+pub fn signal(pid: u32, signal: Signal) {
+    if let Some(pid) = named(pid) {
+        let _ = rustix::process::kill_process(pid, signal.of_system());
+    }
+}
+
+/// Sends a signal to the group that a process leads; one that is gone gets none.
+pub fn signal_group(leader: u32, signal: Signal) {
+    if let Some(leader) = named(leader) {
+        let _ = rustix::process::kill_process_group(leader, signal.of_system());
+    }
+}
+
+/// What processes leave behind whose parents are gone becomes this process's own from now on.
+///
+/// # Errors
+/// What the system says.
+pub fn adopt_orphans() -> std::io::Result<()> {
+    rustix::process::set_child_subreaper(named(std::process::id())).map_err(Into::into)
+}
+
+/// This process, and the program that takes its place, is ended when the thread ends that started it. False where that
+/// is over already: `parent` is no longer the parent.
+///
+/// # Errors
+/// What the system says.
+pub fn die_with(parent: u32) -> std::io::Result<bool> {
+    rustix::process::set_parent_process_death_signal(Some(Signal::Kill.of_system()))?;
+    Ok(rustix::process::getppid() == named(parent))
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// It left with this exit code.
+    Code(i32),
+    /// This signal ended it.
+    Signal(i32),
+}
+
+/// A signal as people know it, as in `signal 11 (segmentation fault)`.
+pub fn signal_name(signal: i32) -> String {
+    let name = match signal {
+        4 => "illegal instruction",
+        6 => "abort",
+        7 => "bus error",
+        8 => "arithmetic fault",
+        9 => "kill",
+        11 => "segmentation fault",
+        15 => "termination",
+        24 => "processor time limit",
+        25 => "file size limit",
+        31 => "bad system call",
+        _ => return format!("signal {signal}"),
+    };
+    format!("signal {signal} ({name})")
+}
+
+/// Waits for a child, and takes in all others that end meanwhile.
+///
+/// # Errors
+/// What the system says, as where there is no such child.
+pub fn wait_for(pid: u32) -> std::io::Result<Ending> {
+    use rustix::process::{WaitOptions, wait};
+    loop {
+        let (ended, status) = match wait(WaitOptions::empty()) {
+            Ok(Some(ended)) => ended,
+            Ok(None) | Err(rustix::io::Errno::INTR) => continue,
+            Err(error) => return Err(error.into()),
+        };
+        if Some(ended) != named(pid) {
+            continue;
+        }
+        match (status.exit_status(), status.terminating_signal()) {
+            (Some(code), _) => return Ok(Ending::Code(code)),
+            (None, Some(signal)) => return Ok(Ending::Signal(signal)),
+            (None, None) => {}
+        }
+    }
+}
+
+fn named(pid: u32) -> Option<rustix::process::Pid> {
+    i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw)
 }
 
 /// A number that nobody can guess, for names that nobody else takes; it is in no result.

@@ -17,11 +17,11 @@ use super::{
     summary::Summary,
 };
 use crate::{
-    Better, Metric,
+    Better, Interface, Metric,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Kind, Node},
     figure::FigureSpec,
-    kinds,
+    kinds, random,
     results::{SUCCESS, Success, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
     search::Search,
     table::TableSpec,
@@ -356,7 +356,17 @@ impl Names<'_> {
         let unmeasured = pauses
             .iter()
             .find(|pause| !search.is_population() && !protocol.measures_at(**pause));
-        let (message, help) = if cannot_go_on {
+        let (message, help) = if search.is_population() && own_training(sections, searched).is_some() {
+            let message =
+                "an agent that trains itself cannot go on from what another one has learned".to_owned();
+            (message, "use another method")
+        } else if own_training(sections, searched) == Some(false) {
+            let message = "the agent would begin anew after every pause".to_owned();
+            (
+                message,
+                "say how it goes on, as `resume` does of a program, or use another method",
+            )
+        } else if cannot_go_on {
             let message = format!("in `{plugin}` learning cannot go on from another trial's");
             (message, "use the protocol `train_evaluate`, or another method")
         } else if let Some(pause) = unmeasured {
@@ -624,4 +634,18 @@ pub(crate) fn quoted(names: &[String]) -> String {
         .map(|name| format!("`{name}`"))
         .collect::<Vec<_>>()
         .join(", ")
+}
+
+/// Whether an agent that trains itself goes on after a pause; `None` for other agents.
+fn own_training(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<bool> {
+    let named = sections.written.part(Target::Agent(searched.agent))?;
+    let entry = sections.registry.agents.get(named.plugin.as_str());
+    let entry = entry.filter(|entry| entry.trains_itself)?;
+    let config = known::agent_of(sections, searched)?;
+    let nothing = Interface {
+        seats: Vec::new(),
+        state: Vec::new(),
+    };
+    let mut agent = (entry.build)(&config, &nothing, &mut random::stream(&["check"])).ok()?;
+    agent.own_training().map(|training| training.goes_on())
 }

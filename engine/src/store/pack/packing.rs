@@ -147,8 +147,9 @@ impl Store {
             return None;
         };
         let file: TrialFile = serde_json::from_slice(&trial.acknowledgement).ok()?;
-        let is_short =
-            trial.acknowledgement.len() + trial.metrics.len() <= MOST_BYTES && file.files.is_empty();
+        let is_short = trial.acknowledgement.len() + trial.metrics.len() <= MOST_BYTES
+            && file.files.is_empty()
+            && file.output.is_none();
         (is_short && trial.is_whole(id)).then_some(trial)
     }
 

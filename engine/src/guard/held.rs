@@ -1,0 +1,172 @@
+//! A guard as the worker holds it.
+
+use super::{
+    Ended, Ending, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted,
+};
+use crate::{
+    Error,
+    world::{
+        clock, fs,
+        process::{self, Child, ChildStdin, Command, Look, Signal, Stdio},
+    },
+};
+use std::{
+    collections::BTreeMap,
+    io::{Read, Write},
+    os::unix::process::CommandExt as _,
+    path::Path,
+    process::ExitStatus,
+    time::Duration,
+};
+
+/// How long a guard may take beyond the grace of its program.
+const LATE: Duration = Duration::from_secs(5);
+const LOOK: Duration = Duration::from_millis(20);
+
+/// A program under a guard. It does not outlive what holds it.
+#[derive(Debug)]
+pub struct Guarded {
+    guard: Child,
+    /// `None` once it was asked to end.
+    orders: Option<ChildStdin>,
+    order: Order,
+}
+
+/// What is left of a program that ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Left {
+    /// It ended.
+    Ended {
+        /// How.
+        how: Ending,
+        /// True where it was told to end before.
+        was_asked: bool,
+    },
+    /// It was never started, and why.
+    Unstarted(String),
+    /// Its guard was ended by this signal, where that is known, and the program with it.
+    Unguarded(Option<i32>),
+}
+
+/// Standard output and standard error of a program.
+pub type Output = [Box<dyn Read + Send>; 2];
+
+impl Guarded {
+    /// Starts a program that sees these environment variables alone.
+    ///
+    /// # Errors
+    /// [`Error::Worker`] where there is no guard to be had.
+    pub fn start(order: Order, variables: &BTreeMap<String, String>) -> Result<(Self, Output), Error> {
+        for old in [ended(&order.notes), unstarted(&order.notes)] {
+            // There may be none.
+            let _ = fs::remove_file(old);
+        }
+        let mut command = Command::new(std::env::current_exe().map_err(broken)?);
+        // A signal from the terminal is not for it, and who ends the worker does not end it unheard.
+        command.arg(VERBS[0]).env_clear().envs(variables).process_group(0);
+        command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let mut guard = command.spawn().map_err(broken)?;
+        let pipes = (guard.stdin.take(), guard.stdout.take(), guard.stderr.take());
+        let (Some(mut orders), Some(output), Some(errors)) = pipes else {
+            return Err(broken("its pipes are missing"));
+        };
+        let text = serde_json::to_string(&order).map_err(broken)?;
+        // One that is gone shows when its end is asked for.
+        let _ = writeln!(orders, "{text}");
+        let guarded = Self {
+            guard,
+            orders: Some(orders),
+            order,
+        };
+        Ok((guarded, [Box::new(output), Box::new(errors)]))
+    }
+
+    /// Tells the program to end; it has its grace for that.
+    pub fn ask_to_stop(&mut self) {
+        if let Some(mut orders) = self.orders.take() {
+            let _ = writeln!(orders, "{STOP}");
+        }
+    }
+
+    /// True once the guard is gone, and the program with it, whatever holds their output open.
+    pub fn has_left(&mut self) -> bool {
+        !matches!(self.guard.try_wait(), Ok(None))
+    }
+
+    /// Waits for the end of what was asked to, or has ended.
+    pub fn end(&mut self) -> Left {
+        let status = self.wait();
+        if let Some(Unstarted { problem }) = read(&unstarted(&self.order.notes)) {
+            return Left::Unstarted(problem);
+        }
+        if let Some(left) = last_ending(&self.order.notes) {
+            return left;
+        }
+        end_leftover(&self.order.notes, Duration::ZERO);
+        use std::os::unix::process::ExitStatusExt as _;
+        Left::Unguarded(status.and_then(|status| status.signal()))
+    }
+
+    /// The guard keeps to the grace; one that does not is ended.
+    fn wait(&mut self) -> Option<ExitStatus> {
+        let begun = clock::now();
+        let longest = Duration::from_millis(self.order.grace_ms) + LATE;
+        loop {
+            match self.guard.try_wait() {
+                Ok(Some(status)) => return Some(status),
+                Err(_) => return None,
+                Ok(None) if self.orders.is_none() && clock::since(begun) > longest => {
+                    let _ = self.guard.kill();
+                    return self.guard.wait().ok();
+                }
+                Ok(None) => clock::sleep(Duration::from_millis(1)),
+            }
+        }
+    }
+}
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        self.ask_to_stop();
+        self.end();
+    }
+}
+
+/// How the program ended that ran last with these notes; `None` where none did, or where its end was not noted.
+#[must_use]
+pub fn last_ending(notes: &Path) -> Option<Left> {
+    let Ended { how, was_asked } = read(&ended(notes))?;
+    Some(Left::Ended { how, was_asked })
+}
+
+/// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is waited for
+/// as long as its guard may take, and then it is ended.
+pub fn end_leftover(notes: &Path, grace: Duration) {
+    let Some(Standing {
+        place,
+        guard,
+        program,
+    }) = read(&standing(notes))
+    else {
+        return;
+    };
+    if place != here() {
+        return;
+    }
+    let lives = |(pid, since): (u32, u64)| process::look(pid) == Look::Started(since);
+    let begun = clock::now();
+    while (lives(guard) || lives(program)) && !grace.is_zero() && clock::since(begun) < grace + LATE {
+        clock::sleep(LOOK);
+    }
+    if lives(guard) {
+        process::signal_group(guard.0, Signal::Kill);
+    }
+    // A group outlives its first process, and nobody else gets its number until it is empty.
+    if lives(program) || process::look(program.0) == Look::Gone {
+        process::signal_group(program.0, Signal::Kill);
+    }
+    let _ = fs::remove_file(standing(notes));
+}

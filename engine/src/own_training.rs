@@ -1,0 +1,99 @@
+//! Agents that train themselves, such as programs that are not ours: the protocol waits while they do, takes in what they
+//! measure, and steps no environment.
+
+use crate::{Error, Metric};
+use serde_json::Value;
+use std::{path::PathBuf, time::Duration};
+
+/// What an agent is given to train for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Assignment {
+    /// The trial's id.
+    pub trial: String,
+    /// The replicate.
+    pub seed: u64,
+    /// Steps of the training.
+    pub steps: u64,
+    /// Steps between two measurements; 0 where there are none but the last.
+    pub evaluate_every: u64,
+    /// The complete config of the environment, with what the environment is called elsewhere.
+    pub environment: Value,
+}
+
+/// Where a training has its files, and how long it has.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// The folder of the trial's work, which stays until the trial ends.
+    pub folder: PathBuf,
+    /// The step at which the trial pauses, once that is measured.
+    pub until: Option<u64>,
+}
+
+/// The values of a metric so far, each at its step, in the order of the training.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// The metric.
+    pub metric: Metric,
+    /// How many of the last values make what is measured at a step.
+    pub last: u64,
+    /// Steps with values.
+    pub values: Vec<(u64, f64)>,
+}
+
+/// How a training stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Advance {
+    /// It goes on; whether something was heard of it since the last question.
+    Running {
+        /// True for output, or a file that grew.
+        heard: bool,
+    },
+    /// It has ended well.
+    Ended,
+}
+
+/// The training of an agent that trains itself.
+pub trait OwnTraining {
+    /// What is started for an assignment, word by word: nothing runs yet.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where the assignment lacks what the words name.
+    fn command(&self, of: &Assignment) -> Result<Vec<String>, Error>;
+
+    /// The words of the command as they are written, with the program that runs here in the first place.
+    fn written(&self) -> Vec<String>;
+
+    /// True where the training goes on after an interruption, and does not begin anew.
+    fn goes_on(&self) -> bool;
+
+    /// What can be run and is probably not meant, each an [`Error::Config`] with its key.
+    fn doubts(&self) -> Vec<Error> {
+        Vec::new()
+    }
+
+    /// Starts the training, or goes on with it where an earlier process left it.
+    ///
+    /// # Errors
+    /// Where it cannot be started, or a file cannot be written.
+    fn begin(&mut self, of: &Assignment, place: &Place) -> Result<(), Error>;
+
+    /// Waits for news, not longer than `wait`.
+    ///
+    /// # Errors
+    /// [`Error::Program`] or [`Error::Ended`] where the training did not end well.
+    fn advance(&mut self, wait: Duration) -> Result<Advance, Error>;
+
+    /// What was measured so far, by metric; `last` once the training has ended, when everything has to be there.
+    ///
+    /// # Errors
+    /// Where what was written cannot be read; while the training runs nothing is refused that may become whole.
+    fn curves(&mut self, last: bool) -> Result<&[Curve], Error>;
+
+    /// Tells the training to end, and waits until it has.
+    fn stop(&mut self);
+
+    /// What the training printed in this process; `None` where that is nothing.
+    fn output(&self) -> Option<Vec<u8>> {
+        None
+    }
+}

@@ -1,0 +1,42 @@
+//! Programs of any language as trials: an agent that trains itself, and environments that are only named.
+//!
+//! A trial of a program has a working folder of its own, in which nothing lies but what the study declares. The program
+//! runs there under a guard of the engine; its metrics are read from its output and its files while it runs.
+//!
+//! What determines numbers is in a trial's id: the words of the command with the parameters, the content of sources, lock
+//! file and inputs, and the environment's values. Which machine, folder or interpreter runs it is not.
+
+mod agent;
+mod config;
+mod lines;
+mod metrics;
+mod named;
+mod output;
+mod process;
+mod variables;
+mod words;
+mod workplace;
+
+pub use config::ProgramConfig;
+pub use named::NamedConfig;
+
+/// Registers the agent `program` and the environment `named`.
+pub fn register(registry: &mut engine::Registry) {
+    registry.environment(
+        "named",
+        1,
+        "a task that is only named: a program of your own knows it, and is told its values",
+        named::build,
+    );
+    registry.agent(
+        "program",
+        1,
+        "a program of your own, in any language, that trains and measures itself",
+        engine::AgentTraits {
+            learns: true,
+            trains_itself: true,
+            ..engine::AgentTraits::default()
+        },
+        agent::build,
+    );
+}

@@ -1,0 +1,187 @@
+//! Lines of a program's output that hold metrics: JSON objects, or words `KEY=VALUE`.
+//!
+//! Of each such line what is declared is noted in a file of JSON lines, which is then read as any other. Values that no
+//! reader would take for numbers are no values of a metric, as in a line `loss=see below`.
+
+use engine::imported::of_line;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+
+/// A line that is longer is none.
+const LONGEST: usize = 1 << 20;
+/// How many other keys are kept for a message.
+const MOST_KEYS: usize = 100;
+/// The key of the step where a study names none.
+const STEP: &str = "step";
+
+/// Cuts bytes into lines; a carriage return ends one too, as progress bars write it.
+#[derive(Debug, Default)]
+pub struct Lines {
+    begun: Vec<u8>,
+    is_too_long: bool,
+}
+
+impl Lines {
+    /// Takes in bytes, and gives the lines that end in them.
+    pub fn take(&mut self, bytes: &[u8], line: &mut dyn FnMut(&str)) {
+        for piece in bytes.split_inclusive(|byte| matches!(byte, b'\n' | b'\r')) {
+            let is_whole = piece.ends_with(b"\n") || piece.ends_with(b"\r");
+            self.is_too_long |= self.begun.len() + piece.len() > LONGEST;
+            if !self.is_too_long {
+                self.begun.extend(piece);
+            }
+            if is_whole {
+                self.end(line);
+            }
+        }
+    }
+
+    /// The last line, which nothing ended.
+    pub fn end(&mut self, line: &mut dyn FnMut(&str)) {
+        let text = String::from_utf8_lossy(&self.begun);
+        let text = text.trim();
+        if !text.is_empty() && !self.is_too_long {
+            line(text);
+        }
+        self.begun.clear();
+        self.is_too_long = false;
+    }
+}
+
+/// What counts in the lines of a stream.
+#[derive(Debug, Clone, Default)]
+pub struct Filter {
+    /// Keys of metrics.
+    pub keys: BTreeSet<String>,
+    /// Keys of steps that a study names.
+    pub steps: BTreeSet<String>,
+    /// True where a metric has no named step: it stands under `step`, or lines are numbered.
+    pub numbers: bool,
+    /// Lines that counted so far.
+    pub counted: u64,
+    /// Other keys that were there, for a message.
+    pub seen: BTreeSet<String>,
+}
+
+impl Filter {
+    /// The line that is noted; `None` where it holds no metric.
+    pub fn noted(&mut self, line: &str) -> Option<String> {
+        let values = values(line)?;
+        for (key, _) in &values {
+            if self.seen.len() < MOST_KEYS && !self.seen.contains(key) {
+                self.seen.insert(key.clone());
+            }
+        }
+        if !values
+            .iter()
+            .any(|(key, value)| self.keys.contains(key) && is_number(value))
+        {
+            return None;
+        }
+        self.counted += 1;
+        let is_step = |key: &str| self.steps.contains(key) || self.numbers && key == STEP;
+        let counts =
+            |(key, value): &(String, String)| is_step(key) || self.keys.contains(key) && is_number(value);
+        let noted = values.into_iter().filter(counts);
+        let mut noted: Map<String, Value> = noted.map(|(key, value)| (key, value.into())).collect();
+        if self.numbers && !noted.contains_key(STEP) {
+            noted.insert(STEP.into(), json!(self.counted));
+        }
+        Some(Value::Object(noted).to_string())
+    }
+}
+
+fn is_number(text: &str) -> bool {
+    text.parse::<f64>().is_ok()
+}
+
+/// The values of a line by their keys.
+fn values(line: &str) -> Option<Vec<(String, String)>> {
+    if line.starts_with('{') {
+        return of_line(line);
+    }
+    let word = |word: &str| {
+        let (key, value) = word.split_once('=')?;
+        let value = value.trim_end_matches([',', ';']);
+        let is_key = !key.is_empty() && !key.starts_with('-');
+        (is_key && !value.is_empty()).then(|| (key.to_owned(), value.to_owned()))
+    };
+    let words: Vec<_> = line.split_whitespace().filter_map(word).collect();
+    (!words.is_empty()).then_some(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(pieces: &[&[u8]]) -> Vec<String> {
+        let (mut lines, mut all) = (Lines::default(), Vec::new());
+        for piece in pieces {
+            lines.take(piece, &mut |line| all.push(line.to_owned()));
+        }
+        lines.end(&mut |line| all.push(line.to_owned()));
+        all
+    }
+
+    #[test]
+    fn lines_end_where_they_end_however_they_arrive() {
+        assert_eq!(
+            lines(&[b"a b\nc", b"d\r\n\r 50 %\r100 %\n", b"", b"e"]),
+            ["a b", "cd", "50 %", "100 %", "e"]
+        );
+        let long = vec![b'x'; LONGEST];
+        assert_eq!(
+            lines(&[&long, b"yy", b"z\nshort\n"]),
+            ["short"],
+            "one that is too long is none"
+        );
+        assert_eq!(lines(&[b"\xff=1\n"]), ["\u{fffd}=1"]);
+    }
+
+    fn filter(steps: &[&str]) -> Filter {
+        Filter {
+            keys: ["loss", "charts/return"].map(str::to_owned).into(),
+            steps: steps.iter().map(|it| (*it).to_owned()).collect(),
+            numbers: steps.is_empty(),
+            ..Filter::default()
+        }
+    }
+
+    #[test]
+    fn what_is_declared_is_noted_of_a_line() {
+        let mut filter = filter(&["t"]);
+        for (line, noted) in [
+            (
+                r#"{"t": 5, "loss": 0.5, "lr": 1}"#,
+                Some(r#"{"loss":"0.5","t":"5"}"#),
+            ),
+            (
+                r#"{"charts": {"return": NaN}, "t": 6}"#,
+                Some(r#"{"charts/return":"NaN","t":"6"}"#),
+            ),
+            (
+                "INFO t=7 loss=1e-3, done=true",
+                Some(r#"{"loss":"1e-3","t":"7"}"#),
+            ),
+            ("loss=inf;", Some(r#"{"loss":"inf"}"#)),
+            (r#"{"t": 5}"#, None),
+            (r#"{"loss": "#, None),
+            ("loss = 3", None),
+            ("loss=later", None),
+            ("--loss=3", None),
+            ("[1, 2]", None),
+        ] {
+            assert_eq!(filter.noted(line).as_deref(), noted, "{line}");
+        }
+        assert!(filter.seen.contains("lr") && filter.seen.contains("done"));
+    }
+
+    #[test]
+    fn lines_without_a_step_are_numbered() {
+        let mut filter = filter(&[]);
+        let mut noted = |line: &str| filter.noted(line).unwrap();
+        assert_eq!(noted("loss=3"), r#"{"loss":"3","step":1}"#);
+        assert_eq!(noted("loss=2 step=40"), r#"{"loss":"2","step":"40"}"#);
+        assert_eq!(noted("loss=1"), r#"{"loss":"1","step":3}"#);
+    }
+}

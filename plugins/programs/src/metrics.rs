@@ -1,0 +1,355 @@
+//! Metrics of a program, read from what it writes, while it runs and when it has ended.
+//!
+//! Files are read as a whole whenever they changed, and not more often than their reading is cheap. Until the program has
+//! ended, what cannot be read may become whole: a problem counts at the last reading alone.
+
+use crate::{
+    ProgramConfig,
+    config::{Reading, StepText},
+    output::{STREAMS, noted},
+};
+use engine::{
+    Error,
+    imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read},
+    own_training::Curve,
+    reach::Reach,
+};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::{Duration, Instant, SystemTime},
+};
+
+/// Between two readings of a source lies this many times what the last one took.
+const WORK_PER_READING: u32 = 20;
+
+/// The metrics of a program.
+#[derive(Debug)]
+pub struct Metrics {
+    sources: Vec<Source>,
+    curves: Vec<Curve>,
+    folder: PathBuf,
+    notes: PathBuf,
+    /// True where the program went on from what it had saved: steps may go back.
+    goes_on: bool,
+}
+
+/// Metrics that stand in the same files, with the same steps.
+#[derive(Debug)]
+struct Source {
+    from: String,
+    step: Option<StepText>,
+    /// Keys by place in the list of all metrics.
+    keys: BTreeMap<usize, String>,
+    seen: Vec<Seen>,
+    read: Instant,
+    cost: Duration,
+}
+
+/// A file with its length and the time of its last change.
+type Seen = (PathBuf, u64, Option<SystemTime>);
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it decides how often files are looked at, and not what is read of them"
+)]
+fn now() -> Instant {
+    Instant::now()
+}
+
+impl Metrics {
+    /// The metrics of a program that works in a folder; nothing is read yet.
+    pub fn of(config: &ProgramConfig, folder: &Path, notes: &Path, goes_on: bool) -> Self {
+        let mut sources: Vec<Source> = Vec::new();
+        for (place, reading) in config.readings().into_iter().enumerate() {
+            let Reading { key, from, step, .. } = reading;
+            let known = sources.iter_mut().find(|it| it.from == from && it.step == step);
+            match known {
+                Some(source) => drop(source.keys.insert(place, key)),
+                None => sources.push(Source::new(from, step, place, key)),
+            }
+        }
+        let curve = |Reading { name, last, .. }: Reading| Curve {
+            metric: config.metric(&name),
+            last,
+            values: Vec::new(),
+        };
+        Self {
+            sources,
+            curves: config.readings().into_iter().map(curve).collect(),
+            folder: folder.to_owned(),
+            notes: notes.to_owned(),
+            goes_on,
+        }
+    }
+
+    /// What is there by now.
+    pub fn now(&mut self) -> &[Curve] {
+        for place in 0..self.sources.len() {
+            // What cannot be read may become whole.
+            let _ = self.look(place, false);
+        }
+        &self.curves
+    }
+
+    /// All that is there, once the program has ended; `seen` are keys that its output had.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a file that cannot be read, and for a metric without a value.
+    pub fn last(&mut self, seen: &[String]) -> Result<&[Curve], Error> {
+        for place in 0..self.sources.len() {
+            self.look(place, true)?;
+        }
+        for source in &self.sources {
+            for (place, key) in &source.keys {
+                if self.curves[*place].values.is_empty() {
+                    return Err(self.lacks(source, *place, key, seen));
+                }
+            }
+        }
+        Ok(&self.curves)
+    }
+
+    fn look(&mut self, place: usize, is_last: bool) -> Result<(), Error> {
+        let files = self.files(&self.sources[place])?;
+        let seen: Vec<Seen> = files.iter().map(|path| seen(path)).collect();
+        let source = &self.sources[place];
+        let is_costly = source.read.elapsed() < source.cost * WORK_PER_READING;
+        if !is_last && (seen == source.seen || is_costly) {
+            return Ok(());
+        }
+        let begun = now();
+        let found = self.read(source, &files);
+        let source = &mut self.sources[place];
+        (source.read, source.cost, source.seen) = (now(), begun.elapsed(), seen);
+        for (place, values) in found? {
+            self.curves[place].values = values;
+        }
+        Ok(())
+    }
+
+    /// The files of a source, those that are there.
+    fn files(&self, source: &Source) -> Result<Vec<PathBuf>, Error> {
+        if STREAMS.contains(&source.from.as_str()) {
+            let path = noted(&self.notes, &source.from);
+            let has_lines = path.metadata().is_ok_and(|it| it.len() > 0);
+            return Ok(has_lines.then_some(path).into_iter().collect());
+        }
+        let found = matching(&Reach::of(&self.folder), &self.folder, &source.from);
+        let found = found.map_err(|error| Error::config("metrics", error.to_string()))?;
+        Ok(found
+            .into_iter()
+            .filter(|path| path.metadata().is_ok_and(|it| it.len() > 0))
+            .collect())
+    }
+
+    /// The values of all metrics of a source; where one is not there yet, of the others.
+    fn read(&self, source: &Source, files: &[PathBuf]) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
+        if files.is_empty() {
+            return Ok(Vec::new());
+        }
+        let all: Vec<(&usize, &String)> = source.keys.iter().collect();
+        self.read_these(source, &all, files).or_else(|_| {
+            let each = all.iter().map(|one| self.read_these(source, &[*one], files));
+            Ok(each.collect::<Result<Vec<_>, Error>>()?.concat())
+        })
+    }
+
+    fn read_these(
+        &self,
+        source: &Source,
+        these: &[(&usize, &String)],
+        files: &[PathBuf],
+    ) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
+        let name = |place: &usize| self.curves[*place].metric.name.clone();
+        let mapping = Mapping {
+            metrics: these
+                .iter()
+                .map(|(place, key)| (name(place), key.as_str().into()))
+                .collect(),
+            step: source.step.as_ref().map(StepText::step).unwrap_or_default(),
+            run_per: Some(RunPer::Folder),
+            restart: self.goes_on.then_some(Restart::Resume),
+            same_step: Some(SameStep::Mean),
+            copies: Some(Copies::Count),
+            is_own: true,
+            ..Mapping::default()
+        };
+        let mut found = read(files, &mapping)?;
+        let run = match found.runs.len() {
+            0 => return Ok(Vec::new()),
+            1 => found.runs.remove(0),
+            _ => return Err(several(source, &found)),
+        };
+        let mut curves = run.curves;
+        let values = |(place, _): &(&usize, &String)| Some((**place, curves.remove(&name(place))?));
+        Ok(these.iter().filter_map(values).collect())
+    }
+
+    fn lacks(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
+        let name = &self.curves[place].metric.name;
+        let from = &source.from;
+        let files = self.files(source).unwrap_or_default();
+        let is_stream = STREAMS.contains(&from.as_str());
+        let there = match (is_stream, seen) {
+            (true, []) => "no line of it is a JSON object or has words KEY=VALUE".into(),
+            (true, seen) => format!("keys that were there: `{}`", seen.join("`, `")),
+            (false, _) if files.is_empty() => "the program wrote no such file".into(),
+            (false, _) => match columns(&files) {
+                Ok(columns) => format!("columns that are there: {}", columns.for_a_question().0),
+                Err(error) => error.to_string(),
+            },
+        };
+        Error::Input {
+            path: from.into(),
+            line: None,
+            column: Some(key.to_owned()),
+            problem: format!("no value of it, which is to be `{name}`; {there}"),
+        }
+    }
+}
+
+impl Source {
+    fn new(from: String, step: Option<StepText>, place: usize, key: String) -> Self {
+        Self {
+            from,
+            step,
+            keys: [(place, key)].into(),
+            seen: Vec::new(),
+            read: now(),
+            cost: Duration::ZERO,
+        }
+    }
+}
+
+fn seen(path: &Path) -> Seen {
+    let found = path.metadata().ok();
+    let length = found.as_ref().map_or(0, std::fs::Metadata::len);
+    (path.to_owned(), length, found.and_then(|it| it.modified().ok()))
+}
+
+fn several(source: &Source, found: &Found) -> Error {
+    let names: Vec<&str> = found.runs.iter().map(|run| run.name.as_str()).collect();
+    Error::Input {
+        path: source.from.clone().into(),
+        line: None,
+        column: None,
+        problem: format!(
+            "a trial is one run, and these files hold {}: {}; name those of one",
+            names.len(),
+            names.join(", ")
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::tests::config;
+    use serde_json::{Value, json};
+    use std::fs;
+
+    struct Written {
+        folder: tempfile::TempDir,
+        metrics: Metrics,
+    }
+
+    impl Written {
+        fn new(reads: Value, metrics: Value, goes_on: bool) -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let config = config(json!({ "reads": reads, "metrics": metrics }));
+            let metrics = Metrics::of(&config, folder.path(), folder.path(), goes_on);
+            Self { folder, metrics }
+        }
+
+        fn write(&self, name: &str, text: &str) {
+            let path = self.folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+
+        fn last(&mut self) -> Result<Vec<Vec<(u64, f64)>>, String> {
+            let seen = ["lr".to_owned()];
+            let curves = self.metrics.last(&seen).map_err(|error| error.to_string())?;
+            Ok(curves.iter().map(|it| it.values.clone()).collect())
+        }
+    }
+
+    #[test]
+    fn values_are_read_from_every_source_while_they_grow() {
+        let metrics =
+            json!({ "a": "x", "b": { "key": "r", "from": "runs/*/log.csv", "step": { "sum": "l" } } });
+        let mut written = Written::new(json!({}), metrics, false);
+        assert!(written.metrics.now().iter().all(|curve| curve.values.is_empty()));
+        written.write("stdout.jsonl", "{\"step\": 1, \"x\": \"0.5\"}\n");
+        assert_eq!(written.metrics.now()[0].values, [(1, 0.5)]);
+        written.write("runs/1/log.csv", "r,l\n1,10\n3,10\n");
+        assert_eq!(written.metrics.now()[1].values, [(10, 1.0), (20, 3.0)]);
+        written.write("runs/1/log.csv", "r,l\n1,10\n3,10\n3,5\n");
+        assert_eq!(
+            written.last(),
+            Ok(vec![vec![(1, 0.5)], vec![(10, 1.0), (20, 3.0), (25, 3.0)]])
+        );
+    }
+
+    #[test]
+    fn a_number_that_is_none_stays_one_to_be_judged() {
+        let mut written = Written::new(json!({}), json!({ "a": "x" }), false);
+        written.write(
+            "stdout.jsonl",
+            "{\"step\": \"1\", \"x\": \"NaN\"}\n{\"step\": \"2\", \"x\": \"inf\"}\n",
+        );
+        let values = written.last().unwrap().remove(0);
+        assert!(values[0].1.is_nan() && values[1] == (2, f64::INFINITY));
+    }
+
+    #[test]
+    fn one_metric_does_not_wait_for_another() {
+        let mut written = Written::new(json!({ "from": "log.csv" }), json!({ "a": "x", "b": "y" }), false);
+        written.write("log.csv", "step,y\n1,2\n");
+        let _ = written.metrics.now();
+        let told = written.last().unwrap_err();
+        assert!(told.contains("`x`"), "{told}");
+    }
+
+    #[test]
+    fn what_is_missing_in_the_end_is_told_with_what_was_there() {
+        let mut written = Written::new(json!({}), json!({ "a": "x" }), false);
+        let told = written.last().unwrap_err();
+        assert!(
+            told.contains("no value of it, which is to be `a`; keys that were there: `lr`"),
+            "{told}"
+        );
+        let mut written = Written::new(json!({ "from": "*.csv" }), json!({ "a": "x" }), false);
+        assert!(written.last().unwrap_err().contains("wrote no such file"));
+        written.write("b.csv", "step,y\n1,2\n");
+        let told = written.last().unwrap_err();
+        assert!(told.contains("b.csv") && told.contains("`x`"), "{told}");
+    }
+
+    #[test]
+    fn steps_go_back_where_a_program_went_on_and_nowhere_else() {
+        let log = "{\"step\":\"10\",\"x\":\"1\"}\n{\"step\":\"20\",\"x\":\"2\"}\n{\"step\":\"20\",\"x\":\"3\"}\n\
+                   {\"step\":\"15\",\"x\":\"4\"}\n";
+        let read = |goes_on| {
+            let mut written = Written::new(json!({}), json!({ "a": "x" }), goes_on);
+            written.write("stdout.jsonl", log);
+            written.last()
+        };
+        assert_eq!(read(true), Ok(vec![vec![(10, 1.0), (15, 4.0)]]));
+        let told = read(false).unwrap_err();
+        assert!(told.contains("line 4"), "{told}");
+    }
+
+    #[test]
+    fn several_runs_are_no_trial() {
+        let mut written = Written::new(json!({ "from": "*/log.csv" }), json!({ "a": "x" }), false);
+        written.write("one/log.csv", "step,x\n1,2\n");
+        written.write("two/log.csv", "step,x\n1,2\n");
+        let told = written.last().unwrap_err();
+        assert!(
+            told.contains("these files hold 2") && told.contains("two"),
+            "{told}"
+        );
+    }
+}

@@ -1,0 +1,189 @@
+//! The working folder of a trial: what the study declares, and nothing else.
+//!
+//! ```text
+//! work/                   the sources and the lock file, under their names; what the program writes
+//!      checkpoint/        what the program saves
+//!      .regimen/          of the engine: who runs, how it ended, its output
+//!               inputs/NAME/   copies of the inputs
+//!               parameters.json
+//! ```
+
+use crate::{
+    ProgramConfig,
+    config::{Lock, NamedFile},
+};
+use engine::{DataFile, Error};
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+/// The folder of the engine's own files.
+pub const NOTES: &str = ".regimen";
+
+/// A working folder.
+#[derive(Debug, Clone)]
+pub struct Workplace {
+    /// The folder in which the program runs.
+    pub folder: PathBuf,
+    /// Where inputs lie, by name.
+    pub inputs: BTreeMap<String, String>,
+}
+
+impl Workplace {
+    /// The names that things have in a folder, which need not exist.
+    pub fn at(folder: &Path, config: &ProgramConfig) -> Self {
+        let place = |(name, input): (&String, &NamedFile)| {
+            let file = input.file.path().file_name().unwrap_or_default();
+            let path = folder.join(NOTES).join("inputs").join(name).join(file);
+            (name.clone(), path.display().to_string())
+        };
+        Self {
+            folder: folder.to_owned(),
+            inputs: config.inputs.iter().map(place).collect(),
+        }
+    }
+
+    /// The engine's own files.
+    pub fn notes(&self) -> PathBuf {
+        self.folder.join(NOTES)
+    }
+
+    /// What the program saves.
+    pub fn checkpoint(&self) -> PathBuf {
+        self.folder.join("checkpoint")
+    }
+
+    /// All parameters as JSON.
+    pub fn parameters(&self) -> PathBuf {
+        self.notes().join("parameters.json")
+    }
+
+    /// True where the program saved something.
+    pub fn has_checkpoint(&self) -> bool {
+        fs::read_dir(self.checkpoint()).is_ok_and(|mut names| names.next().is_some())
+    }
+
+    /// Removes all that an earlier attempt left.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be removed.
+    pub fn empty(&self) -> Result<(), Error> {
+        let cannot = || Error::file("empty", &self.folder);
+        for name in fs::read_dir(&self.folder).map_err(cannot())? {
+            let path = name.map_err(cannot())?.path();
+            let is_folder = path.symlink_metadata().is_ok_and(|it| it.is_dir());
+            let removed = if is_folder {
+                fs::remove_dir_all(&path)
+            } else {
+                fs::remove_file(&path)
+            };
+            removed.map_err(Error::file("remove", &path))?;
+        }
+        Ok(())
+    }
+
+    /// Lays what the study declares. What the program wrote besides stays.
+    ///
+    /// # Errors
+    /// [`Error::DataFileChanged`] where a file holds not what the trial's id names, and [`Error::File`].
+    pub fn lay(&self, config: &ProgramConfig) -> Result<(), Error> {
+        for folder in [self.notes(), self.checkpoint()] {
+            fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        }
+        for (name, source) in &config.sources.0 {
+            copy(&source.file, &self.folder.join(name))?;
+        }
+        if let Some(Lock::File(lock)) = &config.lock {
+            let name = lock.file.path().file_name().unwrap_or_default();
+            copy(&lock.file, &self.folder.join(name))?;
+        }
+        for (name, input) in &config.inputs {
+            copy(&input.file, Path::new(&self.inputs[name]))?;
+        }
+        let path = self.parameters();
+        let text = serde_json::to_vec_pretty(&config.parameters).map_err(io::Error::from);
+        text.and_then(|text| fs::write(&path, text))
+            .map_err(Error::file("write", &path))
+    }
+}
+
+/// Copies a file to a place of its own. A script can be started as a program.
+fn copy(file: &DataFile, to: &Path) -> Result<(), Error> {
+    use std::os::unix::fs::PermissionsExt as _;
+    if let Some(folder) = to.parent() {
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    }
+    // A program may have made it read only, or a link.
+    match fs::remove_file(to) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            return Err(Error::File {
+                doing: "replace",
+                path: to.into(),
+                source,
+            });
+        }
+        _ => {}
+    }
+    file.copy_to(to)?;
+    let mut first = [0; 4];
+    let read = fs::File::open(to).and_then(|mut file| io::Read::read(&mut file, &mut first));
+    let length = read.map_err(Error::file("read", to))?;
+    if first[..length].starts_with(b"#!") || first[..length] == *b"\x7fELF" {
+        fs::set_permissions(to, fs::Permissions::from_mode(0o755)).map_err(Error::file("write", to))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::tests::config;
+    use serde_json::json;
+
+    #[test]
+    fn a_working_folder_holds_what_is_declared_and_scripts_can_be_started() {
+        let (from, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let file = |name: &str, text: &str| {
+            fs::write(from.path().join(name), text).unwrap();
+            json!({ "file": from.path().join(name) })
+        };
+        let config = config(json!({
+            "parameters": { "lr": 0.5 },
+            "sources": { "run.sh": file("a.sh", "#!/bin/sh\n"), "lib/b.awk": file("b.awk", "x") },
+            "lock": file("packages.lock", "none"),
+            "inputs": { "cases": file("cases.csv", "a,b\n") },
+        }));
+        let place = Workplace::at(to.path(), &config);
+        place.lay(&config).unwrap();
+        place.lay(&config).unwrap();
+        let read = |path: &Path| fs::read_to_string(path).unwrap();
+        assert_eq!(read(&to.path().join("lib/b.awk")), "x");
+        assert_eq!(read(&to.path().join("packages.lock")), "none");
+        assert_eq!(read(Path::new(&place.inputs["cases"])), "a,b\n");
+        assert_eq!(read(&place.parameters()), "{\n  \"lr\": 0.5\n}");
+        let mode = |name: &str| {
+            use std::os::unix::fs::PermissionsExt as _;
+            fs::metadata(to.path().join(name)).unwrap().permissions().mode() & 0o111
+        };
+        assert!(mode("run.sh") != 0 && mode("lib/b.awk") == 0);
+        assert!(!place.has_checkpoint());
+        fs::write(place.checkpoint().join("state"), "1").unwrap();
+        assert!(place.has_checkpoint());
+        place.empty().unwrap();
+        assert_eq!(fs::read_dir(to.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_source_that_changed_since_the_trial_got_its_id_is_refused() {
+        let (from, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let path = from.path().join("weights.bin");
+        fs::write(&path, b"\0\x01").unwrap();
+        let config = config(
+            json!({ "sources": { "weights.bin": { "file": { "path": path, "digest": "0".repeat(64) } } } }),
+        );
+        let problem = Workplace::at(to.path(), &config).lay(&config).unwrap_err();
+        assert!(matches!(problem, Error::DataFileChanged { .. }), "{problem}");
+    }
+}
