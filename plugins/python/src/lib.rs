@@ -21,7 +21,9 @@ use serde_json::Value;
 /// How an environment of a package is called there, for programs that make it themselves.
 fn names(config: &Value) -> Vec<(&'static str, String)> {
     let word = config.get("make").and_then(Value::as_str);
-    let name = word.and_then(|word| word.split_once(':')).map(|(_, name)| name.to_owned());
+    let name = word
+        .and_then(|word| word.split_once(':'))
+        .map(|(_, name)| name.to_owned());
     name.map(|name| ("id", name)).into_iter().collect()
 }
 
@@ -44,8 +46,14 @@ mod tests {
     #[test]
     fn an_environment_of_a_package_has_the_name_that_it_has_there() {
         let named = |make: Value| names(&json!({ "make": make }));
-        assert_eq!(named(json!("gymnasium:CartPole-v1")), [("id", "CartPole-v1".to_owned())]);
-        assert_eq!(named(json!("gymnasium:ale_py:ALE/Pong-v5")), [("id", "ale_py:ALE/Pong-v5".to_owned())]);
+        assert_eq!(
+            named(json!("gymnasium:CartPole-v1")),
+            [("id", "CartPole-v1".to_owned())]
+        );
+        assert_eq!(
+            named(json!("gymnasium:ale_py:ALE/Pong-v5")),
+            [("id", "ale_py:ALE/Pong-v5".to_owned())]
+        );
         assert_eq!(named(json!({ "file": "tank.py", "call": "make" })), []);
     }
 }
