@@ -228,7 +228,10 @@ fn the_last_word_is_that_of_all_rounds() {
     let verdicts = json(&bench, "results/small/verdicts.json");
     let seeds = |claim: usize| -> Vec<String> {
         let rounds = verdicts["verdicts"][claim]["rounds"].as_array().unwrap();
-        rounds.iter().map(|it| it["seeds"].as_str().unwrap().to_owned()).collect()
+        rounds
+            .iter()
+            .map(|it| it["seeds"].as_str().unwrap().to_owned())
+            .collect()
     };
     assert_eq!(seeds(0)[0], "0-1");
     assert!(seeds(0)[1].starts_with("200-20"), "{verdicts}");
@@ -252,7 +255,10 @@ fn the_last_word_is_that_of_all_rounds() {
     assert_eq!(json(&bench, "results/small/verdicts.json"), verdicts);
     assert_eq!(read(&bench, "results/small/report.md"), report);
     let text = bench.ok(&["overview", "results", "--open"]);
-    assert!(text.contains("values and claims that are judged are decided"), "{text}");
+    assert!(
+        text.contains("values and claims that are judged are decided"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -265,7 +271,13 @@ fn rounds_are_of_the_study_as_it_is_written() {
     assert!(!bench.path("results/small+seeds=2/confirm-1").exists());
     // Other seeds may reach into those of a round.
     bench.ok(&["check", "small.yaml", "--seeds", "150"]);
-    assert_eq!(bench.ok(&["resolve", "small.yaml"]).matches("study: small").count(), 1);
+    assert_eq!(
+        bench
+            .ok(&["resolve", "small.yaml"])
+            .matches("study: small")
+            .count(),
+        1
+    );
     bench.ok(&["check", "small.yaml"]);
     bench.ok(&["run", "small.yaml"]);
     bench.ok(&["check", "results/small/resolved.yaml"]);
@@ -295,7 +307,10 @@ fn studies_of_a_family_are_taken_together() {
     assert_eq!(told["families"][0]["family"], "chapter 1");
     assert_eq!(told["families"][0]["judged"], 2);
     let page = read(&bench, "results/index.html");
-    assert!(page.contains("<h2>By family</h2>") && page.contains("chapter 1"), "{page}");
+    assert!(
+        page.contains("<h2>By family</h2>") && page.contains("chapter 1"),
+        "{page}"
+    );
     let report = read(&bench, "results/one/report.md");
     assert!(
         report.contains("the overview takes those of chapter 1 together (Holm)"),
