@@ -45,7 +45,7 @@ fn no_agent_acts_where_there_is_nothing_to_act_in() {
     for (name, entry) in acting(&registry) {
         match (entry.build)(&entry.about.defaults, &nothing, &mut stream(&["contract"])) {
             Err(Error::Mismatch { problem, .. }) => {
-                assert!(problem.contains("named alone"), "{name}: {problem}")
+                assert!(problem.contains("named alone"), "{name}: {problem}");
             }
             _ => panic!("{name} acts in an environment that is named alone"),
         }
