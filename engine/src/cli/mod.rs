@@ -496,11 +496,11 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Report {
             selection,
             report,
-            recorded: true,
-        } => recorded::report(registry, &selection, &report, common),
-        Verb::Report {
-            selection, report, ..
-        } => reports::report(registry, &selection, &report, common),
+            recorded,
+        } => match recorded {
+            true => recorded::report(registry, &selection, &report, common),
+            false => reports::report(registry, &selection, &report, common),
+        },
         Verb::Overview(options) => overview::overview(&options, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Pack(options) => pack::pack(&options, common),
@@ -519,17 +519,11 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             consent,
             summaries,
         } => summaries.after(registry, &selection, common, || {
-            if !submitted::is_wanted(submission.as_deref(), common)? {
-                return Ok(OK);
+            let (index, how) = (index.as_deref(), (&limits, &consent));
+            match submitted::is_wanted(submission.as_deref(), common)? {
+                true => run::worker(registry, &selection, index, jobs, how, common),
+                false => Ok(OK),
             }
-            run::worker(
-                registry,
-                &selection,
-                index.as_deref(),
-                jobs,
-                (&limits, &consent),
-                common,
-            )
         }),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),

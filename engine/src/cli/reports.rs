@@ -6,14 +6,14 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Error, Registry,
+    Build, Error, Registry,
     record::{self, Asks, Cell, Record, Searched},
     report::{
         self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
     },
     results::{EndState, Results},
     spec,
-    store::{Store, write_durably},
+    store::{SeenVerdicts, Store, write_durably},
     world::fs,
 };
 use serde_json::{Value, json};
@@ -76,63 +76,97 @@ pub(super) fn write(
         run::collect(one, store, Some(&mend)),
         folders::folder(one, selection, reporting),
     );
-    let (mut builds, mut ended) = (BTreeMap::new(), None);
-    let trials = &one.plan.trials;
-    // What is damaged was complained of while the results were collected.
-    let states = store.stored_of(trials, |it| {
-        *builds.entry(it.build).or_default() += 1;
-        if let Some(date) = it.ended_at {
-            ended = Some(Period::with(ended.take(), date, trials.len()));
-        }
-        it.end.state
-    });
-    let study = StudyInfo {
-        profiles: profiles::of(registry, one, &states.all, selection, store),
-        ended,
-        ..run::info(one, registry)
-    };
-    let code = code_of_report(one, &states.all, &results);
+    let stored = Stored::of(one, store);
+    let code = code_of_report(one, &stored.states, &results);
     let earlier = Manifest::read(&dir).filter(|earlier| !earlier.files.is_empty());
-    if earlier.is_some() && states.all.iter().all(Option::is_none) && one.study.imported.is_empty() {
+    if earlier.is_some() && stored.is_empty() && one.study.imported.is_empty() {
         return Ok(kept(one, store, &dir, code, common));
     }
+    let study = StudyInfo {
+        profiles: profiles::of(registry, one, &stored.states, selection, store),
+        ended: stored.ended.clone(),
+        ..run::info(one, registry)
+    };
     let study = as_asked(study, selection);
     let mut contents = Contents::of(&study, &results);
     let seen = looks::record(one, store, &results, &mut contents)?;
-    let mut code = code;
-    let mut rounds = Vec::new();
-    for confirming in confirming {
-        let (round, its_code) = confirmed(registry, confirming, store, (selection, reporting), &mend)?;
-        code = code.max(its_code);
-        rounds.push(round);
-    }
+    let confirmed = |one: &Planned| confirmed(registry, one, store, (selection, reporting), &mend);
+    let confirmed = confirming.iter().map(confirmed).collect::<Result<Vec<_>, _>>()?;
+    let (rounds, codes): (Vec<Round>, Vec<u8>) = confirmed.into_iter().unzip();
     contents.confirm(&study, &results, &rounds);
     contents.leave_to(&earlier.unwrap_or_default());
-    let provenance = provenance::of(registry, one, builds);
     let record = Record {
-        cells: Cell::all(&results),
-        told: report::told(&study, &results),
-        provenance: provenance.clone(),
         profiles: study.profiles.clone(),
-        ended: study.ended.clone(),
         searches: searched(one, &results),
-        seen: Some(seen),
-        announced: one.study.announced.clone(),
-        ..Record::of(&study.name)
+        ..stored.record(registry, one, (&study, &results), seen)
     };
     let gathered = Gathered {
         study,
         results,
         contents,
-        provenance,
+        provenance: record.provenance.clone(),
         record,
-        code,
+        code: codes.into_iter().fold(code, u8::max),
         is_recorded: false,
     };
     finish(one, selection, reporting, common, gathered)
 }
 
-/// What a confirmation came to, with the code of the command. Its record is kept beside the report of its study.
+/// The trials of a study as the store has them, without their numbers.
+struct Stored {
+    /// How each ended; `None` for one that has not.
+    states: Vec<Option<EndState>>,
+    /// How many each build computed.
+    builds: BTreeMap<Option<Build>, usize>,
+    /// When they ended, where the store knows.
+    ended: Option<Period>,
+}
+
+impl Stored {
+    /// Damaged trials count as missing; they were complained of while the results were collected.
+    fn of(one: &Planned, store: &Store) -> Self {
+        let (mut builds, mut ended) = (BTreeMap::new(), None);
+        let trials = &one.plan.trials;
+        let states = store.stored_of(trials, |it| {
+            *builds.entry(it.build).or_default() += 1;
+            if let Some(date) = it.ended_at {
+                ended = Some(Period::with(ended.take(), date, trials.len()));
+            }
+            it.end.state
+        });
+        Self {
+            states: states.all,
+            builds,
+            ended,
+        }
+    }
+
+    /// True where no trial has ended.
+    fn is_empty(&self) -> bool {
+        self.states.iter().all(Option::is_none)
+    }
+
+    /// The record of a report on these trials.
+    fn record(
+        self,
+        registry: &Registry,
+        one: &Planned,
+        (study, results): (&StudyInfo, &Results),
+        seen: SeenVerdicts,
+    ) -> Record {
+        Record {
+            cells: Cell::all(results),
+            told: report::told(study, results),
+            provenance: provenance::of(registry, one, self.builds),
+            ended: self.ended,
+            seen: Some(seen),
+            announced: one.study.announced.clone(),
+            ..Record::of(&study.name)
+        }
+    }
+}
+
+/// The results of a confirmation with the code of the command. Its record is kept beside the report of its study.
 fn confirmed(
     registry: &Registry,
     one: &Planned,
@@ -141,32 +175,16 @@ fn confirmed(
     mend: &str,
 ) -> Result<(Round, u8), Failure> {
     let results = run::collect(one, store, Some(mend));
-    let (mut builds, mut ended) = (BTreeMap::new(), None);
-    let trials = &one.plan.trials;
-    let states = store.stored_of(trials, |it| {
-        *builds.entry(it.build).or_default() += 1;
-        if let Some(date) = it.ended_at {
-            ended = Some(Period::with(ended.take(), date, trials.len()));
-        }
-        it.end.state
-    });
-    let code = code_of_report(one, &states.all, &results);
+    let stored = Stored::of(one, store);
+    let code = code_of_report(one, &stored.states, &results);
     let study = as_asked(run::info(one, registry), selection);
     let mut contents = Contents::judged(&study, &results);
-    if states.all.iter().all(Option::is_none) {
-        // What an earlier report kept of it stays.
+    if stored.is_empty() {
+        // The record of an earlier report stays.
         return Ok((Round { results, contents }, code));
     }
     let seen = looks::record(one, store, &results, &mut contents)?;
-    let record = Record {
-        cells: Cell::all(&results),
-        told: report::told(&study, &results),
-        provenance: provenance::of(registry, one, builds),
-        ended,
-        seen: Some(seen),
-        announced: one.study.announced.clone(),
-        ..Record::of(&study.name)
-    };
+    let record = stored.record(registry, one, (&study, &results), seen);
     let dir = confirmations::folder(one, selection, reporting);
     fs::create_dir_all(&dir).map_err(Error::file("create", &dir))?;
     let evaluations = dir.join(record::EVALUATIONS);

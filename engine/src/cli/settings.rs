@@ -161,17 +161,7 @@ pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
 }
 
 fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failure> {
-    let (top, mut profiles) = levels(text).map_err(|mut error| {
-        error.set_input(Some(text));
-        let tables = if error.message().starts_with("unknown field `trusted`") {
-            TRUSTED.to_owned()
-        } else if error.message().starts_with("unknown field") {
-            known_tables()
-        } else {
-            String::new()
-        };
-        wrong(&format!("{error}{tables}"))
-    })?;
+    let (top, mut profiles) = levels(text).map_err(|error| unreadable(error, text))?;
     let profile = match &common.machine {
         None => Level::default(),
         Some(name) => profiles.remove(name).ok_or_else(|| {
@@ -222,6 +212,19 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
         settings.executor(kind, None)?;
     }
     Ok(settings)
+}
+
+/// The failure for a text that is none of settings.
+fn unreadable(mut error: toml::de::Error, text: &str) -> Failure {
+    error.set_input(Some(text));
+    let tables = if error.message().starts_with("unknown field `trusted`") {
+        TRUSTED.to_owned()
+    } else if error.message().starts_with("unknown field") {
+        known_tables()
+    } else {
+        String::new()
+    };
+    wrong(&format!("{error}{tables}"))
 }
 
 /// Why a project says nothing of trust.

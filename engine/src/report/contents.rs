@@ -631,6 +631,7 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
+/// A claim held against results, a line for each environment and setting.
 pub(super) fn claim_lines(
     number: usize,
     spec: &ClaimSpec,
@@ -642,24 +643,17 @@ pub(super) fn claim_lines(
         Err(error) => return vec![claim_line(number, spec, String::new(), Err(error.to_string()))],
     };
     let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
-        let Held {
-            verdict,
-            matters,
-            trials,
-            looks,
-        } = held_in(&claim, (spec, study), results, scope, setting);
-        let training = TrainingShare::behind(&trials, results);
-        let verdict = ClaimVerdict {
-            verdict: verdict.verdict.at_budget(training),
-            ..verdict
+        let held = held_in(&claim, (spec, study), results, scope, setting);
+        held.line(number, spec, place, results)
+    };
+    // Settings are named behind the place where there are several.
+    let in_settings = |scope: &Scope<'_>, place: &str| {
+        let line = |setting: Option<String>| {
+            let named = |setting: &String| format!("{place}, {setting}");
+            let place = setting.as_ref().map_or(place.to_owned(), named);
+            held(scope, setting.as_deref(), place)
         };
-        ClaimLine {
-            looks,
-            matters,
-            training,
-            rests_on: trials.iter().map(|trial| trial.cell()).collect(),
-            ..claim_line(number, spec, place, Ok(verdict))
-        }
+        settings(&claim, scope).into_iter().map(line).collect::<Vec<_>>()
     };
     let all = Scope {
         trials: results.trials.iter().collect(),
@@ -668,29 +662,14 @@ pub(super) fn claim_lines(
         return vec![held(&all, None, plays)];
     }
     if let Some([left, right]) = claim.environments_of_sides() {
-        let place = format!("{left}, {right}");
-        let line = |setting: Option<String>| {
-            let place = setting
-                .as_ref()
-                .map_or(place.clone(), |setting| format!("{place}, {setting}"));
-            held(&all, setting.as_deref(), place)
-        };
-        return settings(&claim, &all).into_iter().map(line).collect();
+        return in_settings(&all, &format!("{left}, {right}"));
     }
     let environments = match claim.environment.as_ref().or(spec.environment.as_ref()) {
         Some(environment) => vec![environment.clone()],
         None => study.environments.clone(),
     };
-    let in_environment = |environment: &String| {
-        let scope = all.at(Axis::Environment, environment);
-        let line = |setting: Option<String>| {
-            let place = setting
-                .as_ref()
-                .map_or(environment.clone(), |setting| format!("{environment}, {setting}"));
-            held(&scope, setting.as_deref(), place)
-        };
-        settings(&claim, &scope).into_iter().map(line).collect::<Vec<_>>()
-    };
+    let in_environment =
+        |environment: &String| in_settings(&all.at(Axis::Environment, environment), environment);
     environments.iter().flat_map(in_environment).collect()
 }
 
@@ -734,6 +713,23 @@ struct Held<'r> {
     /// The trials that it rests on.
     trials: Vec<&'r TrialResult>,
     looks: Seeds,
+}
+
+impl Held<'_> {
+    fn line(self, number: usize, spec: &ClaimSpec, place: String, results: &Results) -> ClaimLine {
+        let training = TrainingShare::behind(&self.trials, results);
+        let verdict = ClaimVerdict {
+            verdict: self.verdict.verdict.at_budget(training),
+            ..self.verdict
+        };
+        ClaimLine {
+            looks: self.looks,
+            matters: self.matters,
+            training,
+            rests_on: self.trials.iter().map(|trial| trial.cell()).collect(),
+            ..claim_line(number, spec, place, Ok(verdict))
+        }
+    }
 }
 
 /// The verdict on a claim in a scope, in one setting of agents that have several, with the trials that it

@@ -1,7 +1,7 @@
 //! The inside of a worker process: one request a line, one trial a request.
 
 use crate::{
-    Error, Registry, panics,
+    Error, Recorder, Registry, panics,
     plain_text::brief,
     results::{EndState, TrialEnd},
     store::{RunningTrial, Store},
@@ -210,6 +210,17 @@ fn attempt(
             &mut keeper,
         )
     });
+    answered(&store, trial, &keeper, outcome, stops)
+}
+
+/// Stores the outcome of a trial and says it.
+fn answered(
+    store: &Store,
+    trial: &Trial,
+    keeper: &RunningTrial,
+    outcome: Result<Result<Recorder, Error>, String>,
+    stops: &Stops,
+) -> Result<Reply, Error> {
     let wall_s = keeper.wall_s();
     let end = |state, reason: &str| TrialEnd {
         state,
@@ -218,6 +229,7 @@ fn attempt(
         decision_s: None,
         digest: String::new(),
     };
+    let folder = store.folder(&trial.id);
     let end = match outcome {
         Ok(Ok(record)) => {
             let end = store.finish(trial, &record, wall_s)?;
@@ -238,7 +250,7 @@ fn attempt(
             store.keep_partial(trial, end.clone(), keeper.before_error())?;
             end
         }
-        // What ended with the signal that stops the run has not failed.
+        // A trial that ends with the signal that stops the run has not failed.
         Ok(Err(_)) | Err(_) if stops.has_come() => return Ok(Reply::Stopped),
         Ok(Err(error @ Error::Silent { .. })) => end(EndState::Timeout, &error.to_string()),
         Ok(Err(error @ Error::Ended { .. })) => end(EndState::Killed, &error.to_string()),
@@ -246,11 +258,10 @@ fn attempt(
         Err(said) => end(EndState::Panicked, &said),
     };
     store.acknowledge(trial, &end)?;
-    if end.state == EndState::Killed {
-        return Ok(Reply::Ended { end });
+    if end.state != EndState::Killed {
+        // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
+        RunningTrial::discard(&folder)?;
     }
-    // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
-    RunningTrial::discard(&folder)?;
     Ok(Reply::Ended { end })
 }
 

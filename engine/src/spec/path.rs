@@ -87,28 +87,19 @@ pub fn find<'a>(
         }
         _ => keys,
     };
-    match config.descend(&keys) {
-        Ok(schema) => Ok(KeyPath {
-            target,
-            keys,
-            config,
-            schema,
-            span,
-        }),
-        Err((index, known)) => {
-            let own = own
-                .filter(|_| index == 0)
-                .into_iter()
-                .flat_map(|(_, names)| names);
-            let known = known.into_iter().chain(own).collect();
-            let owner = match index {
-                0 => format!("`{plugin}`"),
-                _ => format!("`{}` of `{plugin}`", keys[..index].join(".")),
-            };
-            let message = format!("{owner} has no key `{}`", keys[index]);
-            Err(vec![place.unknown(first + index, message, known)])
+    let schema = config.descend(&keys).map_err(|(index, mut known)| {
+        if index == 0 {
+            known.extend(own.into_iter().flat_map(|(_, names)| names));
         }
-    }
+        vec![place.no_key(plugin, &keys, (index, first), known)]
+    })?;
+    Ok(KeyPath {
+        target,
+        keys,
+        config,
+        schema,
+        span,
+    })
 }
 
 /// The key under which a plugin has keys that a study gives names to, which are then named as its own, and the names that
@@ -165,6 +156,22 @@ impl Spelled<'_> {
         };
         let error = self.sources.error(span, self.at, message);
         error.help(suggest(words[index], known))
+    }
+
+    /// The key at `index` is none of its owner's. Keys begin at the word `first`.
+    fn no_key(
+        &self,
+        plugin: &str,
+        keys: &[String],
+        (index, first): (usize, usize),
+        known: Vec<&str>,
+    ) -> Diagnostic {
+        let owner = match index {
+            0 => format!("`{plugin}`"),
+            _ => format!("`{}` of `{plugin}`", keys[..index].join(".")),
+        };
+        let message = format!("{owner} has no key `{}`", keys[index]);
+        self.unknown(first + index, message, known)
     }
 
     /// Nothing of the study begins with these words.

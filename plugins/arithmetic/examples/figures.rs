@@ -96,15 +96,41 @@ fn measured(n: usize, mut work: impl FnMut()) -> f64 {
     (0..9).map(run).fold(f64::INFINITY, f64::min)
 }
 
+fn times() {
+    times_of_single();
+    times_of_double();
+    times_of_draws();
+    time_of_product();
+}
+
+/// Entries of a timed slice.
+const N: usize = 4096;
+
+fn uniform(i: u64) -> f64 {
+    draws::uniform(mix(i))
+}
+
+/// Nanoseconds of a function for each pair of arguments.
+fn time_of(function: impl Fn(f64, f64) -> f64) -> f64 {
+    let inputs: Vec<[f64; 2]> = (0..N as u64)
+        .map(|i| [16.0 * uniform(i), 8.0 * uniform(mix(i)) - 4.0])
+        .collect();
+    measured(N * 20, || {
+        for _ in 0..20 {
+            black_box(&inputs).iter().for_each(|[x, y]| {
+                black_box(function(*x, *y));
+            });
+        }
+    })
+}
+
 #[allow(
     clippy::print_stdout,
     clippy::cast_possible_truncation,
     reason = "the program prints its results"
 )]
-fn times() {
-    const N: usize = 4096;
+fn times_of_single() {
     const REPETITIONS: usize = 200;
-    let uniform = |i: u64| draws::uniform(mix(i));
     let ours: [fn(&mut [f32]); 6] = [
         slices::exp,
         slices::ln,
@@ -146,6 +172,10 @@ fn times() {
         );
         println!("f32 {name}: {one:.3} ns, C library {two:.3} ns");
     }
+}
+
+#[allow(clippy::print_stdout, reason = "the program prints its results")]
+fn times_of_double() {
     let theirs: BTreeMap<&str, fn(f64, f64) -> f64> = BTreeMap::from([
         ("exp", (|x, _| x.exp()) as fn(f64, f64) -> f64),
         ("exp_m1", |x, _| x.exp_m1()),
@@ -156,25 +186,17 @@ fn times() {
         ("cos", |x, _| x.cos()),
         ("pow", f64::powf),
     ]);
-    let inputs: Vec<[f64; 2]> = (0..N as u64)
-        .map(|i| [16.0 * uniform(i), 8.0 * uniform(mix(i)) - 4.0])
-        .collect();
-    let time = |function: fn(f64, f64) -> f64| {
-        measured(N * 20, || {
-            for _ in 0..20 {
-                black_box(&inputs).iter().for_each(|[x, y]| {
-                    black_box(function(*x, *y));
-                });
-            }
-        })
-    };
     for (name, function, _) in DOUBLE {
-        let other = theirs.get(name).map_or(f64::NAN, |function| time(*function));
-        println!("f64 {name}: {:.2} ns, C library {other:.2} ns", time(function));
+        let other = theirs.get(name).map_or(f64::NAN, |function| time_of(*function));
+        println!("f64 {name}: {:.2} ns, C library {other:.2} ns", time_of(function));
     }
+}
+
+#[allow(clippy::print_stdout, reason = "the program prints its results")]
+fn times_of_draws() {
     println!(
         "draw normal: {:.2} ns",
-        time(|x, _| draws::normal(x.to_bits() << 12))
+        time_of(|x, _| draws::normal(x.to_bits() << 12))
     );
     for shape in [0.3, 1.5, 20.0] {
         let mut state = 0;
@@ -189,6 +211,14 @@ fn times() {
         });
         println!("draw log_gamma({shape}): {time:.2} ns");
     }
+}
+
+#[allow(
+    clippy::print_stdout,
+    clippy::cast_possible_truncation,
+    reason = "the program prints its results"
+)]
+fn time_of_product() {
     let values: Vec<f32> = (0..256 * 256).map(|i| uniform(i) as f32 - 0.5).collect();
     let square = Matrix::new(&values, 256, 256);
     let time = measured(256 * 256 * 256, || drop(black_box(product(square, square))));
