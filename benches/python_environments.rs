@@ -1,8 +1,8 @@
 //! Environment steps per second in Python on one core. usage: python_environments INTERPRETER ID ENVIRONMENTS SECONDS
 //!
-//! As many environments as named are stepped together, each by an action in the middle of its space, as a protocol steps
-//! them: told first, stepped one after the other, started anew where an episode ends. The lock file is written
-//! for what is installed. Prints one line of JSON.
+//! As many environments as named are stepped together, each by an action in the middle of its space, as a
+//! protocol steps them: told first, stepped one after the other, started anew where an episode ends. The lock
+//! file is written for what is installed. Prints one line of JSON.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 

@@ -1,4 +1,4 @@
-//! What the program is made of: the engine's protocols, the environments, those in Python, the agents, programs as agents,
+//! The parts of the program: the engine's protocols, the environments, those in Python, the agents, programs as agents,
 //! the estimators and the generators, in one registry.
 
 use engine::{Build, Registry};

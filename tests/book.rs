@@ -237,8 +237,8 @@ for path in sys.argv[1:]:
     bench.write("reader.py", &format!("{reader}{main}"))
 }
 
-/// What the reader of the book says of policies: observations with actions, policy by policy; `None`, after a line, where
-/// there is no Python with NumPy.
+/// What the reader of the book says of policies: observations with actions, policy by policy; `None`, after a
+/// line, where there is no Python with NumPy.
 fn read_by_the_book(bench: &Bench, files: &[PathBuf]) -> Option<Vec<Vec<[Vec<f64>; 2]>>> {
     let output = Command::new(needs::python("numpy")?)
         .arg(reader(bench))

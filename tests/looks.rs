@@ -237,8 +237,8 @@ fn a_margin_that_is_changed_after_its_verdict_was_seen_makes_it_exploratory() {
     assert!(!report(&bench).contains("when the verdict was first seen"));
 }
 
-/// Bytes that fall out of a record of verdicts, or are changed, take its word from nothing: it is set aside with them, and
-/// every later report says that what was seen before is not known.
+/// Bytes that fall out of a record of verdicts, or are changed, take its word from nothing: it is set aside with
+/// them, and every later report says that what was seen before is not known.
 #[test]
 fn a_damaged_record_of_verdicts_is_set_aside_and_no_report_calls_itself_planned() {
     let bench = Bench::new();

@@ -1,5 +1,5 @@
-//! Pictures of what is hard to draw: runs at steps of their own, numbers of any size, letters that fonts lack, long logs. Each
-//! makes a report, shows as many runs as it says, and tells what it does not show.
+//! Pictures of what is hard to draw: runs at steps of their own, numbers of any size, letters that fonts lack,
+//! long logs. Each makes a report, shows as many runs as it says, and tells what it does not show.
 
 use crate::program::{Answer, Bench};
 use std::{fmt::Write as _, fs};

@@ -203,7 +203,7 @@ fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About
 
 /// Everything that must have a pin.
 fn subjects(registry: &Registry) -> Vec<String> {
-    // What an environment in Python gives out is pinned by its lock file, and what a program does by its sources.
+    // An environment in Python is pinned by its lock file, and a program by its sources.
     let environments = ready_made(registry).map(|name| format!("environment {name}"));
     let agents = acting(registry).map(|(name, _)| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));

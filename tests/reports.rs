@@ -283,7 +283,7 @@ fn rounds_are_of_the_study_as_it_is_written() {
     bench.ok(&["check", "results/small/resolved.yaml"]);
     let resolved = read(&bench, "results/small/resolved.yaml");
     assert!(resolved.contains("confirm:"), "{resolved}");
-    // What a damaged record of a round held is not guessed.
+    // The content of a damaged record is not guessed.
     bench.write("results/small/confirm-1/record.json", "{}");
     let refused = bench.run(&["report", "small.yaml", "--recorded"]);
     assert!(

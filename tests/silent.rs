@@ -1,6 +1,6 @@
-//! What a search chooses follows from its study and the bits of its trials alone: whatever else the store holds, whichever
-//! trials failed and were run again, wherever it was stopped, split, merged or packed. And where it could not see a setting
-//! it says so, beside its choice and by its exit code.
+//! What a search chooses follows from its study and the bits of its trials alone: whatever else the store holds,
+//! whichever trials failed and were run again, wherever it was stopped, split, merged or packed. And where it
+//! could not see a setting it says so, beside its choice and by its exit code.
 
 use crate::program::{Answer, Bench, answer, trial_files};
 use std::{

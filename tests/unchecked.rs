@@ -129,8 +129,8 @@ fn programs_are_told_what_is_lacking_and_whatever_runs_trials_refuses_it() {
     }
 }
 
-/// What a Python lacks of a lock file is not checked; what is wrong with the code of an environment is wrong, also where
-/// another package is missing.
+/// What a Python lacks of a lock file is not checked; what is wrong with the code of an environment is wrong,
+/// also where another package is missing.
 #[test]
 fn what_a_python_lacks_is_told_from_what_is_wrong_in_the_code() {
     let Some(interpreter) = needs::python("gymnasium, numpy") else {

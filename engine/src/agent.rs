@@ -76,7 +76,7 @@ pub trait Agent: Send {
         None
     }
 
-    /// What an agent that trains itself records.
+    /// Metrics that an agent records which trains itself.
     fn records(&self) -> Vec<Metric> {
         Vec::new()
     }

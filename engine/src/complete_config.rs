@@ -1,5 +1,5 @@
-//! Complete configs of plugins. A study may have a million of them that differ in a few values: of each only what differs
-//! from a common one is held.
+//! Complete configs of plugins. A study may have a million of them that differ in a few values: of each only what
+//! differs from a common one is held.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;

@@ -96,8 +96,8 @@ impl Sources {
         }
     }
 
-    /// A letter among those that a span points at which is not what it looks like. In longer texts, which are sentences,
-    /// dashes and curly quotation marks are meant.
+    /// A letter among those that a span points at which is not what it looks like. In longer texts, which are
+    /// sentences, dashes and curly quotation marks are meant.
     fn lookalike(&self, span: Span) -> Option<(String, Place)> {
         const LONGEST: usize = 60;
         let source = self.sources.get(span.source).filter(|_| span.length <= LONGEST)?;

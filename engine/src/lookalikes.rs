@@ -1,5 +1,5 @@
-//! Letters that look like others, or like nothing: what comes with a text from a web page, a PDF file or a word processor and
-//! is no mistake to the eye.
+//! Letters that look like others, or like nothing: what comes with a text from a web page, a PDF file or a word
+//! processor and is no mistake to the eye.
 
 /// A letter that is not what it looks like.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,8 +45,8 @@ impl Lookalike {
     }
 }
 
-/// The first letter of a text that is not what it looks like. Letters of other scripts count only beside those that they
-/// look like.
+/// The first letter of a text that is not what it looks like. Letters of other scripts count only beside those
+/// that they look like.
 #[must_use]
 pub fn first(text: &str) -> Option<Lookalike> {
     let mixed = text.chars().any(|letter| letter.is_ascii_alphabetic());

@@ -1,11 +1,11 @@
-//! Agents that train themselves, such as programs that are not ours: the protocol waits while they do, takes in what they
-//! measure, and steps no environment.
+//! Agents that train themselves, such as programs that are not ours: the protocol waits while they do, takes in
+//! what they measure, and steps no environment.
 
 use crate::{Error, Metric};
 use serde_json::Value;
 use std::{path::PathBuf, time::Duration};
 
-/// What an agent is given to train for.
+/// The task that an agent trains for.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Assignment {
     /// The trial's id.
@@ -54,7 +54,7 @@ pub enum Advance {
 
 /// The training of an agent that trains itself.
 pub trait OwnTraining {
-    /// What is started for an assignment, word by word: nothing runs yet.
+    /// The command for an assignment, word by word: nothing runs yet.
     ///
     /// # Errors
     /// [`Error::Config`] where the assignment lacks what the words name.
@@ -66,7 +66,7 @@ pub trait OwnTraining {
     /// True where the training goes on after an interruption, and does not begin anew.
     fn goes_on(&self) -> bool;
 
-    /// What can be run and is probably not meant, each an [`Error::Config`] with its key.
+    /// Settings that can be run and are probably not meant, each an [`Error::Config`] with its key.
     fn doubts(&self) -> Vec<Error> {
         Vec::new()
     }
@@ -83,7 +83,7 @@ pub trait OwnTraining {
     /// [`Error::Program`] or [`Error::Ended`] where the training did not end well.
     fn advance(&mut self, wait: Duration) -> Result<Advance, Error>;
 
-    /// What was measured so far, by metric; `last` once the training has ended, when everything has to be there.
+    /// The measurements so far, by metric; `last` once the training has ended, when everything has to be there.
     ///
     /// # Errors
     /// Where what was written cannot be read; while the training runs nothing is refused that may become whole.
@@ -92,7 +92,7 @@ pub trait OwnTraining {
     /// Tells the training to end, and waits until it has.
     fn stop(&mut self);
 
-    /// What the training printed in this process; `None` where that is nothing.
+    /// The output of the training in this process; `None` where that is nothing.
     fn output(&self) -> Option<Vec<u8>> {
         None
     }

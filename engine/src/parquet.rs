@@ -271,8 +271,8 @@ impl<'a> Table<'a> {
         (1..).zip(values.iter()).map(cell).collect()
     }
 
-    /// Every column of numbers, words or truth values with its cells as text, in the order of the file; an empty cell is
-    /// an empty text, and columns of other kinds are passed over. Numbers read back as they are.
+    /// Every column of numbers, words or truth values with its cells as text, in the order of the file; an empty
+    /// cell is an empty text, and columns of other kinds are passed over. Numbers read back as they are.
     ///
     /// # Errors
     /// [`Error::Damaged`] where a column cannot be read.

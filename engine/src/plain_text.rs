@@ -1,8 +1,9 @@
-//! Text from outside as people see it: nothing that a terminal acts on, nothing that turns the order of letters round, and
-//! nothing that no document may hold.
+//! Text from outside as people see it: nothing that a terminal acts on, nothing that turns the order of letters
+//! round, and nothing that no document may hold.
 //!
 //! All that this program prints goes through [`message`] or [`printable`], whoever wrote it; colours are put on last
-//! ([`coloured`]), so that none comes from a text. Words of others about a failure are cut where they are taken in ([`brief`]).
+//! ([`coloured`]), so that none comes from a text. Words of others about a failure are cut where they are taken
+//! in ([`brief`]).
 
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
@@ -16,8 +17,8 @@ pub fn is_unprintable(letter: char) -> bool {
         || matches!(letter, '\u{fffe}' | '\u{ffff}')
 }
 
-/// Marks, embeddings, overrides and isolates of Unicode's bidirectional algorithm: with them a text reads otherwise than it
-/// is. Letters of languages that are written from right to left need none.
+/// Marks, embeddings, overrides and isolates of Unicode's bidirectional algorithm: with them a text reads
+/// otherwise than it is. Letters of languages that are written from right to left need none.
 fn is_direction(letter: char) -> bool {
     matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }

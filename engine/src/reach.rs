@@ -1,8 +1,8 @@
 //! Which files a study may name, and which of them a message may quote.
 //!
-//! The files of a study lie in its folder, or in the project that the folder is part of: all that lies under the nearest
-//! folder above it with a file `regimen.toml`, and for a folder of results without one the current folder, where that
-//! holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that
+//! The files of a study lie in its folder, or in the project that the folder is part of: all that lies under the
+//! nearest folder above it with a file `regimen.toml`, and for a folder of results without one the current
+//! folder, where that holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that
 //! lies elsewhere is named by its absolute path. Whatever lies outside the study's own folder is foreign: messages say
 //! where a mistake in it is and of which kind, and quote no word of it.
 //!
@@ -66,8 +66,8 @@ impl Reach {
         &self.project
     }
 
-    /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study there,
-    /// or the current folder where that holds it.
+    /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study
+    /// there, or the current folder where that holds it.
     #[must_use]
     pub fn of_written_out(folder: &Path) -> Self {
         let (reach, current) = (Self::of(folder), without_links(Path::new(".")));
@@ -159,8 +159,8 @@ pub fn is_foreign(path: &Path) -> bool {
 /// What stands in a message for words of a foreign file.
 const UNSAID: &str = "…";
 
-/// A piece of what the file at `path` holds, for a message: short, nothing that a terminal acts on, and nothing at all of
-/// a foreign file.
+/// A piece of what the file at `path` holds, for a message: short, nothing that a terminal acts on, and nothing
+/// at all of a foreign file.
 #[must_use]
 pub fn quoted(path: &Path, cell: &str) -> String {
     if is_foreign(path) || ALL_FOREIGN.load(Ordering::Relaxed) {

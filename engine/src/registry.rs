@@ -69,8 +69,8 @@ impl About {
         self.marked("x-identity", false)
     }
 
-    /// Keys of the config that name files by a list of patterns: those that the schema marks with `x-patterns`. The list is
-    /// replaced by a mapping of names to files before the config is read.
+    /// Keys of the config that name files by a list of patterns: those that the schema marks with `x-patterns`.
+    /// The list is replaced by a mapping of names to files before the config is read.
     pub fn pattern_keys(&self) -> impl Iterator<Item = &str> {
         self.marked("x-patterns", true)
     }
@@ -98,7 +98,7 @@ pub struct EnvironmentEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Environment>,
-    /// What the environment of a config is called elsewhere, by key, for agents that train themselves.
+    /// Names of the environment of a config elsewhere, by key, for agents that train themselves.
     pub names: fn(&Value) -> Vec<(&'static str, String)>,
 }
 

@@ -509,8 +509,8 @@ impl Results {
         }
     }
 
-    /// The trials of several rounds as those of one study, to be judged by all of their seeds. Each round has larger seeds
-    /// than the one before.
+    /// The trials of several rounds as those of one study, to be judged by all of their seeds. Each round has
+    /// larger seeds than the one before.
     #[must_use]
     pub fn pooled(rounds: &[&Self]) -> Self {
         let Some((first, others)) = rounds.split_first() else {
@@ -678,7 +678,7 @@ mod tests {
         // A look of the last round is still to come.
         let two = Results::pooled(&[&study, &round(&[100, 101, 102])]);
         assert_eq!(of(&two, "equal"), (Some(vec![3, 6, 9]), vec![3, 103], 2));
-        // What has trials in one round alone is that round's.
+        // A combination with trials in one round alone has the looks of that round.
         assert_eq!(of(&two, "other"), (None, vec![], 0));
         let alone = Results::pooled(&[&round(&[100, 101, 102])]);
         assert_eq!(of(&alone, "equal"), (Some(vec![3, 6]), vec![103], 0));

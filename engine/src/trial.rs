@@ -404,7 +404,7 @@ impl TrialKey {
         Ok(run.record)
     }
 
-    /// What an agent that trains itself is told of the trial; the protocol adds for how long.
+    /// The task of an agent that trains itself; the protocol adds for how long.
     fn assignment(&self, names: Vec<(&str, String)>, environment: &Value) -> Assignment {
         Assignment {
             trial: self.id(),

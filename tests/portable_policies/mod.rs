@@ -42,9 +42,9 @@ const HEADS: [Head; 6] = [
     Head::Argmax,
     Head::Identity,
 ];
-/// Largest difference, in parts of the scale. Held against the same graphs in `float64`, this program and onnxruntime are
-/// each off by up to 1.34e-6 where a policy reads what models of opponents expect, and by up to 9.9e-7 elsewhere, so that
-/// two orders of adding may differ by more than 1e-6.
+/// Largest difference, in parts of the scale. Held against the same graphs in `float64`, this program and
+/// onnxruntime are each off by up to 1.34e-6 where a policy reads what models of opponents expect, and by up to
+/// 9.9e-7 elsewhere, so that two orders of adding may differ by more than 1e-6.
 const TOLERANCE: f64 = 2e-6;
 /// Rows that are computed at once.
 const ROWS: usize = 64;
@@ -57,8 +57,8 @@ impl Cases {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// Keeps a file with rows of observations and what `own` makes of each; the scale is that of the largest entry, 1 at
-    /// least.
+    /// Keeps a file with rows of observations and what `own` makes of each; the scale is that of the largest
+    /// entry, 1 at least.
     fn add(&self, name: &str, onnx: &[u8], rows: &[Vec<f64>], own: impl Fn(&[f64]) -> Vec<f64>) {
         let actions: Vec<Vec<f64>> = rows.iter().map(|row| own(row)).collect();
         let entries = actions.iter().flatten();

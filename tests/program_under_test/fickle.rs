@@ -1,8 +1,8 @@
 //! An agent with one number to be searched, whose trials fail where whoever runs the program says so.
 //!
-//! `REGIMEN_TEST_FAILS=<low>-<high>@<update>:<how>` lets every trial whose rate lies between the limits fail at that update:
-//! with an error (`fail`), by a panic (`panic`), or by running for ever (`hang`). No trial's id knows of it, as of a licence
-//! server that is down.
+//! `REGIMEN_TEST_FAILS=<low>-<high>@<update>:<how>` lets every trial whose rate lies between the limits fail at
+//! that update: with an error (`fail`), by a panic (`panic`), or by running for ever (`hang`). No trial's id
+//! knows of it, as of a licence server that is down.
 
 use engine::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,

@@ -1,5 +1,5 @@
-//! Programs start when the person agreed to it who runs them: by `--yes`, once, or by a list of folders in a file of that
-//! person. A project cannot say it for them.
+//! Programs start when the person agreed to it who runs them: by `--yes`, once, or by a list of folders in a file
+//! of that person. A project cannot say it for them.
 
 use super::*;
 

@@ -8,7 +8,7 @@ const RETURN: &str = "{ return: r }";
 fn ends_as(program: &str, options: &[&str], state: &str, words: &[&str]) -> Place {
     let place = Place::new(program, RETURN, "");
     let answer = place.run(options);
-    // What was killed from outside is missing still.
+    // A trial that was killed from outside is missing still.
     let code = if state == "killed" { 106 } else { 100 };
     assert_eq!(answer.code, code, "{program}: {}\n{}", answer.out, answer.err);
     let end = &place.trial()["end"];

@@ -1,4 +1,5 @@
-//! What determines the numbers of a program is its trials' identity, and a study of programs is a study like any other.
+//! Everything that determines the numbers of a program is in its trials' identity, and a study of programs is a
+//! study like any other.
 
 use super::*;
 

@@ -1,5 +1,5 @@
-//! Programs as trials: what is read of them, what determines their numbers, how they end, and what happens to those that
-//! are stopped or killed. The programs here need `sh`, `awk` and `kill` alone.
+//! Programs as trials: what is read of them, what determines their numbers, how they end, and what happens to
+//! those that are stopped or killed. The programs here need `sh`, `awk` and `kill` alone.
 
 mod consent;
 mod ends;
@@ -56,7 +56,7 @@ impl Place {
             .run(&[&["run", "study.yaml", "-j", "1", "--yes"], options].concat())
     }
 
-    /// What the only trial recorded, as lines of tidy tables with the names above.
+    /// The record of the only trial, as lines of tidy tables with the names above.
     fn rows(&self) -> Vec<String> {
         self.bench
             .ok(&["export", "study.yaml", "--to", "taken", "--as", "csv"]);

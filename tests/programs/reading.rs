@@ -1,4 +1,4 @@
-//! What programs write, in every form that is read.
+//! The output of programs, in every form that is read.
 
 use super::*;
 

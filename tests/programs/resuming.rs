@@ -1,11 +1,11 @@
-//! Programs that are interrupted: those that say how they go on do, the others begin anew, and both come to the numbers of a
-//! program that was let alone.
+//! Programs that are interrupted: those that say how they go on do, the others begin anew, and both come to the
+//! numbers of a program that was let alone.
 
 use super::*;
 use std::process::{Child, Stdio};
 
-/// Counts to ten, notes every step outside of the store, and goes on from the folder that it is told of. On SIGTERM it leaves
-/// as if all were well.
+/// Counts to ten, notes every step outside of the store, and goes on from the folder that it is told of. On
+/// SIGTERM it leaves as if all were well.
 const COUNTER: &str = "trap 'exit 0' TERM; step=0; [ \"$2\" = --resume ] && step=$(cat \"$1/step\")\n\
     while [ $step -lt 10 ]; do\n  step=$((step + 1)); echo \"step=${step}00 r=$step\"; echo $step >> ../../../../../../done\n  \
     echo $step > \"$1/new\"; mv \"$1/new\" \"$1/step\"; sleep 0.2\ndone\n";

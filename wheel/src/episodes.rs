@@ -193,8 +193,8 @@ impl Episodes {
 }
 
 impl Place {
-    /// Makes the environment as it was before its first episode: some carry something over from one to the next, as where
-    /// a solver begins.
+    /// Makes the environment as it was before its first episode: some carry something over from one to the next,
+    /// as where a solver begins.
     fn renew(&mut self, configured: &Configured, fresh: &Value) -> Result<(), Refusal> {
         if self.environment.restore(fresh).is_err() {
             // What is written in Python may refuse to be restored.

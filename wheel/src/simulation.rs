@@ -21,8 +21,8 @@ pub struct Simulation {
 
 #[pymethods]
 impl Simulation {
-    /// As many environments as `count`, of the config `keys` (a JSON text) or `file` (YAML). `autoreset` is the value of
-    /// Gymnasium's `AutoresetMode`.
+    /// As many environments as `count`, of the config `keys` (a JSON text) or `file` (YAML). `autoreset` is the
+    /// value of Gymnasium's `AutoresetMode`.
     #[new]
     #[pyo3(signature = (name, keys=None, file=None, count=1, autoreset="Disabled"))]
     fn new(

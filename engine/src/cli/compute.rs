@@ -267,8 +267,8 @@ impl Compute<'_> {
         tasks
     }
 
-    /// The trials whose measurement at their pause lies in their logs alone, since an earlier program left it there or this
-    /// one was killed: they go on from their checkpoints for a moment, and it is stored.
+    /// The trials whose measurement at their pause lies in their logs alone, since an earlier program left it
+    /// there or this one was killed: they go on from their checkpoints for a moment, and it is stored.
     fn unsealed<'p>(&self, planned: &'p [Planned], store: &Store) -> Vec<Task<'p>> {
         let of_study = |one: &'p Planned| {
             let limits = Arc::new(self.limits_of(&one.study.limits));

@@ -66,7 +66,7 @@ pub(super) fn follow(planned: &mut [Planned], registry: &Registry) {
     }
 }
 
-/// What a confirmation is of its study.
+/// The place of a confirmation in its study.
 pub(super) struct Confirms {
     /// Its index among the confirmations of the study.
     index: usize,

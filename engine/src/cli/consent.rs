@@ -1,8 +1,8 @@
 //! Programs that are not ours start when the person agreed to it who runs them.
 //!
-//! Whoever writes a study names its programs. What a person has agreed to is kept by the project's folder and the words of
-//! the command, in a file of that person, outside of every project and store: neither can say it for them. So is the list of
-//! folders whose programs are trusted.
+//! The author of a study names its programs. The consent of a person is kept by the project's folder and the words of
+//! the command, in a file of that person, outside of every project and store: neither can say it for them. So is
+//! the list of folders whose programs are trusted.
 
 use super::{BAD_SPEC, Failure, complain, study::Planned};
 use crate::{
@@ -26,7 +26,7 @@ use std::{
 /// The name of the folder of a person's own files of this program.
 const OWN: &str = "regimen";
 
-/// What is agreed to on the command line.
+/// Consent on the command line.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct Consent {
     /// Start the programs of these studies without a question.
@@ -111,7 +111,8 @@ fn missing(registry: &Registry, planned: &[Planned], store: &Store) -> Result<BT
     Ok(programs)
 }
 
-/// The programs of trials that are computed again; `study` tells the project, and the current folder where there is none.
+/// The programs of trials that are computed again; `study` tells the project, and the current folder where there
+/// is none.
 pub(super) fn of_trials<'a>(
     registry: &Registry,
     trials: impl Iterator<Item = &'a Trial>,
@@ -227,7 +228,7 @@ fn agreements() -> Option<PathBuf> {
     own_folder("XDG_STATE_HOME", ".local/state").map(|folder| folder.join("programs.json"))
 }
 
-/// What was agreed to before; a file that cannot be read says nothing.
+/// Earlier consent; a file that cannot be read says nothing.
 fn agreed() -> BTreeSet<Program> {
     let text = agreements().and_then(|path| fs::read(path).ok());
     text.and_then(|text| serde_json::from_slice(&text).ok())

@@ -127,8 +127,8 @@ pub(super) fn refused(problem: String) -> Failure {
     }
 }
 
-/// Every trial of the plan with all it recorded, and those that have come to the pause of a search; what is damaged is said
-/// and counts as missing.
+/// Every trial of the plan with all it recorded, and those that have come to the pause of a search; what is
+/// damaged is said and counts as missing.
 fn load(one: &Planned, store: &Store) -> Vec<TrialResult> {
     let trials: Vec<_> = one.plan.trials.iter().collect();
     let is_missing = |error: &Error| complain(&format!("warning: {error}; the trial counts as missing"));

@@ -1,8 +1,8 @@
 //! `export --minari TRIAL`: episodes of a stored trial as a dataset that Minari reads.
 //!
 //! What a trial gathered is copied, every file held against its acknowledged hash. A trial that gathered nothing is
-//! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a dataset by its
-//! place below its root, which is the id that the dataset gets.
+//! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a
+//! dataset by its place below its root, which is the id that the dataset gets.
 
 use super::{
     Common, Failure, OK,
@@ -105,8 +105,8 @@ pub(super) fn of_trial(
     Ok(OK)
 }
 
-/// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there the last two
-/// names; `None` where these are no id.
+/// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there
+/// the last two names; `None` where these are no id.
 fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
     // A folder that cannot be named from the root of the system has none.
     let whole = |path: &Path| std::path::absolute(path).ok();

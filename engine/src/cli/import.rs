@@ -30,8 +30,8 @@ pub(super) struct ImportOptions {
     /// Name of the entry, by which tables and claims speak of the runs.
     #[arg(long, value_name = "NAME", value_parser = entry_name)]
     name: String,
-    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`; a pattern with `*`,
-    /// or one metric several times, takes several columns as runs.
+    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`; a pattern
+    /// with `*`, or one metric several times, takes several columns as runs.
     #[arg(long = "metric", value_name = "METRIC=COLUMN", value_parser = pair)]
     metrics: Vec<(String, String)>,
     /// Environment of the study that the runs are of.

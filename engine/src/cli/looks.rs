@@ -133,9 +133,9 @@ pub(super) fn line(one: &Planned) -> Option<String> {
     Some(format!("  looks at {looks} seeds{open}{later}"))
 }
 
-/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by another
-/// margin than when they were first seen, and records those that are seen now. It answers the record as far as it is of
-/// these verdicts and these trials, by what is judged alone.
+/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by
+/// another margin than when they were first seen, and records those that are seen now. It answers the record as
+/// far as it is of these verdicts and these trials, by what is judged alone.
 ///
 /// # Errors
 /// [`Error::File`] where the record cannot be written.

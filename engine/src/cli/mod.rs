@@ -336,15 +336,15 @@ enum Verb {
     /// Show running trials, learning curves as they come, end states and the time left, in the terminal (q leaves), as
     /// a page that renews itself, or once as text; nothing in the store is changed.
     Watch(watch::WatchOptions),
-    /// Write tables, figures and the report again from the store, or with `--recorded` from what an earlier report left;
-    /// nothing is trained.
+    /// Write tables, figures and the report again from the store, or with `--recorded` from what an earlier
+    /// report left; nothing is trained.
     Report {
         #[command(flatten)]
         selection: Selection,
         #[command(flatten)]
         report: ReportOptions,
-        /// Read the record in each folder of results in the place of a store: trials as they were, judged by the studies as
-        /// they are now. Figures of single steps and drawings stay as they are.
+        /// Read the record in each folder of results in the place of a store: trials as they were, judged by the
+        /// studies as they are now. Figures of single steps and drawings stay as they are.
         #[arg(long)]
         recorded: bool,
     },

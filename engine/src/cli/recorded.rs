@@ -1,5 +1,5 @@
-//! `report --recorded`: reports from the records in folders of results, without a store. Trials are as they were; tables,
-//! claims, published values, margins and texts are those of the study files now.
+//! `report --recorded`: reports from the records in folders of results, without a store. Trials are as they were;
+//! tables, claims, published values, margins and texts are those of the study files now.
 
 use super::{
     BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, confirmations,
@@ -80,8 +80,8 @@ pub(super) fn report(
     Ok(code)
 }
 
-/// The record of the study in a file, and the study with the trials that the record is of; `None` where it has no results
-/// yet.
+/// The record of the study in a file, and the study with the trials that the record is of; `None` where it has no
+/// results yet.
 fn find(
     registry: &Registry,
     path: &Path,
@@ -163,7 +163,7 @@ fn confirming(
     Ok((one, Some(found)))
 }
 
-/// What a confirmation came to, by its record.
+/// The results of a confirmation, by its record.
 fn round(registry: &Registry, one: &Planned, found: Option<Confirming>) -> Result<Round, Failure> {
     let study = run::info(one, registry);
     let Some(found) = found else {

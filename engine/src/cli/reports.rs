@@ -250,8 +250,8 @@ pub(super) fn finish(
         Format::Text => report::summary(study, results, contents, &paths.page, run::terminal_width()),
     });
     Ok(match *code {
-        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a profile, and where
-        // a part of the study was selected.
+        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a
+        // profile, and where a part of the study was selected.
         OK if unmade != lacking || !contents.is_whole() && selection.is_whole() => NOT_MADE,
         OK if reporting.strict && contents.contradicts() => DIFFERS,
         code => code,
@@ -328,7 +328,8 @@ fn asks(one: &Planned) -> Asks {
     ))
 }
 
-/// Facts on the figures that cannot be drawn from the record: of those that are drawn now, and as they were known before.
+/// Facts on the figures that cannot be drawn from the record: of those that are drawn now, and as they were known
+/// before.
 fn facts(study: &StudyInfo, contents: &Contents, before: &Record) -> BTreeMap<String, FigureFacts> {
     let figures = study.figures.iter().zip(&contents.figures);
     let of_figure = |((name, spec), (_, chart)): (&(String, crate::figure::FigureSpec), &(String, _))| {

@@ -85,8 +85,8 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         .collect()
 }
 
-/// The exit code that fits what the searches of a study came to: without a setting their agents cannot run, and with one
-/// that was chosen without a look at another the choice is one among fewer.
+/// The exit code that fits what the searches of a study came to: without a setting their agents cannot run, and
+/// with one that was chosen without a look at another the choice is one among fewer.
 pub(super) fn code(one: &Planned) -> u8 {
     let saw_all = |it: &SearchResult| {
         [Sight::Failed, Sight::Last]

@@ -51,7 +51,7 @@ pub(super) struct Planned {
     /// Trials of searches that have come to their pause; none of them is missing.
     pub(super) paused: Vec<Arc<Trial>>,
     set_aside: BTreeSet<String>,
-    /// What it confirms; `None` for a study that stands for itself.
+    /// The confirmation that it is; `None` for a study that stands for itself.
     pub(super) confirms: Option<Confirms>,
     /// What the searches came to.
     pub(super) searched: Vec<SearchResult>,
@@ -348,8 +348,8 @@ fn any_difference(study: &Study) -> String {
 /// A study that holds, with the number of its trials that are selected.
 type Checked = (usize, Study);
 
-/// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them has to be
-/// planned.
+/// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them
+/// has to be planned.
 fn examined<'a>(
     registry: &Registry,
     selection: &'a Selection,

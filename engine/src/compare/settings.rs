@@ -63,8 +63,8 @@ const OF_TRIALS: [&str; 8] = [
     "search",
 ];
 
-/// The keys by which trials were determined that have another value now. A key that only the study of now has is a newer
-/// option with its default, or is told by those that it took the place of.
+/// The keys by which trials were determined that have another value now. A key that only the study of now has is
+/// a newer option with its default, or is told by those that it took the place of.
 #[must_use]
 pub fn changed_keys(before: &Value, now: &Value) -> Vec<String> {
     let of_trials = |key: &str| {

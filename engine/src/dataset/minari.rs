@@ -61,7 +61,8 @@ pub(super) fn of_dataset(layout: &Layout<'_>, totals: &Totals, bytes: u64) -> Va
     })
 }
 
-/// The same metadata for a dataset that is handed on under a name of its own: its id, and its size in megabytes to the byte.
+/// The same metadata for a dataset that is handed on under a name of its own: its id, and its size in megabytes
+/// to the byte.
 pub(super) fn named(mut metadata: Value, id: Option<&str>, bytes: u64) -> Value {
     if let Some(id) = id {
         metadata["dataset_id"] = json!(id);
@@ -72,8 +73,8 @@ pub(super) fn named(mut metadata: Value, id: Option<&str>, bytes: u64) -> Value 
     metadata
 }
 
-/// The id that Minari gives a folder at `place` below its root, as in `regimen/pack-v0`; `None` where it takes none of that
-/// name (`minari/dataset/minari_dataset.py`).
+/// The id that Minari gives a folder at `place` below its root, as in `regimen/pack-v0`; `None` where it takes
+/// none of that name (`minari/dataset/minari_dataset.py`).
 pub(super) fn id_of(place: &Path) -> Option<String> {
     let part = |part: Component<'_>| match part {
         Component::Normal(name) => name.to_str().map(String::from),

@@ -21,8 +21,8 @@
 //!
 //! Observations are as the environment gave them, in SI units. Shares on a simplex are a box with limits 0 and 1 to
 //! Minari, which knows one agent: several seats are one to it, that sees and does what they do, one after the other;
-//! choices of several seats are vectors of i64. The full state is not kept of one seat. The same episodes always make the
-//! same bytes.
+//! choices of several seats are vectors of i64. The full state is not kept of one seat. The same episodes always
+//! make the same bytes.
 
 mod episode_file;
 mod interface;

@@ -238,8 +238,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Refuses a letter that looks like a space or like nothing in a text without quotes: at its ends, and within a key where
-    /// no script needs it.
+    /// Refuses a letter that looks like a space or like nothing in a text without quotes: at its ends, and within
+    /// a key where no script needs it.
     fn refuse_invisible(&mut self, text: &str, span: Span, is_key: bool) {
         let last = text.chars().count().saturating_sub(1);
         let is_meant = |found: &Lookalike| {
@@ -379,8 +379,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A letter of a line that stands for a sign of YAML, which it is not: an invisible one at the beginning or beside a sign,
-/// or one that looks like a colon or a bracket. Remarks and texts in quotes are passed over.
+/// A letter of a line that stands for a sign of YAML, which it is not: an invisible one at the beginning or
+/// beside a sign, or one that looks like a colon or a bracket. Remarks and texts in quotes are passed over.
 fn structural(line: &str) -> Option<Lookalike> {
     const SIGNS: &str = ":,-[]{}";
     let letters: Vec<char> = line.chars().collect();

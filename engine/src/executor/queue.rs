@@ -12,8 +12,8 @@ use std::{
 ///
 /// Whoever asks says who may stop the wait for an answer; an answer that takes too long is [`Error::Silent`].
 ///
-/// Jobs are found by the name that they carry, [`Submission::job_name`], where they can be: an id may be lost, and may be
-/// given twice.
+/// Jobs are found by the name that they carry, [`Submission::job_name`], where they can be: an id may be lost,
+/// and may be given twice.
 pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;

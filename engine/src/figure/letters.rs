@@ -1,7 +1,8 @@
 //! Letters that the carried font has, and what stands for those that it lacks.
 //!
 //! A reader of an SVG file may have another font with them, so texts stay as they are there. In PNG and PDF files a
-//! replacement character stands for each, to be seen and to be read; of letters that are drawn as nothing one is left out.
+//! replacement character stands for each, to be seen and to be read; of letters that are drawn as nothing one is
+//! left out.
 
 use super::{
     chart::Chart,

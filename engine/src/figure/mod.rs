@@ -138,8 +138,8 @@ pub(crate) trait Figure {
         None
     }
 
-    /// True where the record in a folder of results holds what it shows: means over episodes, and neither steps nor what
-    /// trials leave.
+    /// True where the record in a folder of results holds what it shows: means over episodes, and neither steps
+    /// nor what trials leave.
     fn is_recorded(&self) -> bool {
         self.shows().is_none()
     }

@@ -95,7 +95,8 @@ impl Shades {
     }
 }
 
-/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where none changes.
+/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where none
+/// changes.
 #[must_use]
 pub fn on_dark(charts: &[Shades]) -> String {
     let on = |ground| charts.iter().filter(move |chart| chart.ground == ground);

@@ -292,8 +292,8 @@ struct Pen {
     scale: f64,
     size_per_em: f64,
     raise: f64,
-    /// True for the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line of its own,
-    /// and it has the carried font alone.
+    /// True for the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line of
+    /// its own, and it has the carried font alone.
     rasters: bool,
 }
 

@@ -13,7 +13,8 @@ use svg2pdf::{
 const POINTS_PER_INCH: f32 = 72.0;
 
 /// An SVG file of a figure as a PDF file of one page, which is as large as the figure. The same file gives the
-/// same bytes. Letters that the font lacks are read as U+FFFD: all would have one glyph, which the file can name but once.
+/// same bytes. Letters that the font lacks are read as U+FFFD: all would have one glyph, which the file can name
+/// but once.
 ///
 /// # Errors
 /// [`Error::Render`] where the drawing is refused.

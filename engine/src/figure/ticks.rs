@@ -40,10 +40,10 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them, with text
-/// only where few powers are in range: 2 and 5, or all of them where two texts would be missing still. An axis that not
-/// even these mark twice has round steps. Where many powers are in range there is nothing between them, and where they
-/// are very many only those with text have ticks.
+/// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them,
+/// with text only where few powers are in range: 2 and 5, or all of them where two texts would be missing still.
+/// An axis that not even these mark twice has round steps. Where many powers are in range there is nothing
+/// between them, and where they are very many only those with text have ticks.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     const EVERY_DIGIT: [i32; 9] = [1, 2, 3, 4, 5, 6, 7, 8, 9];

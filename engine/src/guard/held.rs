@@ -32,7 +32,7 @@ pub struct Guarded {
     order: Order,
 }
 
-/// What is left of a program that ended.
+/// The rest of a program that ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Left {
     /// It ended.
@@ -142,8 +142,8 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
     Some(Left::Ended { how, was_asked })
 }
 
-/// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is waited for
-/// as long as its guard may take, and then it is ended.
+/// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is
+/// waited for as long as its guard may take, and then it is ended.
 pub fn end_leftover(notes: &Path, grace: Duration) {
     let Some(Standing {
         place,

@@ -1,14 +1,15 @@
-//! The process between a worker and a program that is not ours: it ends all that the program started, whoever dies first.
+//! The process between a worker and a program that is not ours: it ends all that the program started, whoever
+//! dies first.
 //!
 //! ```text
 //! worker --orders--> guard --starts--> program, in a group of its own
 //!        <------ the program's output ------
 //! ```
 //!
-//! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input means that the
-//! worker is gone. Either way the program gets its signal, and after its grace nothing of it stays. What the program
-//! started, and left to itself, becomes the guard's own, so that it is found. A guard that is killed takes the program with
-//! it. How the program ended lies in a file before the guard leaves.
+//! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input means
+//! that the worker is gone. Either way the program gets its signal, and after its grace nothing of it stays. What
+//! the program started, and left to itself, becomes the guard's own, so that it is found. A guard that is killed
+//! takes the program with it. How the program ended lies in a file before the guard leaves.
 
 mod held;
 
@@ -46,7 +47,7 @@ const LOOK: Duration = Duration::from_millis(2);
 /// The exit code of a process that could not become the program.
 const UNSTARTED: u8 = 127;
 
-/// What a guard is told.
+/// The orders of a guard.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Order {
     /// The program and its arguments.
@@ -55,13 +56,13 @@ pub struct Order {
     pub folder: PathBuf,
     /// The folder for the guard's own files.
     pub notes: PathBuf,
-    /// What tells the program to end.
+    /// The signal that tells the program to end.
     pub signal: StopSignal,
     /// How long it may take for that, in milliseconds.
     pub grace_ms: u64,
 }
 
-/// What tells a program to end.
+/// A signal that tells a program to end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StopSignal {
@@ -81,8 +82,8 @@ impl StopSignal {
     }
 }
 
-/// Where a guard notes whom it started: its own process id and that of the program, each with the time of its start, and
-/// the machine and boot in which they mean something.
+/// Where a guard notes whom it started: its own process id and that of the program, each with the time of its
+/// start, and the machine and boot in which they mean something.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Standing {
     place: [String; 2],
@@ -164,8 +165,8 @@ fn guard() -> ExitCode {
     }
 }
 
-/// Starts the program and sees it end, with all that it started. The thread that starts it is the one whose end the program
-/// does not survive, so that it is the main one.
+/// Starts the program and sees it end, with all that it started. The thread that starts it is the one whose end
+/// the program does not survive, so that it is the main one.
 fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<()> {
     process::adopt_orphans()?;
     let program = start(order)?;
@@ -239,7 +240,7 @@ fn after(grace: Duration, gone: &Receiver<()>, then: impl FnOnce()) {
     }
 }
 
-/// Ends all that comes from this process. What stands still starts nothing more while the others are ended.
+/// Ends all that comes from this process. Processes that stand still start nothing more while the others are ended.
 fn end_all() {
     let lives = |pid: &u32| matches!(process::look(*pid), Look::Started(_));
     loop {

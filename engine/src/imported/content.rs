@@ -1,5 +1,5 @@
-//! Files as they are read: unpacked, told from files of other kinds by their first bytes, and counted once where one is a
-//! copy of another.
+//! Files as they are read: unpacked, told from files of other kinds by their first bytes, and counted once where
+//! one is a copy of another.
 
 use super::{event_files, input, sha256};
 use crate::{Error, input_file};
@@ -197,8 +197,8 @@ fn is_event_file(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().contains("tfevents"))
 }
 
-/// The files without those that are copies of others, with a sentence on those that are not counted. A file that another
-/// one begins with is an earlier copy of it.
+/// The files without those that are copies of others, with a sentence on those that are not counted. A file that
+/// another one begins with is an earlier copy of it.
 pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Option<String>) {
     let copies: Vec<Option<String>> = (0..files.len()).map(|place| copy(place, &files)).collect();
     let mut counted = Vec::new();

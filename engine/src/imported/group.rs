@@ -1,5 +1,5 @@
-//! The values that an entry tells no further apart by files and columns: they are one run, or several where steps go back
-//! or several columns are runs.
+//! The values that an entry tells no further apart by files and columns: they are one run, or several where steps
+//! go back or several columns are runs.
 
 use super::{
     Content, Found, Run,

@@ -36,8 +36,8 @@ pub struct ImportedText {
     /// The meaning of steps that go back; such a log is refused where it is absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restart: Option<Restart>,
-    /// The meaning of several values of a run at one step. A table with such is refused where it is absent; event files,
-    /// which have one writer each, have the mean.
+    /// The meaning of several values of a run at one step. A table with such is refused where it is absent; event
+    /// files, which have one writer each, have the mean.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub same_step: Option<SameStep>,
     /// Runs without a value, and values that are not finite, which are refused unless they are named here.
@@ -225,8 +225,8 @@ pub struct Mapping {
     pub only: BTreeMap<String, String>,
     /// How many of the last values make the final one.
     pub last: u64,
-    /// True for the files of an own trial, which is judged as one: values that are not finite stay, and a metric may have
-    /// no value yet.
+    /// True for the files of an own trial, which is judged as one: values that are not finite stay, and a metric
+    /// may have no value yet.
     #[serde(skip)]
     pub is_own: bool,
 }

@@ -44,8 +44,8 @@ use std::{
 
 /// What the id of every imported run begins with; ids of own trials are digits alone.
 pub const MARK: &str = "imported-";
-/// The seed of the first run of the first entry. Every entry has a block of as many seeds of its own: equal numbers mean
-/// equal random streams here, and those of other programs are none of ours.
+/// The seed of the first run of the first entry. Every entry has a block of as many seeds of its own: equal
+/// numbers mean equal random streams here, and those of other programs are none of ours.
 pub const FIRST_SEED: u64 = 1_000_000;
 
 /// Where imported runs come from, to be said wherever they are shown.
@@ -108,8 +108,8 @@ fn input(path: &Path, line: Option<u64>, column: Option<&str>, problem: String) 
 }
 
 impl Found {
-    /// The runs as trials of `name` in `environment`; `block` is the place of the entry in its section, `mapping` how the
-    /// files were read.
+    /// The runs as trials of `name` in `environment`; `block` is the place of the entry in its section, `mapping`
+    /// how the files were read.
     ///
     /// # Errors
     /// What is wrong with the seeds of the runs, in words.
@@ -186,8 +186,8 @@ impl Found {
     }
 }
 
-/// What a run recorded: every value as a measurement while learning, values of one step as episodes of one, and the mean
-/// of the last ones as what was measured at the end.
+/// What a run recorded: every value as a measurement while learning, values of one step as episodes of one, and
+/// the mean of the last ones as what was measured at the end.
 fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
     let (mut names, mut rows) = (Vec::new(), Vec::new());
     for (metric, curve) in &run.curves {

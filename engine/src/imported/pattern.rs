@@ -27,8 +27,8 @@ pub enum PatternError {
     TooMany(String),
 }
 
-/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches. A study's
-/// files lie within `reach`.
+/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches. A
+/// study's files lie within `reach`.
 ///
 /// # Errors
 /// [`PatternError`].

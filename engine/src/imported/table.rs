@@ -197,8 +197,8 @@ pub(super) fn has_groups(text: &str) -> bool {
     first && !rest.is_empty() && rest.iter().all(|group| group.len() == 3 && digits(group))
 }
 
-/// Whether a number with one comma has a fraction for sure: `Some(false)` where the comma may group thousands, `None` where
-/// it is no number with one comma.
+/// Whether a number with one comma has a fraction for sure: `Some(false)` where the comma may group thousands,
+/// `None` where it is no number with one comma.
 pub(super) fn commas(text: &str) -> Option<bool> {
     let (before, behind) = text.split_once(',')?;
     let (fraction, exponent) = behind.split_once(['e', 'E']).unwrap_or((behind, "0"));

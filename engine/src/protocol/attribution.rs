@@ -1,10 +1,10 @@
 //! Protocol `attribution`: how much each observed quantity decides what a policy does; nothing is learned.
 //!
 //! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its decisions,
-//! the others stay, and it is asked again: its *influence* is how far actions move, in the mean. Where every quantity is
-//! exchanged at once (`whole_influence`), the policy is shown another decision's observation; that is the scale on
-//! which the others are read. What moves together in the world is torn apart by an exchange, so an influence says what the policy reads and
-//! not what the quantity is worth.
+//! the others stay, and it is asked again: its *influence* is how far actions move, in the mean. Where every
+//! quantity is exchanged at once (`whole_influence`), the policy is shown another decision's observation; that is
+//! the scale on which the others are read. What moves together in the world is torn apart by an exchange, so an
+//! influence says what the policy reads and not what the quantity is worth.
 //!
 //! An explanation that is the same for a policy which has learned nothing explains nothing. So the same agent without
 //! training stands beside the trained one, under the same episodes' numbers and the same exchanges; the table kind

@@ -79,7 +79,7 @@ pub struct Run<'a> {
     pub record: Recorder,
     /// Told how far the trial is: steps done, steps in all.
     pub progress: &'a mut dyn FnMut(u64, u64),
-    /// What an agent that trains itself is given; the protocol says for how long.
+    /// The task of an agent that trains itself; the protocol says for how long.
     pub assignment: Assignment,
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,

@@ -1,7 +1,7 @@
 //! How a protocol lets an agent train itself: it waits, takes in what is measured, and makes the record from it.
 //!
-//! While the training runs, values become rows as they arrive, for those who look on. The record that counts is made anew
-//! from all values in the end, in one order, so that it does not depend on when anybody looked:
+//! While the training runs, values become rows as they arrive, for those who look on. The record that counts is
+//! made anew from all values in the end, in one order, so that it does not depend on when anybody looked:
 //!
 //! | phase | rows |
 //! |---|---|
@@ -82,7 +82,7 @@ fn until_it_ends(grid: Grid, place: &Place, run: &mut Run<'_>) -> Result<Option<
     }
 }
 
-/// What it printed is kept however it ended.
+/// Its output is kept however it ended.
 fn keep_output(run: &mut Run<'_>) -> Result<(), Error> {
     match own(run)?.output() {
         Some(said) => run.keeper.keep_output(&said).map_err(Error::of_store),
@@ -101,7 +101,7 @@ fn hold_patience(run: &mut Run<'_>, heard: Instant) -> Result<(), Error> {
     }
 }
 
-/// Stops the training and keeps what was measured up to a step. What it did beyond lies in its files, and counts when it
+/// Stops the training and keeps what was measured up to a step. Later work lies in its files, and counts when it
 /// goes on.
 fn pause(grid: Grid, until: u64, run: &mut Run<'_>) -> Result<(), Error> {
     own(run)?.stop();
@@ -138,7 +138,8 @@ struct Grid {
 }
 
 impl Grid {
-    /// The measurements of a curve at multiples of `every` from `first` on and up to `last`; none before its first value.
+    /// The measurements of a curve at multiples of `every` from `first` on and up to `last`; none before its
+    /// first value.
     fn measured(self, curve: &Curve, first: u64, last: u64) -> Vec<(u64, f64)> {
         if self.every == 0 {
             return Vec::new();
@@ -207,7 +208,7 @@ fn numbered(values: &[(u64, f64)]) -> impl Iterator<Item = (u64, u64, f64)> {
     })
 }
 
-/// What a training came to.
+/// The end of a training.
 fn end(steps: u64, curves: &[Curve], record: &mut Recorder) {
     for curve in curves {
         if let Some(value) = recent(curve, u64::MAX) {
@@ -317,7 +318,7 @@ mod tests {
     }
 
     proptest! {
-        /// What a search compares at a pause is what it would compare at the end.
+        /// A search compares the same values at a pause as at the end.
         #[test]
         fn the_record_up_to_a_step_is_the_beginning_of_the_whole(
             values in proptest::collection::vec((0u64..40, -9.0..9.0), 1..20), until in 0u64..4, last in 1u64..4,

@@ -94,7 +94,7 @@ pub(super) fn register(registry: &mut Registry) {
     registry.lets_train(NAME, for_own_training);
 }
 
-/// What is left for an agent that trains itself: how long, and how often its measurements are taken in.
+/// The part of the protocol for an agent that trains itself: how long, and how often its measurements are taken in.
 fn for_own_training(config: TrainEvaluate) -> TrainEvaluate {
     TrainEvaluate {
         steps: config.steps,

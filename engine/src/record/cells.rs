@@ -259,7 +259,8 @@ impl Source {
         result
     }
 
-    /// The one of an id where ids are those of the plan; else the next one: meetings may share all names and their seed.
+    /// The one of an id where ids are those of the plan; else the next one: meetings may share all names and
+    /// their seed.
     fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<Left> {
         let left = self.left.get_mut(&key)?;
         let has = |it: &Left, id: &str| it.ended.id.as_deref() == Some(id);

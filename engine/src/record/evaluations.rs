@@ -9,8 +9,8 @@
 //! | `metric` | text | name; `rms(name)` for the root of the mean square over episodes |
 //! | `value` | f64 | mean over the episodes |
 //!
-//! At the end there is every metric, before it those that a table, figure, claim or search of the study names. The rows of
-//! a trial are together; meetings of a play that share names and seed come in the order of the plan.
+//! At the end there is every metric, before it those that a table, figure, claim or search of the study names.
+//! The rows of a trial are together; meetings of a play that share names and seed come in the order of the plan.
 
 use crate::{
     Error, panics,

@@ -1,5 +1,5 @@
-//! The record of a study's results: what lies in its folder of results so that its report can be made again, and judged by
-//! other rules, without the store.
+//! The record of a study's results: what lies in its folder of results so that its report can be made again, and
+//! judged by other rules, without the store.
 //!
 //! | file | what |
 //! |---|---|

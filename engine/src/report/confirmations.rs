@@ -29,7 +29,7 @@ pub struct Round {
     pub contents: Contents,
 }
 
-/// What the seeds of one round say of something alone.
+/// The verdict of one round of seeds alone.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Alone {
     /// The seeds, as in `100-115`.
@@ -44,11 +44,11 @@ pub struct Alone {
 /// Something that was put to several rounds of seeds.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Confirmed {
-    /// What it is about.
+    /// The claim with its place, or the table with its cell.
     pub(super) about: String,
-    /// What each round says alone.
+    /// The verdict of each round alone.
     pub(super) rounds: Vec<Alone>,
-    /// What all of them say.
+    /// The verdict of all rounds together.
     pub(super) all: Alone,
 }
 

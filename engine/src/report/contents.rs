@@ -44,14 +44,14 @@ pub struct Contents {
     pub claims: Vec<ClaimLine>,
     /// Figures that are drawn otherwise than they are written, a sentence for each.
     pub warnings: Vec<String>,
-    /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
-    /// is not known.
+    /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen
+    /// before then is not known.
     pub lost_record: Option<PathBuf>,
     /// True where the study is one of a family, whose verdicts are taken together elsewhere.
     pub(super) has_family: bool,
-    /// What was put to several rounds of seeds.
+    /// Claims and values with several rounds of seeds.
     pub(super) confirmed: Vec<Confirmed>,
-    /// What the trials of each confirmation took.
+    /// Number and time of the trials of each confirmation.
     pub(super) rounds: Vec<Cost>,
     /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
     pub kept: BTreeMap<String, Kept>,
@@ -80,7 +80,7 @@ pub struct ClaimLine {
     pub looks: Seeds,
     /// The combinations whose seeds are behind it.
     pub rests_on: BTreeSet<CellName>,
-    /// What each round of seeds says alone, where there are several; the verdict is that of all.
+    /// The verdict of each round alone, where there are several; `verdict` is that of all.
     pub rounds: Vec<Alone>,
 }
 
@@ -158,8 +158,8 @@ impl Contents {
         contents
     }
 
-    /// Leaves to an earlier report what this one has nothing for: a table in which there is no number would take the place
-    /// of one with numbers. What it shows in its place says so.
+    /// Leaves to an earlier report what this one has nothing for: a table in which there is no number would take
+    /// the place of one with numbers. What it shows in its place says so.
     pub fn leave_to(&mut self, earlier: &Manifest) {
         let has = |files: &[String]| files.iter().any(|file| earlier.names(file));
         let are = "; its files are those of an earlier report";
@@ -219,8 +219,8 @@ impl Contents {
             .collect()
     }
 
-    /// Says how strictly each value and claim is decided, and takes those of the study together (Holm) where it is a family
-    /// of its own. What was thought of after results were seen is in no family.
+    /// Says how strictly each value and claim is decided, and takes those of the study together (Holm) where it
+    /// is a family of its own. Exploratory values and claims are in no family.
     pub fn adjust(&mut self) {
         self.leave_families();
         let is_family = !self.has_family;

@@ -1,5 +1,5 @@
-//! Verdicts that a reader reads together, such as those of a chapter, over several studies: which of them hold when all of
-//! them are asked at once (Holm), and how many there are of each word.
+//! Verdicts that a reader reads together, such as those of a chapter, over several studies: which of them hold
+//! when all of them are asked at once (Holm), and how many there are of each word.
 
 use super::{
     Passed, Verdicts,
@@ -38,8 +38,8 @@ pub struct Family {
     pub confirmed: usize,
 }
 
-/// Takes the verdicts of each family together. Studies without a family are one each, and have been taken together by their
-/// reports.
+/// Takes the verdicts of each family together. Studies without a family are one each, and have been taken
+/// together by their reports.
 pub fn take_together(studies: &mut [Verdicts]) {
     let mut families: BTreeMap<String, Vec<&mut Passed>> = BTreeMap::new();
     for study in studies {

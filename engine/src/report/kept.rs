@@ -1,5 +1,5 @@
-//! Figures of an earlier report that stay where their data are not at hand: their drawings lie in the folder, and a record
-//! tells the rest.
+//! Figures of an earlier report that stay where their data are not at hand: their drawings lie in the folder, and
+//! a record tells the rest.
 
 use super::files;
 use crate::{

@@ -115,8 +115,8 @@ impl Manifest {
         }
     }
 
-    /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists; those of `unmade`
-    /// stay.
+    /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists; those of
+    /// `unmade` stay.
     ///
     /// # Errors
     /// [`Error::File`] where a file cannot be removed or written.
@@ -213,8 +213,8 @@ mod tests {
         replaced
     }
 
-    /// What a report cannot make stays as an earlier one made it, however many such reports follow, until one makes it or
-    /// the study has it no more.
+    /// What a report cannot make stays as an earlier one made it, however many such reports follow, until one
+    /// makes it or the study has it no more.
     #[test]
     fn what_could_not_be_made_stays_until_it_is_made_or_no_more_asked_for() {
         let dir = tempfile::tempdir().unwrap();

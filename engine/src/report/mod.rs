@@ -203,8 +203,8 @@ pub struct ReportPaths {
 /// `summary.md` into a folder. Each file appears whole or not at all.
 ///
 /// # Errors
-/// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the report
-/// says why. A figure whose drawing is refused becomes one of these in `contents`.
+/// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the
+/// report says why. A figure whose drawing is refused becomes one of these in `contents`.
 pub fn write(
     dir: &Path,
     study: &StudyInfo,
@@ -345,7 +345,8 @@ fn write_figures(
     Ok(drawings)
 }
 
-/// Writes the drawing of a figure, as SVG, which is returned too, PNG and PDF: all of them, or none where one is refused.
+/// Writes the drawing of a figure, as SVG, which is returned too, PNG and PDF: all of them, or none where one is
+/// refused.
 fn write_drawing(vector: &Path, pixels: &Path, page: &Path, chart: &figure::Chart) -> Result<String, Error> {
     let svg = figure::svg(chart)?;
     let pdf = figure::pdf(&svg)?;

@@ -74,11 +74,11 @@ pub struct Passed {
     /// What was found out about why it differs or is refuted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and where a design
-    /// has looks left, which says itself when to go on.
+    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and where
+    /// a design has looks left, which says itself when to go on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub would_decide: Option<Effort>,
-    /// What each round of seeds says alone, where there are several.
+    /// The verdict of each round of seeds alone, where there are several.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rounds: Vec<Alone>,
 }

@@ -1,5 +1,5 @@
-//! What a search chooses is a function of its study and of the bits of its trials: the same whatever else is known of them,
-//! whichever of them failed and were tried again, and in which pieces and in which order they ran.
+//! What a search chooses is a function of its study and of the bits of its trials: the same whatever else is
+//! known of them, whichever of them failed and were tried again, and in which pieces and in which order they ran.
 
 use super::*;
 use crate::{
@@ -245,8 +245,8 @@ struct Settled {
     words: String,
 }
 
-/// Runs a search to its end in a store that may hold something already; `dice` let trials fail and run in pieces. Failed
-/// ones are tried again when nothing else is left.
+/// Runs a search to its end in a store that may hold something already; `dice` let trials fail and run in pieces.
+/// Failed ones are tried again when nothing else is left.
 fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rng>) -> (Settled, Store) {
     for _ in 0..10_000 {
         let (progress, result) = grown(world, search, &store);

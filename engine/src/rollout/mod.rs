@@ -3,8 +3,8 @@
 //!
 //! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
 //! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, where the
-//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in `agent_0.reward`, and what it observed
-//! follows the rewards, as `agent_0.obs_0`, ...
+//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in
+//! `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
 
 mod columns;
 mod given;

@@ -1,14 +1,15 @@
 //! Several programs work on one store while processes are killed and halt, machines lose their power, clocks jump,
 //! calls fail and the disk is full. Whatever happens:
 //!
-//! 1. A trial that was said to have ended has ended, with the same bytes, and does not run again, also where it was packed.
+//! 1. A trial that was said to have ended has ended, with the same bytes, and does not run again, also where it
+//!    was packed.
 //! 2. Two computations of a trial give the same bytes.
 //! 3. What a trial saved is there when it goes on.
 //! 4. Nobody takes a trial from a process that lives and renews its lease.
 //! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
 //! 6. Nothing outside the store is touched.
-//! 7. What a trial measured at a pause is there from when that was said, and a search that pauses its trials chooses the
-//!    same, whatever failed meanwhile.
+//! 7. What a trial measured at a pause is there from when that was said, and a search that pauses its trials
+//!    chooses the same, whatever failed meanwhile.
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.
 

@@ -1,11 +1,11 @@
 //! Runs what is missing: trials in worker processes, one single-threaded trial per process at a time.
 //!
-//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a common queue; a trial is begun
-//! only under its lease, so that several programs can work on one store. The child runs the trial, writes it
-//! to the store and says how it ended; a child that dies is replaced, and only its trial is affected. One
-//! watching thread renews the leases, holds the limits of time and memory, and passes on the wish to stop.
-//! Everything that happens reaches the caller as an [`Event`] on one channel, so there is one owner of what
-//! is shown.
+//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a
+//! common queue; a trial is begun only under its lease, so that several programs can work on one store. The child
+//! runs the trial, writes it to the store and says how it ended; a child that dies is replaced, and only its
+//! trial is affected. One watching thread renews the leases, holds the limits of time and memory, and passes on
+//! the wish to stop. Everything that happens reaches the caller as an [`Event`] on one channel, so there is one
+//! owner of what is shown.
 
 #[cfg(test)]
 mod fault_tests;

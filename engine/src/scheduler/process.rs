@@ -251,8 +251,8 @@ impl Shared {
         }
     }
 
-    /// Tells a busy process, once, to save a checkpoint and stop. From now on a silent one is waited for less long, also
-    /// where it is not busy yet: one to which a connection is made, or that a trial is brought to.
+    /// Tells a busy process, once, to save a checkpoint and stop. From now on a silent one is waited for less
+    /// long, also where it is not busy yet: one to which a connection is made, or that a trial is brought to.
     pub(super) fn ask_to_stop(&self) {
         let mut process = self.look();
         let Some(process) = process.as_deref_mut().and_then(Option::as_mut) else {
@@ -294,7 +294,7 @@ impl Shared {
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             match &busy.exceeded {
-                // What a program started holds the memory, and hears nothing of its worker's end for a while.
+                // Processes that a program started hold the memory, and hear nothing of its worker's end for a while.
                 Some((EndState::Oom, _)) => {
                     let family = family(child.id());
                     family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));

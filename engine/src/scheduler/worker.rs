@@ -105,8 +105,8 @@ pub fn serve(
         let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
         say(&mut replies, &reply)?;
         if last {
-            // Code that panicked, or lost what it had started, may have left its memory in any state: the next trial gets
-            // a fresh process.
+            // Code that panicked, or lost what it had started, may have left its memory in any state: the next
+            // trial gets a fresh process.
             break;
         }
     }
@@ -173,8 +173,8 @@ pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies
     }
 }
 
-/// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a product
-/// in it.
+/// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a
+/// product in it.
 fn attempt(
     registry: &Registry,
     request: &Request,

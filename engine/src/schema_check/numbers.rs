@@ -107,8 +107,8 @@ fn is_not_finite(text: &str) -> bool {
     ["inf", "infinity", "\u{221e}", "nan"].contains(&word.as_str())
 }
 
-/// Digits in groups of three, between which one and the same separator stands: `1,000`, `1 000`, `1'000`, `1.000.000`; and
-/// digits with underscores anywhere between them.
+/// Digits in groups of three, between which one and the same separator stands: `1,000`, `1 000`, `1'000`,
+/// `1.000.000`; and digits with underscores anywhere between them.
 fn grouped(text: &str) -> Option<String> {
     let points = groups(text, '.').filter(|_| text.matches('.').count() > 1);
     points

@@ -23,8 +23,8 @@ pub struct Importance {
     /// For each key the mean and the standard deviation over exchanges of what is lost, as a share of the
     /// variance of the values.
     pub keys: Vec<(f64, f64)>,
-    /// Share of the variance of settings that the forest has not seen which it explains; below 0 where it forecasts worse
-    /// than their mean.
+    /// Share of the variance of settings that the forest has not seen which it explains; below 0 where it
+    /// forecasts worse than their mean.
     pub explained: f64,
 }
 

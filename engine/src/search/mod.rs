@@ -3,10 +3,10 @@
 //!
 //! A search tries settings in generations. A generation is settled when every one of its settings was seen, so what
 //! follows depends on neither the number of workers nor the order in which they finish, and on nothing else that the
-//! store holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks last. A
-//! trial that failed in another way (an error, a limit of time or memory) says nothing of its setting, and the search
-//! waits for it, see [`Failed`]. Random numbers come from streams that are named by what is searched and by the place of
-//! a setting, so that a larger budget keeps the settings of a smaller one.
+//! store holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks
+//! last. A trial that failed in another way (an error, a limit of time or memory) says nothing of its setting,
+//! and the search waits for it, see [`Failed`]. Random numbers come from streams that are named by what is
+//! searched and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
 
 mod cma_es;
 mod halving;
@@ -124,8 +124,8 @@ pub enum Method {
         /// Where trials pause, and how many go on.
         Halving,
     ),
-    /// Random settings that learn side by side; after every pause the worst take up what the best have learned and go on
-    /// with a setting like theirs: population based training. What is found is a schedule of settings.
+    /// Random settings that learn side by side; after every pause the worst take up what the best have learned
+    /// and go on with a setting like theirs: population based training. What is found is a schedule of settings.
     Population(
         /// Where members are compared, and how many are replaced.
         Population,
@@ -196,8 +196,8 @@ pub struct Population {
     #[serde(default = "quarter")]
     #[schemars(range(min = 0.01, max = 0.5))]
     pub replace: f64,
-    /// How probable it is that a value of a member that is replaced is drawn anew from its whole range; otherwise a number
-    /// changes by a fifth, and a listed value to one beside it.
+    /// How probable it is that a value of a member that is replaced is drawn anew from its whole range; otherwise
+    /// a number changes by a fifth, and a listed value to one beside it.
     #[serde(default = "quarter")]
     #[schemars(range(min = 0, max = 1))]
     pub redraw: f64,

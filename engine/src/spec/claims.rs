@@ -76,9 +76,10 @@ pub struct ClaimSpec {
     /// Why its margin or factor is what it is; empty where absent.
     #[serde(default)]
     pub why: String,
-    /// The smallest difference between the two sides that matters, in their unit, of a claim with `>`, `>=`, `<` or `<=`.
-    /// SUPPORTED then needs a larger one; a smaller one in the claimed direction is DIRECTION ONLY. Where the whole
-    /// interval is smaller, the verdict is EQUIVALENT. Where absent, `relevance` says it, and any difference matters without.
+    /// The smallest difference between the two sides that matters, in their unit, of a claim with `>`, `>=`, `<`
+    /// or `<=`. SUPPORTED then needs a larger one; a smaller one in the claimed direction is DIRECTION ONLY.
+    /// Where the whole interval is smaller, the verdict is EQUIVALENT. Where absent, `relevance` says it, and any
+    /// difference matters without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub matters: Option<f64>,

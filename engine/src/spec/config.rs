@@ -151,8 +151,8 @@ pub fn resolve(
     })
 }
 
-/// Replaces lists of patterns, where a plugin asks for files by such, by the files that they name: each under its name as
-/// seen from the study's folder.
+/// Replaces lists of patterns, where a plugin asks for files by such, by the files that they name: each under its
+/// name as seen from the study's folder.
 fn list_files(
     plugin: &Plugin<'_>,
     given: &Node,

@@ -121,7 +121,8 @@ impl Study {
     }
 }
 
-/// Reads the section, and holds it against the rest of the study. `used` are the seeds of the study and of its searches.
+/// Reads the section, and holds it against the rest of the study. `used` are the seeds of the study and of its
+/// searches.
 ///
 /// # Errors
 /// Claims and tables that are not there, and seeds that are not above all those that were seen.

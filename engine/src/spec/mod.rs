@@ -200,7 +200,8 @@ pub struct Study {
     folder: PathBuf,
     /// The files that it includes, in the order in which they were read.
     pub included: Vec<PathBuf>,
-    /// Rounds of claims and published values on further seeds, in order; none under a profile and options of the command line.
+    /// Rounds of claims and published values on further seeds, in order; none under a profile and options of the
+    /// command line.
     pub confirm: Vec<Confirmation>,
 }
 

@@ -102,8 +102,8 @@ pub fn find<'a>(
     })
 }
 
-/// The key under which a plugin has keys that a study gives names to, which are then named as its own, and the names that
-/// are there.
+/// The key under which a plugin has keys that a study gives names to, which are then named as its own, and the
+/// names that are there.
 fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w Named>) -> Option<(&'a str, Vec<&'w str>)> {
     let names = config.property_names().into_iter();
     let is_marked = |name: &&str| {

@@ -1,5 +1,5 @@
-//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure or the summary stands for the
-//! number that the trials have, also under a profile.
+//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure or the summary
+//! stands for the number that the trials have, also under a profile.
 //!
 //! | placeholder | value |
 //! |---|---|

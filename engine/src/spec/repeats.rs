@@ -1,4 +1,5 @@
-//! Samples of a sweep that came to the same setting, as those of whole numbers may: they are tried once, and that is said.
+//! Samples of a sweep that came to the same setting, as those of whole numbers may: they are tried once, and that
+//! is said.
 
 use super::sweep::Dimension;
 use crate::{

@@ -1,5 +1,5 @@
-//! Schedules of settings, as populations find them: every stretch of one is a cell of its own, whose protocol goes on from
-//! the checkpoint that the stretch before left.
+//! Schedules of settings, as populations find them: every stretch of one is a cell of its own, whose protocol
+//! goes on from the checkpoint that the stretch before left.
 
 use super::{
     cell::{Cell, Place},

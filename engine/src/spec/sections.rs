@@ -40,8 +40,8 @@ pub(super) struct Sections {
     title: String,
     /// Where the published numbers come from.
     source: String,
-    /// A name for the studies whose verdicts are read together, such as `chapter 3`. The overview takes these together (Holm);
-    /// without it the study is a family of its own.
+    /// A name for the studies whose verdicts are read together, such as `chapter 3`. The overview takes these
+    /// together (Holm); without it the study is a family of its own.
     #[schemars(length(min = 1))]
     family: String,
     /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
@@ -50,13 +50,14 @@ pub(super) struct Sections {
     /// What differs from the source, one sentence each.
     departures: Vec<String>,
     /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, ranges of them as in `100-199`, or a design
-    /// `{ min, max, looks }`, with `first` where it does not begin with seed 0. With a design seeds are added look by look until every judged value and claim is decided.
+    /// `{ min, max, looks }`, with `first` where it does not begin with seed 0. With a design seeds are added
+    /// look by look until every judged value and claim is decided.
     #[schemars(extend("default" = 1))]
     seeds: SeedsText,
     /// What counts as a success of a seed; adds the metric `success`.
     success: Success,
-    /// How long the source trained. Where the trainings here are less than half as long, what differs and what is refuted
-    /// is NOT AT THIS BUDGET.
+    /// How long the source trained. Where the trainings here are less than half as long, what differs and what is
+    /// refuted is NOT AT THIS BUDGET.
     paper_budget: PaperBudget,
     /// Agents that do nothing, act at random or by a plain rule. Where no trained agent is better than all of them, no
     /// claim that compares trained agents is judged: NOT LEARNED.

@@ -16,8 +16,8 @@ pub fn way(from: &Path, to: &Path) -> PathBuf {
     up.chain(to[shared..].iter().cloned()).collect()
 }
 
-/// The name of a file in a study of `folder`: the way to it, or its absolute path where that would lead out of the folder
-/// and its project.
+/// The name of a file in a study of `folder`: the way to it, or its absolute path where that would lead out of
+/// the folder and its project.
 #[must_use]
 pub fn name_from(folder: &Path, to: &Path) -> PathBuf {
     name_within(&Reach::of(folder), folder, to)

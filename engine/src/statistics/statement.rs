@@ -9,7 +9,8 @@
 //! decides is final, whatever the seeds say that other statements ask for afterwards.
 //!
 //! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, the one that is
-//! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until one is not.
+//! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until
+//! one is not.
 
 use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Design};
 
@@ -328,8 +329,8 @@ fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome
     }
 }
 
-/// Which statements of a family are decided together, so that the probability of any wrong decision among them is that of
-/// a single one: from the strictest share of its level at which each is decided, `None` where it is open alone.
+/// Which statements of a family are decided together, so that the probability of any wrong decision among them is
+/// that of a single one: from the strictest share of its level at which each is decided, `None` where it is open alone.
 #[must_use]
 pub fn holm(strictest: &[Option<f64>]) -> Vec<bool> {
     let mut order: Vec<(usize, f64)> = (0..)

@@ -1,8 +1,8 @@
 //! What environments that are not this program's own announced when they were last tried out: with it a study is read
 //! where nothing of it has to run, also on a machine or in a shell that could not make them.
 //!
-//! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is damaged, or
-//! of another program, is passed over.
+//! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is
+//! damaged, or of another program, is passed over.
 
 use super::{seal, write_durably};
 use crate::world::fs;

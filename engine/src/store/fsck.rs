@@ -440,8 +440,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// What a trial had recorded at a pause, or before a number was not finite. One that is damaged runs again, also where
-    /// it has ended so.
+    /// What a trial had recorded at a pause, or before a number was not finite. One that is damaged runs again,
+    /// also where it has ended so.
     fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);

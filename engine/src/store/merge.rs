@@ -44,13 +44,13 @@ pub enum Fate {
     Same,
     /// The destination has other bytes, which stay.
     Conflict {
-        /// What the source has.
+        /// The metrics of the source.
         source: Imprint,
-        /// What the destination has.
+        /// The metrics of the destination.
         destination: Imprint,
     },
-    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was stored first
-    /// stays.
+    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was
+    /// stored first stays.
     Another {
         /// What the source has.
         source: Imprint,

@@ -122,8 +122,8 @@ pub struct TrialFile {
     /// Hash of what the trial printed, where that is kept. It is no result: honest runs of one trial differ in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<String>,
-    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that was stored
-    /// stays.
+    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that
+    /// was stored stays.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub trained_itself: bool,
 }
@@ -326,8 +326,9 @@ impl Store {
         }
     }
 
-    /// Adds to a trial of a search that has not ended `ok` what it had recorded. An earlier program kept what was measured
-    /// at a pause in the log alone, so that of a trial without anything stored the log is read, up to what is whole of it.
+    /// Adds to a trial of a search that has not ended `ok` what it had recorded. An earlier program kept what was
+    /// measured at a pause in the log alone, so that of a trial without anything stored the log is read, up to
+    /// what is whole of it.
     ///
     /// # Errors
     /// [`Error::Damaged`] where what is stored is not what was written.

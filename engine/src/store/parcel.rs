@@ -48,8 +48,8 @@ impl Store {
         }))
     }
 
-    /// Takes in what [`parcel`](Self::parcel) gave on another machine; false where a pause is known here already. The caller
-    /// holds the trial's lease.
+    /// Takes in what [`parcel`](Self::parcel) gave on another machine; false where a pause is known here already.
+    /// The caller holds the trial's lease.
     ///
     /// # Errors
     /// [`NotTaken`].

@@ -1,11 +1,12 @@
-//! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before a number
-//! was not finite.
+//! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before
+//! a number was not finite.
 //!
-//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and what acknowledges them: a text like that of
-//! `trial.json`, sealed, with the key and the digest of the metrics. Its name says how far the trial was measured, so that
-//! a program which lost its lease and writes late takes nothing of a later pause away: the farthest file counts. Those
-//! before it go when it is stored, and all of them when the trial has ended `ok`, whose metrics hold all of it. Searches
-//! compare settings by it, so that it is merged, checked and verified as what ended is.
+//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and what acknowledges them: a text
+//! like that of `trial.json`, sealed, with the key and the digest of the metrics. Its name says how far the trial
+//! was measured, so that a program which lost its lease and writes late takes nothing of a later pause away: the
+//! farthest file counts. Those before it go when it is stored, and all of them when the trial has ended `ok`,
+//! whose metrics hold all of it. Searches compare settings by it, so that it is merged, checked and verified as
+//! what ended is.
 
 use super::{
     MetricsTable, Store, TrialFile, boundary, date, index, inside, metrics_file, pack, parcel, remove, seal,

@@ -377,7 +377,8 @@ pub(super) fn has_work(folder: &Path) -> bool {
     fs::is_folder(&running(folder).join(WORK))
 }
 
-/// Puts what a trial printed last into its folder, to be acknowledged with how it ended: its hash, where something is kept.
+/// Puts what a trial printed last into its folder, to be acknowledged with how it ended: its hash, where
+/// something is kept.
 pub(super) fn settle_output(folder: &Path) -> Result<Option<String>, Error> {
     let (from, to) = (running(folder).join(OUTPUT), folder.join(OUTPUT));
     match fs::read(&from) {

@@ -1,8 +1,9 @@
 //! Records of the verdicts that were seen, a file a study: `looks/<study>.json`, sealed as a `trial.json` is.
 //!
-//! No computation brings such a record back, and without it a verdict that was chosen with results in view looks like one
-//! that was not. So one that is damaged is set aside and never written over, and the record that begins in its place says
-//! so to every later report. Those of earlier programs have no seal; they are read, and sealed when they are next written.
+//! No computation brings such a record back, and without it a verdict that was chosen with results in view looks
+//! like one that was not. So one that is damaged is set aside and never written over, and the record that begins
+//! in its place says so to every later report. Those of earlier programs have no seal; they are read, and sealed
+//! when they are next written.
 
 use super::{Fault, Finding, Findings, LOOKS, Store, inside, names, seal, write_durably};
 use crate::{Error, world::fs};
@@ -74,8 +75,8 @@ impl Store {
         text.map(|text| parse(&text, &path)).transpose()
     }
 
-    /// The same, to be gone on with: a damaged record is set aside, and the new one in its place says so. It is given with
-    /// what was wrong with the one before.
+    /// The same, to be gone on with: a damaged record is set aside, and the new one in its place says so. It is
+    /// given with what was wrong with the one before.
     ///
     /// # Errors
     /// As [`seen_verdicts`](Self::seen_verdicts) without the first, and where files cannot be moved or written.

@@ -26,7 +26,7 @@ pub fn is_inside(name: &Path) -> bool {
 /// Makes a file readable for its owner alone.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub fn make_private(path: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt as _;
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))

@@ -72,12 +72,12 @@ pub fn end_group(child: &mut Child) {
     let _ = child.kill();
 }
 
-/// What a process may be told.
+/// A signal to a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
     /// To end, in good order.
     Term,
-    /// What a program makes of it: many save their state.
+    /// A signal that programs are free to use: many save their state.
     Usr1,
     /// To stand still.
     Stop,
@@ -114,10 +114,10 @@ pub fn signal_group(leader: u32, signal: Signal) {
     }
 }
 
-/// What processes leave behind whose parents are gone becomes this process's own from now on.
+/// Processes whose parents are gone become children of this one from now on.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub fn adopt_orphans() -> std::io::Result<()> {
     rustix::process::set_child_subreaper(named(std::process::id())).map_err(Into::into)
 }
@@ -126,7 +126,7 @@ pub fn adopt_orphans() -> std::io::Result<()> {
 /// is over already: `parent` is no longer the parent.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub fn die_with(parent: u32) -> std::io::Result<bool> {
     rustix::process::set_parent_process_death_signal(Some(Signal::Kill.of_system()))?;
     Ok(rustix::process::getppid() == named(parent))
@@ -163,7 +163,7 @@ pub fn signal_name(signal: i32) -> String {
 /// Waits for a child, and takes in all others that end meanwhile.
 ///
 /// # Errors
-/// What the system says, as where there is no such child.
+/// The error of the system, as where there is no such child.
 pub fn wait_for(pid: u32) -> std::io::Result<Ending> {
     use rustix::process::{WaitOptions, wait};
     loop {

@@ -1,8 +1,8 @@
 //! Numbers that sum up every bit of this crate's results, for a comparison of processors and cards.
 //!
-//! `examples/digests.rs` prints them on a processor and `cuda/check.cu` on a card; `fixtures/digests.txt` holds them. They
-//! are equal over all inputs on a Xeon compiled for x86-64, v3 and v4 and on an NVIDIA H100, and over the kept classes on
-//! aarch64 and on a processor without fused multiply-adds.
+//! `examples/digests.rs` prints them on a processor and `cuda/check.cu` on a card; `fixtures/digests.txt` holds
+//! them. They are equal over all inputs on a Xeon compiled for x86-64, v3 and v4 and on an NVIDIA H100, and over
+//! the kept classes on aarch64 and on a processor without fused multiply-adds.
 //! A line is `name total class_0 class_1 ... class_15`, in hexadecimal digits.
 //!
 //! A digest is the sum modulo 2^64 of [`mix`] over all inputs, so that their order does not matter. Inputs `i` fall

@@ -12,10 +12,11 @@
 //!
 //! The gamma draw is the algorithm of G. Marsaglia and W. W. Tsang (ACM TOMS 26, 2000) without their quick first
 //! test. With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. Where
-//! `t = 1 + c z` is not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d t^3` is the
-//! draw if `ln u < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1` comes first, then
-//! a word, and `ln x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in `ln x`, because for
-//! small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are below 1e-30.
+//! `t = 1 + c z` is not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d
+//! t^3` is the draw if `ln u < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1`
+//! comes first, then a word, and `ln x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in
+//! `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are below
+//! 1e-30.
 
 use crate::double::{NAN, ln, polynomial};
 

@@ -5,7 +5,7 @@
 
 use crate::single;
 
-/// Runs loops compiled for the widest vectors that the processor has. What it calls is to be inlined.
+/// Runs loops compiled for the widest vectors that the processor has. Functions that it calls are to be inlined.
 #[inline(always)]
 pub(crate) fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)

@@ -5,10 +5,10 @@
 //! `m <- b1 m + (1 - b1) g`, `v <- b2 v + (1 - b2) g^2`,
 //! `x <- x - rate (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + epsilon)`.
 //!
-//! `b1 = 0.9`, `b2 = 0.999` unless said otherwise, `epsilon = 1e-8`, as in the paper. `burn`'s own optimiser clips the gradient of
-//! each parameter by itself; the algorithms here clip by the Euclidean norm over all parameters of a network.
-//! Moments below the smallest normal number are zero here. One pass over each parameter on the host does the whole step; the state can be stored and continues to the
-//! same bits.
+//! `b1 = 0.9`, `b2 = 0.999` unless said otherwise, `epsilon = 1e-8`, as in the paper. `burn`'s own optimiser
+//! clips the gradient of each parameter by itself; the algorithms here clip by the Euclidean norm over all
+//! parameters of a network. Moments below the smallest normal number are zero here. One pass over each parameter
+//! on the host does the whole step; the state can be stored and continues to the same bits.
 
 use crate::parameters::map_values;
 use crate::tensor_file::{TensorFile, TensorFileError};
@@ -271,8 +271,8 @@ fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>,
 
 /// Zero for what is below the smallest normal number. The moments of a unit that is never active again halve and halve,
 /// and then stay: 0.9 times a few of the smallest numbers there are is rounded to as many. A processor takes some
-/// thirty times as long for each of them (23 against 0.7 ns), and by the epsilon in the denominator none of them moves a
-/// parameter that is larger than 1e-22.
+/// thirty times as long for each of them (23 against 0.7 ns), and by the epsilon in the denominator none of them
+/// moves a parameter that is larger than 1e-22.
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {
         0.0

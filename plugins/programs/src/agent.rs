@@ -194,8 +194,8 @@ impl ProgramAgent {
         Ok(words)
     }
 
-    /// The words with the interpreter of this machine. A relative place is seen from where the study was started, and not
-    /// from the working folder.
+    /// The words with the interpreter of this machine. A relative place is seen from where the study was started,
+    /// and not from the working folder.
     fn started(&self, mut words: Vec<String>) -> Result<Vec<String>, Error> {
         let own = &self.config.interpreter;
         if own.is_empty() {

@@ -1,4 +1,4 @@
-//! What a study says of a program.
+//! The keys of a program in a study.
 
 use engine::{
     DataFile, Error, Metric,
@@ -16,15 +16,15 @@ use std::{borrow::Cow, collections::BTreeMap, path::Path};
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramConfig {
     /// The program and its arguments, as a list; no shell reads them. `{seed}`, `{steps}`, `{evaluate_every}`,
-    /// `{environment.KEY}`, `{input.NAME}`, `{checkpoint}`, `{folder}`, `{parameters}` (the path of a JSON file with all
-    /// of them) and the name of each parameter in braces are replaced; `{{` is a brace.
+    /// `{environment.KEY}`, `{input.NAME}`, `{checkpoint}`, `{folder}`, `{parameters}` (the path of a JSON file
+    /// with all of them) and the name of each parameter in braces are replaced; `{{` is a brace.
     pub run: Vec<String>,
     /// Parameters of the program by name, as `{NAME}` in its words. They are swept and searched as keys of the agent.
     #[schemars(extend("x-own-keys" = true))]
     pub parameters: BTreeMap<String, Value>,
     /// Its files, seen from the study's folder: a list of names and patterns in which `*` stands for any part of a name
-    /// and `**` for folders of any depth; or `{ NAME: { file: PATH } }` with the name that each has in the working folder.
-    /// Nothing else lies there.
+    /// and `**` for folders of any depth; or `{ NAME: { file: PATH } }` with the name that each has in the
+    /// working folder. Nothing else lies there.
     #[schemars(extend("x-patterns" = true))]
     pub sources: Sources,
     /// The lock file of its packages, as `uv.lock`, `requirements.txt` or `Cargo.lock`; `none` for a program that needs
@@ -53,8 +53,8 @@ pub struct ProgramConfig {
     /// Names of environment variables of the machine that it is given besides. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub inherit: Vec<String>,
-    /// The program that runs in the place of the first word: one on the path, or its place, as `.venv/bin/python`; empty
-    /// for the first word itself. No part of a trial's id.
+    /// The program that runs in the place of the first word: one on the path, or its place, as
+    /// `.venv/bin/python`; empty for the first word itself. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub interpreter: String,
 }
@@ -100,7 +100,7 @@ impl JsonSchema for Sources {
     }
 }
 
-/// What says which packages a program has.
+/// The lock file of the packages of a program.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "`none`, or `{ file: PATH }`")]
 pub enum Lock {

@@ -3,8 +3,9 @@
 //! A trial of a program has a working folder of its own, in which nothing lies but what the study declares. The program
 //! runs there under a guard of the engine; its metrics are read from its output and its files while it runs.
 //!
-//! What determines numbers is in a trial's id: the words of the command with the parameters, the content of sources, lock
-//! file and inputs, and the environment's values. Which machine, folder or interpreter runs it is not.
+//! A trial's id holds everything that determines numbers: the words of the command with the parameters, the
+//! content of sources, lock file and inputs, and the environment's values. Which machine, folder or interpreter
+//! runs it is not.
 
 mod agent;
 mod config;

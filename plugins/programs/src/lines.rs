@@ -48,7 +48,7 @@ impl Lines {
     }
 }
 
-/// What counts in the lines of a stream.
+/// The metrics in the lines of a stream.
 #[derive(Debug, Clone, Default)]
 pub struct Filter {
     /// Keys of metrics.

@@ -1,7 +1,7 @@
 //! Metrics of a program, read from what it writes, while it runs and when it has ended.
 //!
-//! Files are read as a whole whenever they changed, and not more often than their reading is cheap. Until the program has
-//! ended, what cannot be read may become whole: a problem counts at the last reading alone.
+//! Files are read as a whole whenever they changed, and not more often than their reading is cheap. Until the
+//! program has ended, what cannot be read may become whole: a problem counts at the last reading alone.
 
 use crate::{
     ProgramConfig,
@@ -83,10 +83,10 @@ impl Metrics {
         }
     }
 
-    /// What is there by now.
+    /// The values that are there by now.
     pub fn now(&mut self) -> &[Curve] {
         for place in 0..self.sources.len() {
-            // What cannot be read may become whole.
+            // A file that cannot be read may become whole.
             let _ = self.look(place, false);
         }
         &self.curves

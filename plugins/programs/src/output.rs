@@ -1,4 +1,4 @@
-//! What a program says: lines with metrics are noted while it says them, and its first and last words are kept.
+//! The output of a program: lines with metrics are noted while it says them, and its first and last words are kept.
 
 use crate::lines::{Filter, Lines};
 use engine::Error;
@@ -46,7 +46,7 @@ struct Heard {
     said: Arc<Mutex<Said>>,
 }
 
-/// What was said so far.
+/// The output so far.
 #[derive(Debug, Default)]
 struct Said {
     first: Vec<u8>,
@@ -115,7 +115,7 @@ impl Listening {
         String::from_utf8_lossy(&words).trim().to_owned()
     }
 
-    /// What was said: its beginning and its end, with how much is left out between them.
+    /// The output: its beginning and its end, with how much is left out between them.
     pub fn said(&self) -> Vec<u8> {
         let said = self.heard.lock();
         let mut all = said.first.clone();
@@ -127,8 +127,8 @@ impl Listening {
         all
     }
 
-    /// Waits for the threads, once the program has ended. What it left in another session, under a guard that was killed,
-    /// may hold the streams open, and is not waited for.
+    /// Waits for the threads, once the program has ended. A process that it left in another session, under a
+    /// guard that was killed, may hold the streams open, and is not waited for.
     pub fn end(&mut self) {
         if !self.threads.is_empty() && !self.closes_within(LONGEST_CLOSING) {
             self.threads.clear();

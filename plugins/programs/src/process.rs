@@ -78,7 +78,7 @@ impl Process {
 
     fn end(&mut self) -> Left {
         let left = self.guarded.end();
-        // What may hold its output open ended with it.
+        // Processes that may hold its output open ended with it.
         self.listening.end();
         left
     }
@@ -133,7 +133,7 @@ pub fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
 }
 
-/// What counts in a stream.
+/// The metrics in a stream.
 fn filter(config: &ProgramConfig, stream: &str) -> Filter {
     let mut filter = Filter::default();
     for reading in config.readings().into_iter().filter(|it| it.from == stream) {

@@ -1,4 +1,4 @@
-//! What a program sees of the environment variables of the machine: a list, since each of them is an input that nobody
+//! The environment variables of the machine that a program sees: a list, since each of them is an input that nobody
 //! declared.
 
 use std::{collections::BTreeMap, ffi::OsString};
@@ -29,8 +29,8 @@ const PASSED: [&str; 23] = [
     "JULIA_*",
     "RUSTUP_HOME",
 ];
-/// Decided for every trial: the same hashes, no files of compiled code, output that arrives at once, no windows, nothing
-/// sent to a service.
+/// Decided for every trial: the same hashes, no files of compiled code, output that arrives at once, no windows,
+/// nothing sent to a service.
 const SET: [(&str, &str); 6] = [
     ("PYTHONHASHSEED", "0"),
     ("PYTHONDONTWRITEBYTECODE", "1"),
@@ -42,8 +42,8 @@ const SET: [(&str, &str); 6] = [
 /// Libraries that would take all processors of a machine; a trial has one.
 const THREADS: [&str; 4] = ["OMP", "OPENBLAS", "MKL", "NUMEXPR"];
 
-/// The variables of a program: those of the machine that are passed on, those that are set for every trial, and those of
-/// the study.
+/// The variables of a program: those of the machine that are passed on, those that are set for every trial, and
+/// those of the study.
 pub fn given(inherit: &[String], own: &BTreeMap<String, String>) -> BTreeMap<String, String> {
     #[expect(
         clippy::disallowed_methods,

@@ -17,7 +17,7 @@ enum Piece {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Word(Vec<Piece>);
 
-/// What names stand for.
+/// The values of names.
 #[derive(Debug, Clone, Copy)]
 pub struct Known<'a> {
     /// The trial.
@@ -28,7 +28,7 @@ pub struct Known<'a> {
     pub inputs: &'a BTreeMap<String, String>,
     /// The working folder.
     pub folder: &'a Path,
-    /// What the program saves.
+    /// The folder in which the program saves itself.
     pub checkpoint: &'a Path,
     /// The file with all parameters.
     pub parameters_file: &'a Path,
@@ -38,7 +38,7 @@ impl Word {
     /// Reads a word.
     ///
     /// # Errors
-    /// What is wrong with its braces.
+    /// The mistake in its braces.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (mut pieces, mut plain, mut rest) = (Vec::new(), String::new(), text);
         while let Some(place) = rest.find(['{', '}', '\0']) {

@@ -50,7 +50,7 @@ impl Workplace {
         self.folder.join(NOTES)
     }
 
-    /// What the program saves.
+    /// The folder in which the program saves itself.
     pub fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint")
     }
@@ -84,7 +84,7 @@ impl Workplace {
         Ok(())
     }
 
-    /// Lays what the study declares. What the program wrote besides stays.
+    /// Lays what the study declares. Other files of the program stay.
     ///
     /// # Errors
     /// [`Error::DataFileChanged`] where a file holds not what the trial's id names, and [`Error::File`].

@@ -1,9 +1,9 @@
 //! A Python process that is asked and answers in turn.
 //!
-//! Neither a crash nor a hang of it outlives a trial: what runs first in it (`guard.py`) ends, with all that it started,
-//! when its standard input does or the program that started it. Until that runs, a shell of ours sees to it. Signals to
-//! the program that started it are not for it. Nothing it prints is shown, but for its last lines where it ends
-//! unexpectedly.
+//! Neither a crash nor a hang of it outlives a trial: what runs first in it (`guard.py`) ends, with all that it
+//! started, when its standard input does or the program that started it. Until that runs, a shell of ours sees to
+//! it. Signals to the program that started it are not for it. Nothing it prints is shown, but for its last lines
+//! where it ends unexpectedly.
 
 use engine::{Error, patience::Watch};
 use std::{

@@ -1,7 +1,8 @@
 //! Computes ONNX files with `tract` and holds the actions against those that stand beside them.
 //!
 //! usage: run-with-tract FOLDER, where beside every `<name>.onnx` lies `<name>.json` with `observations` and `actions`
-//! (rows), the `scale` of the actions and the `tolerance`, the largest difference in parts of it. All rows are computed at once, and the first three by themselves.
+//! (rows), the `scale` of the actions and the `tolerance`, the largest difference in parts of it. All rows are
+//! computed at once, and the first three by themselves.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

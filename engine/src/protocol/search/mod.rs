@@ -15,8 +15,8 @@
 //! the score less that of where an episode began, while what one is after is the score.
 //!
 //! The best of many noisy observations is better than it will ever be again, so the last row is the one to compare.
-//! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the chosen
-//! one when it was built for the last time.
+//! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the
+//! chosen one when it was built for the last time.
 
 mod candidates;
 #[cfg(test)]

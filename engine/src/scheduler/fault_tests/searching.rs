@@ -1,6 +1,6 @@
 //! The same with a search that pauses its trials: programs on one or several machines take it as far as the store says,
-//! run what it asks for, and try again what failed through no fault of its own. Beside what holds without it, each of them
-//! comes to the choice that a single one comes to where nothing goes wrong.
+//! run what it asks for, and try again what failed through no fault of its own. Beside what holds without it,
+//! each of them comes to the choice that a single one comes to where nothing goes wrong.
 //!
 //! `REGIMEN_SIM_SEARCH=<seed>` runs one seed alone.
 

@@ -209,8 +209,8 @@ impl ClaimVerdict {
 }
 
 /// Holds `claim` against what `values` gives for each of its operands: one value per seed as the seeds below a number
-/// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can be added. Differences between
-/// the two sides of a direction that are smaller than `matters` do not matter.
+/// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can
+/// be added. Differences between the two sides of a direction that are smaller than `matters` do not matter.
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim
 /// inconclusive.

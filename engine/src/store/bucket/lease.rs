@@ -1,10 +1,10 @@
 //! Leases in a bucket: which machine computes a trial now.
 //!
 //! A lease is an object that is written only where there is none (`If-None-Match: *`), so that of several who ask one
-//! gets it. A living process counts up an object of its own; who has seen its tag unchanged for as long as its owner said
-//! that leases hold writes his own lease over it, only if it is still the same one (`If-Match`). No clock but the
-//! watcher's own is read. As in folders, a lease saves work and is not needed for correctness: two processes that
-//! compute one trial bring the same numbers.
+//! gets it. A living process counts up an object of its own; who has seen its tag unchanged for as long as its
+//! owner said that leases hold writes his own lease over it, only if it is still the same one (`If-Match`). No
+//! clock but the watcher's own is read. As in folders, a lease saves work and is not needed for correctness: two
+//! processes that compute one trial bring the same numbers.
 
 use super::{Announcement, Bucket, When};
 use crate::{

@@ -11,8 +11,8 @@
 //! Every machine works in a store of its own, in an ordinary folder, and brings each trial that has ended into the
 //! bucket; what is in the bucket and not in the folder is fetched and held against its acknowledgement before it is
 //! believed. An object appears whole or not at all, so that a trial in the bucket has ended, or has come to a pause. An
-//! object that is damaged concerns its trial alone: the trial counts as missing, and who computes it sets the object aside
-//! first.
+//! object that is damaged concerns its trial alone: the trial counts as missing, and who computes it sets the
+//! object aside first.
 
 mod lease;
 mod objects;
@@ -202,7 +202,8 @@ impl Store {
         Ok(fetched)
     }
 
-    /// Brings those of the trials that have ended or paused here and are not shared yet; how many. Nothing without a bucket.
+    /// Brings those of the trials that have ended or paused here and are not shared yet; how many. Nothing
+    /// without a bucket.
     ///
     /// # Errors
     /// As [`fetch`](Self::fetch).

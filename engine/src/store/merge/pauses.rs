@@ -7,8 +7,8 @@ use super::{
 use crate::{Error, results::EndState};
 
 impl Merge<'_> {
-    /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it went on in
-    /// another way than it had begun here.
+    /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it
+    /// went on in another way than it had begun here.
     pub(super) fn held_against_pause(
         &self,
         id: &str,
@@ -80,7 +80,8 @@ impl Merge<'_> {
         Ok((!here.begins(there)).then(conflict))
     }
 
-    /// Takes what one trial had recorded at a pause, whose lease the caller holds already; false where that is known here.
+    /// Takes what one trial had recorded at a pause, whose lease the caller holds already; false where that is
+    /// known here.
     ///
     /// # Errors
     /// [`Error::Damaged`] where the destination has something else, and where it cannot be read or written.

@@ -1,10 +1,10 @@
 //! Packs: files that hold many short trials, so that a store of very many has few files.
 //!
 //! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left nothing
-//! else, bit by bit, and is named by the hash of all that it holds. The same of a trial that has paused, of which nothing
-//! else is left, may lie there too; it counts as long as the trial has not ended. A pack is written once and never changed. Whatever
-//! has a folder of its own is read from there: packs come second, so that a trial may be in both, and one whose place in
-//! a pack is damaged runs again as one that is missing.
+//! else, bit by bit, and is named by the hash of all that it holds. The same of a trial that has paused, of which
+//! nothing else is left, may lie there too; it counts as long as the trial has not ended. A pack is written once
+//! and never changed. Whatever has a folder of its own is read from there: packs come second, so that a trial may
+//! be in both, and one whose place in a pack is damaged runs again as one that is missing.
 
 mod at_end;
 mod form;
@@ -107,8 +107,8 @@ impl Store {
         .collect()
     }
 
-    /// What acknowledges a trial that lies in a pack, which is whole and of this trial, and what it says; `None` where no
-    /// pack has it.
+    /// What acknowledges a trial that lies in a pack, which is whole and of this trial, and what it says; `None`
+    /// where no pack has it.
     ///
     /// # Errors
     /// Where a pack cannot be read.
@@ -126,7 +126,8 @@ impl Store {
         metrics_in(&mut readers(&packs)?, id, digest)
     }
 
-    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has others.
+    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has
+    /// others.
     pub(super) fn without_metrics(&self, id: &str, path: PathBuf) -> Error {
         match self.packs_with(id).into_iter().next() {
             Some(pack) => Error::Damaged {
@@ -181,8 +182,8 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
-/// What the first of these packs that has a trial says of its end, without a look at the trial itself where the pack has
-/// an outline of it: what lies there may be damaged, as its metrics may.
+/// What the first of these packs that has a trial says of its end, without a look at the trial itself where the
+/// pack has an outline of it: what lies there may be damaged, as its metrics may.
 ///
 /// # Errors
 /// Where a pack cannot be read.

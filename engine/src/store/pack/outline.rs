@@ -6,8 +6,8 @@
 //! outlines <their place> <length of origins> <hash of both>\n   of fixed length, before the index
 //! ```
 //!
-//! Outlines save time alone, since `trial.json` says the same. A pack that an earlier program wrote has none; where they
-//! are not what was written, and where a trial says what an outline cannot hold, its `trial.json` is read.
+//! Outlines save time alone, since `trial.json` says the same. A pack that an earlier program wrote has none;
+//! where they are not what was written, and where a trial says what an outline cannot hold, its `trial.json` is read.
 
 use super::{
     super::{

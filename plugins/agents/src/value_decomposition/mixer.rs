@@ -103,7 +103,8 @@ mod tests {
     fn a_mixture_by_hand() {
         let mixer = MonotonicMixer::new(1, 2, 1, &mut stream(&["hand"]));
         let mut numbers = parameters(&mixer);
-        // Weights and biases in the order of the fields: W_1 = s (2, -3) + (0, 0), b_1 = -1, W_2 = -2, b_2 = relu(s) 5 + 7.
+        // Weights and biases in the order of the fields: W_1 = s (2, -3) + (0, 0), b_1 = -1, W_2 = -2, b_2 =
+        // relu(s) 5 + 7.
         let set: [&[f32]; 10] = [
             &[2.0, -3.0],
             &[0.0, 0.0],

@@ -26,8 +26,8 @@
 //!   reinforcement learning", NeurIPS 2020, arXiv:2006.04779.
 //!
 //! With `conservatism` alpha above 0, what is minimised has `alpha (ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a))`
-//! besides, the mean over batch and seats (their eq. 4 for choices, of each seat's value): where a dataset is all there is,
-//! a choice that nobody made is not thought better than those that were.
+//! besides, the mean over batch and seats (their eq. 4 for choices, of each seat's value): where a dataset is all
+//! there is, a choice that nobody made is not thought better than those that were.
 //!
 //! Departures from the papers
 //! - Networks see one observation and remember nothing: they are for observations that hold what is known, such as
@@ -36,8 +36,8 @@
 //!   squared error.
 //! - The full state is scaled by the typical values of its channels, and so are observations.
 //!
-//! The policy of every seat is one file in its folder, all with the one network: the last inputs are 1 for the seat that
-//! looks and 0 for the others.
+//! The policy of every seat is one file in its folder, all with the one network: the last inputs are 1 for the
+//! seat that looks and 0 for the others.
 //!
 //! Metrics, means over updates since the last measurement: `value_loss` half the squared error, `value` the mean of
 //! Q_tot in the batch, `exploration` the probability of a random choice.

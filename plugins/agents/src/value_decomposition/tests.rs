@@ -117,7 +117,8 @@ fn trained(mixing: Mixing) -> (ValueDecomposition, Batch) {
 }
 
 /// QMIX learns that the second game is worth 8. With all choices equally likely a sum cannot say so: of 0, 1, 1, 8 the
-/// nearest sums of two values are -1.5, 2.5, 2.5 and 6.5, so that the first game looks better (appendix B of the paper).
+/// nearest sums of two values are -1.5, 2.5, 2.5 and 6.5, so that the first game looks better (appendix B of the
+/// paper).
 #[test]
 fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_added() {
     for (mixing, expected) in [(Mixing::Monotonic, 8.0), (Mixing::Sum, 7.0)] {

@@ -58,8 +58,8 @@ pub struct ComponentReplacementConfig {
     /// Cost of a step in which fewer than `required` components work.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "imprl: three times the cost of all replacements"))]
     pub failure_cost: f64,
-    /// How many times as likely as published a component leaves a state within a step; those who act know it. For worlds
-    /// other than the one where something was learned.
+    /// How many times as likely as published a component leaves a state within a step; those who act know it. For
+    /// worlds other than the one where something was learned.
     #[schemars(range(min = 0.0, max = 3.0), extend("x-source" = "own choice"))]
     #[serde(skip_serializing_if = "is_published")]
     pub wear: f64,

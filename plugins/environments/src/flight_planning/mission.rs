@@ -13,8 +13,8 @@
 //! Without the loss the best plan flies so fast against the wind that a worn pack sags to its end of discharge.
 //!
 //! The exponent 1/7 is that of open, flat country (E. W. Peterson and J. P. Hennessey, "On the use of power laws
-//! for estimates of wind power potential", Journal of Applied Meteorology 17 (1978) 390-394). A leg is flown at one airspeed and one height; the climb to it is
-//! flown along the way, and its energy is spread over the leg.
+//! for estimates of wind power potential", Journal of Applied Meteorology 17 (1978) 390-394). A leg is flown at
+//! one airspeed and one height; the climb to it is flown along the way, and its energy is spread over the leg.
 
 use super::power::{climb_j, level_w};
 use engine::Error;

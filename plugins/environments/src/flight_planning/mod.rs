@@ -10,8 +10,8 @@
 //! | C_i | the same on the plain plan: 15 m/s over ground, 20 m above it | J |
 //! | r_i = (C_i - E_i) / sum C | reward of a step | |
 //!
-//! So a return is the part of the plain plan's consumption that a plan saves. The optimum is exact, by dynamic programming
-//! ([`optimum`]); a test holds it against all 9261 plans of three legs.
+//! So a return is the part of the plain plan's consumption that a plan saves. The optimum is exact, by dynamic
+//! programming ([`optimum`]); a test holds it against all 9261 plans of three legs.
 //!
 //! `uav_fleet` flies such plans: its config takes the choice of a search here.
 

@@ -1,7 +1,8 @@
 //! The plan of least consumption, by dynamic programming backwards over the legs.
 //!
-//! `E_i(h)`, the least consumption of legs i to n for a UAV that comes from height h, is the least of what leg i takes on a
-//! course, plus `E_{i+1}` of the height of that course. Legs are coupled by their heights alone, so this is exact.
+//! `E_i(h)`, the least consumption of legs i to n for a UAV that comes from height h, is the least of what leg i
+//! takes on a course, plus `E_{i+1}` of the height of that course. Legs are coupled by their heights alone, so
+//! this is exact.
 
 use super::mission::{Course, HEIGHTS_M, Mission};
 

@@ -351,8 +351,8 @@ mod tests {
         }
     }
 
-    /// The published table was counted in ten million samples, of which a bin held its mass: every entry lies within six
-    /// deviations of such a count.
+    /// The published table was counted in ten million samples, of which a bin held its mass: every entry lies
+    /// within six deviations of such a count.
     #[test]
     fn the_published_table_is_met_as_well_as_it_was_sampled() {
         const SAMPLES: f64 = 1e7;

@@ -83,9 +83,10 @@ impl Watched<'_> {
         Recording::of(recorded, &asked).map(Course::Recorded)
     }
 
-    /// Middle and half width of each sensor, as it is read or corrected: those of the whole recording, or over some points of
-    /// some flights of the default fleet, with the smallest and the largest health that flights are seen with: what
-    /// is trained with one fleet is measured with another. Environments are built often: few points must do.
+    /// Middle and half width of each sensor, as it is read or corrected: those of the whole recording, or over
+    /// some points of some flights of the default fleet, with the smallest and the largest health that flights
+    /// are seen with: what is trained with one fleet is measured with another. Environments are built often: few
+    /// points must do.
     ///
     /// # Errors
     /// [`Error::Model`] where the engine finds no operating point.

@@ -287,8 +287,8 @@ fn drawn(engine: &Engine, worst: f64, rng: &mut Rng) -> Operation {
     Operation::at(&point, health)
 }
 
-/// All parts worn by up to 5 %: nearly every operation has a point. By up to 10 %, which is the whole box of actions and
-/// more than any part of N-CMAPSS loses but the fan, some engines cannot sustain themselves at low power.
+/// All parts worn by up to 5 %: nearly every operation has a point. By up to 10 %, which is the whole box of
+/// actions and more than any part of N-CMAPSS loses but the fan, some engines cannot sustain themselves at low power.
 #[test]
 #[expect(clippy::print_stdout, reason = "what does not converge is shown, not hidden")]
 fn the_whole_envelope_converges_and_balances() {

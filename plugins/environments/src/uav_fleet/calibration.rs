@@ -1,4 +1,5 @@
-//! What is known of the health of a string: counted wear, and the extended Kalman filter that corrects it after a flight.
+//! What is known of the health of a string: counted wear, and the extended Kalman filter that corrects it after a
+//! flight.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
@@ -14,13 +15,13 @@
 //!
 //! *Calibration* after a flight: one measurement of all voltages,
 //! `A = P^-1 + H' H / rho^2`, `theta = theta_0 + A^-1 H' (y - h(theta_k) + H (theta_k - theta_0)) / rho^2`, with the
-//! Jacobian H by differences at theta_k; theta_k is theta_0 at first, and the result is taken as theta_1 once more where
-//! it lies far away (the iterated filter). rho^2 is the variance of the sensors' noise and that of the model: (2 mV)^2,
-//! for wear within the flight that is not average.
+//! Jacobian H by differences at theta_k; theta_k is theta_0 at first, and the result is taken as theta_1 once
+//! more where it lies far away (the iterated filter). rho^2 is the variance of the sensors' noise and that of the
+//! model: (2 mV)^2, for wear within the flight that is not average.
 //!
 //! The filter computes the cell of [`battery`](crate::battery) with the currents and steps of the flight, from full,
-//! with the diffusion of a new cell, and wears it as an average one. It knows neither the factor of a string nor how much
-//! two of them differ when new, only their spreads. An estimate is of the time before the flight.
+//! with the diffusion of a new cell, and wears it as an average one. It knows neither the factor of a string nor
+//! how much two of them differ when new, only their spreads. An estimate is of the time before the flight.
 
 use super::config::UavFleetConfig;
 use super::string::STRINGS;

@@ -1,9 +1,9 @@
 //! A flight: the four strings of a pack carry the power of a plan, wear, and are read.
 //!
 //! Every string is one cell of [`battery`](crate::battery), as in its environment: the current follows from the voltage
-//! at the start of a step (explicit Euler), and the parameters wear with the charge. A flight begins full and rested. Of
-//! each segment of the plan the steps are equally long and no longer than `step_s`. An allocation is held for
-//! `decision_interval_s`, and voltages are read, with noise, where it is made.
+//! at the start of a step (explicit Euler), and the parameters wear with the charge. A flight begins full and
+//! rested. Of each segment of the plan the steps are equally long and no longer than `step_s`. An allocation is
+//! held for `decision_interval_s`, and voltages are read, with noise, where it is made.
 
 use super::allocation::{Readings, Sharing};
 use super::calibration::{Log, PHYSICS};

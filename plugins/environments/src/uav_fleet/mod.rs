@@ -3,9 +3,9 @@
 //!
 //! Thesis, section 6.5, names this task and leaves it open: "the different degradation states can be calibrated", the
 //! allocation of the load "can prolong the working cycle", "the maintenance should take the overall availability of the
-//! entire fleet and the maintenance cost into account", and "for each flight, the trajectory can be optimized". Here the
-//! environments of its chapters are joined. Everything about the fleet itself (costs, tolerances, missions) is this
-//! project's own choice.
+//! entire fleet and the maintenance cost into account", and "for each flight, the trajectory can be optimized".
+//! Here the environments of its chapters are joined. Everything about the fleet itself (costs, tolerances,
+//! missions) is this project's own choice.
 //!
 //! A seat is a UAV, a step a day. On each day a fleet of n UAVs has the missions of `required` of them to fly. A seat
 //! chooses to do nothing, to replace the worst string of its pack, or all four; a UAV that is worked on stays on the
@@ -29,9 +29,9 @@
 //! | N_s, O | strings replaced (also after f), 1 on a day with a replacement by choice | |
 //!
 //! The counterpart of calibration is no guess of new cells: the charge that a string has passed is counted on every
-//! UAV, and a rule that ignored it would be a straw man. What calibration adds is what makes strings differ: each UAV wears
-//! its strings by a factor (`uav_spread`), each string by another one (`wear_spread`), and new ones differ (`new_spread`),
-//! which nobody is told.
+//! UAV, and a rule that ignored it would be a straw man. What calibration adds is what makes strings differ: each
+//! UAV wears its strings by a factor (`uav_spread`), each string by another one (`wear_spread`), and new ones
+//! differ (`new_spread`), which nobody is told.
 //!
 //! The wind of a day is a factor, uniform between 0.5 and 1.5, times the mean wind, for which plans are made; airspeeds
 //! and heights stay as planned. Flights begin full. A pack has four strings of `cells_in_series` cells that are alike

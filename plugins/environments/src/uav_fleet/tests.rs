@@ -114,8 +114,8 @@ fn long_steps_of_the_simulation_change_little() {
 }
 
 /// Strings that were counted as average ones, and are not: after three flights with noise of 10 mV the filter is within
-/// 4 mOhm, where counting is off by 24. The capacity, which moves voltages little before a pack is nearly empty, is found
-/// to 300 C at best.
+/// 4 mOhm, where counting is off by 24. The capacity, which moves voltages little before a pack is nearly empty,
+/// is found to 300 C at best.
 #[test]
 fn the_filter_finds_the_health() {
     let config = config(json!({}));
