@@ -67,7 +67,7 @@ fn header(entries: &[IndexEntry], options: &[String], unread: &[String]) -> Stri
     };
     format!(
         "<header>\n<h1>Results of all studies</h1>\n{options}<p>Verdicts are those of a \
-         family of studies, or of one study, taken together (Holm). Exploratory values and claims are counted \
+         family of studies, or of one study, taken together (Holm). Values and claims that are exploratory are counted \
          apart.</p>\n{unread}<div class=\"summary\">\n<div><h2>Studies</h2><p>{}</p></div>\n{}<div><h2>Time</h2>\
          <p>{} in {trials} trials</p></div>\n</div>\n</header>\n",
         entries.len(),
