@@ -99,7 +99,7 @@ mod tests {
                 decision_s: None,
                 digest: String::new(),
             };
-            store.acknowledge(trial, &end).unwrap();
+            store.acknowledge(trial, end).unwrap();
         }
         let of = |wanted: &[usize]| {
             let after: Vec<String> = wanted.iter().map(|&index| ids[index].clone()).collect();

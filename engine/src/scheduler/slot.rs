@@ -410,8 +410,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         if let Some(stored) = self.new_end(task, turn) {
             return Ok(Attempt::Ended(stored));
         }
-        self.all.store.acknowledge(task.trial, &end)?;
-        Ok(Attempt::Ended(end))
+        Ok(Attempt::Ended(self.all.store.acknowledge(task.trial, end)?))
     }
 
     /// The stored end of a trial, where it is one and not the one that is known.

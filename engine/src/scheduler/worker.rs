@@ -257,7 +257,7 @@ fn answered(
         Ok(Err(error)) => end(EndState::Failed, &error.to_string()),
         Err(said) => end(EndState::Panicked, &said),
     };
-    store.acknowledge(trial, &end)?;
+    let end = store.acknowledge(trial, end)?;
     if end.state != EndState::Killed {
         // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
         RunningTrial::discard(&folder)?;

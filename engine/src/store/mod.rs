@@ -224,24 +224,24 @@ impl Store {
             decision_s: record.decision_s(),
             digest: seal::hash(&bytes),
         };
-        self.acknowledge_with(trial, &end, products::exported(&folder)?)?;
-        Ok(end)
+        self.acknowledge_with(trial, end, products::exported(&folder)?)
     }
 
-    /// Acknowledges how a trial ended.
+    /// Acknowledges how a trial ended; the end that is stored then. A process that was suspended while it failed
+    /// may go on when another one has computed the trial: an end that holds is kept.
     ///
     /// # Errors
     /// Where the file cannot be written.
-    pub fn acknowledge(&self, trial: &Trial, end: &TrialEnd) -> Result<(), Error> {
+    pub fn acknowledge(&self, trial: &Trial, end: TrialEnd) -> Result<TrialEnd, Error> {
         self.acknowledge_with(trial, end, BTreeMap::new())
     }
 
     fn acknowledge_with(
         &self,
         trial: &Trial,
-        end: &TrialEnd,
+        end: TrialEnd,
         files: BTreeMap<String, String>,
-    ) -> Result<(), Error> {
+    ) -> Result<TrialEnd, Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let (ended_at, build) = (Some(date::now()), self.build.clone());
@@ -258,11 +258,44 @@ impl Store {
             path: path.clone(),
             problem: source.to_string(),
         })?;
-        write_durably(&path, &text)?;
-        if end.state == EndState::Ok {
+        let end = if end.state == EndState::Ok {
+            write_durably(&path, &text)?;
             partial::forget(&folder)?;
+            end
+        } else {
+            self.publish_failure(&trial.id, &path, &text)?.unwrap_or(end)
+        };
+        earlier::forget(&folder)?;
+        Ok(end)
+    }
+
+    /// Puts what says that a trial failed at `path`, unless an end stands there that holds, which is given back. It
+    /// is linked, not renamed: a rename would replace what another process put there in this moment.
+    fn publish_failure(&self, id: &str, path: &Path, text: &[u8]) -> Result<Option<TrialEnd>, Error> {
+        loop {
+            let stored = self.end(id)?;
+            if stored.is_some() && !is_missing(stored.as_ref()) {
+                return Ok(stored);
+            }
+            if stored.is_some() {
+                self.put_missing_end_aside(path)?;
+            }
+            if write_new_durably(path, text)? {
+                return Ok(None);
+            }
         }
-        earlier::forget(&folder)
+    }
+
+    /// Removes the acknowledgement of a trial that was killed, and nothing else.
+    fn put_missing_end_aside(&self, path: &Path) -> Result<(), Error> {
+        let aside = temporary(path);
+        absent_is_fine(fs::rename(path, &aside)).map_err(Error::file("rename to", &aside))?;
+        let moved = inside::read(&aside)?.and_then(|text| index::parse(&text).ok());
+        if moved.is_some_and(|moved| !is_missing(Some(&moved.end))) {
+            // Another process has put it there since it was looked at.
+            return fs::rename(&aside, path).map_err(Error::file("rename to", path));
+        }
+        remove(&aside)
     }
 
     /// What acknowledges a trial; `None` where it was not acknowledged.
@@ -432,21 +465,51 @@ pub(crate) fn names(folder: &Path) -> Result<Vec<String>, Error> {
 /// # Errors
 /// Where the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    // The process id keeps two processes that write the same trial apart.
+    let temporary = write_beside(path, bytes)?;
+    fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
+    flush_folder_of(path)
+}
+
+/// The same for a file that is not there yet; false where it is, and stays as it is.
+fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
+    let temporary = write_beside(path, bytes)?;
+    let is_new = match fs::hard_link(&temporary, path) {
+        Ok(()) => true,
+        Err(source) if source.kind() == io::ErrorKind::AlreadyExists => false,
+        Err(source) => {
+            let _ = fs::remove_file(&temporary);
+            return Err(Error::file("link", path)(source));
+        }
+    };
+    remove(&temporary)?;
+    flush_folder_of(path)?;
+    Ok(is_new)
+}
+
+/// The name under which this process writes a file before it stands at its place. The process id keeps two
+/// processes that write the same trial apart.
+fn temporary(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = folder.join(format!(".{name}.{}.tmp", process::id()));
+    path.with_file_name(format!(".{name}.{}.tmp", process::id()))
+}
+
+fn write_beside(path: &Path, bytes: &[u8]) -> Result<PathBuf, Error> {
+    let temporary = temporary(path);
     boundary::pass("before a file is created", path);
     let written = write_flushed(&temporary, path, bytes);
     if written.is_err() {
         // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
         let _ = fs::remove_file(&temporary);
     }
-    written?;
-    fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
+    written.map(|()| temporary)
+}
+
+/// Brings the name of a file to the disk.
+fn flush_folder_of(path: &Path) -> Result<(), Error> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     boundary::pass("after a file is renamed", path);
     sealed_folder::flush(folder).map_err(Error::file("flush", folder))?;
     boundary::pass("after a folder is flushed", path);
@@ -521,6 +584,32 @@ mod tests {
         let loaded = store.load(&trial(1).into()).unwrap();
         assert_eq!(loaded.rows, record().rows());
         assert_eq!(*loaded.names, record().names());
+    }
+
+    fn ended(state: EndState) -> TrialEnd {
+        TrialEnd {
+            state,
+            reason: "told".into(),
+            wall_s: 1.0,
+            decision_s: None,
+            digest: String::new(),
+        }
+    }
+
+    #[test]
+    fn a_failure_takes_the_place_of_a_kill_and_of_no_end_that_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let (killed, failed) = (ended(EndState::Killed), ended(EndState::Failed));
+        let say = |end: &TrialEnd| store.acknowledge(&trial(1), end.clone()).unwrap();
+        assert_eq!(say(&killed), killed);
+        assert_eq!(say(&failed), failed);
+        assert_eq!(say(&killed), failed);
+        let ok = store.finish(&trial(1), &record(), 1.0).unwrap();
+        assert_eq!(store.acknowledge(&trial(1), failed).unwrap(), ok);
+        assert_eq!(store.end(&trial(1).id).unwrap(), Some(ok));
+        let names = names(&store.folder(&trial(1).id)).unwrap();
+        assert_eq!(names, ["metrics.parquet", "trial.json"]);
     }
 
     #[test]

@@ -313,13 +313,14 @@ mod tests {
             decision_s: None,
             digest: String::new(),
         };
-        one.acknowledge(&trial, &failed(1.0)).unwrap();
+        one.acknowledge(&trial, failed(1.0)).unwrap();
         one.bring(ids).unwrap();
         assert_eq!(two.fetch(ids).unwrap().taken, 1);
         two.try_again(&trial.id).unwrap();
         assert_eq!(two.fetch(ids).unwrap().taken, 0);
         assert!(two.end(&trial.id).unwrap().is_none());
-        one.acknowledge(&trial, &failed(2.0)).unwrap();
+        one.try_again(&trial.id).unwrap();
+        one.acknowledge(&trial, failed(2.0)).unwrap();
         bucket.bring(&one, &trial.id).unwrap();
         assert_eq!(two.fetch(ids).unwrap().taken, 1);
         assert_eq!(two.end(&trial.id).unwrap().unwrap().wall_s, 2.0);
