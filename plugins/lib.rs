@@ -4,7 +4,7 @@
 use engine::{Build, Registry};
 
 /// The study with which the program tests itself; it has a profile `smoke`.
-pub const SELFTEST: &str = include_str!("../experiments/quickstart.yaml");
+pub const SELFTEST: &str = include_str!("../experiments/first/quickstart.yaml");
 
 /// All plugins by name, the version of the numerical code that they share, and the source code that they are
 /// built from.

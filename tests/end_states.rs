@@ -128,7 +128,7 @@ fn a_number_that_is_none_ends_as_nan() {
 #[test]
 fn a_measurement_that_is_no_number_ends_as_nan_and_reaches_no_table() {
     let bench = Bench::new();
-    let study = crate::program::repository().join("experiments/figure-bias-variance.yaml");
+    let study = crate::program::repository().join("experiments/chapter-3/figure-bias-variance.yaml");
     let study = study.to_str().unwrap();
     let options = [
         "--profile",

@@ -53,12 +53,16 @@ fn studies() -> (Vec<String>, OsString) {
     (studies_with(python), path.unwrap())
 }
 
-/// The studies of the repository, those of the benchmark included.
+/// The studies of the repository.
 pub(crate) fn every_study() -> Vec<String> {
-    let of = |folder: &str| std::fs::read_dir(repository().join(folder)).unwrap();
-    let mut names: Vec<String> = of("experiments")
-        .chain(of("experiments/benchmark"))
-        .map(|entry| entry.unwrap().path())
+    let inside = |folder: PathBuf| {
+        let entries = std::fs::read_dir(folder).unwrap();
+        entries.map(|entry| entry.unwrap().path()).collect::<Vec<_>>()
+    };
+    let groups = inside(repository().join("experiments")).into_iter();
+    let mut names: Vec<String> = groups
+        .filter(|path| path.is_dir())
+        .flat_map(inside)
         .filter(|path| path.extension().is_some_and(|extension| extension == "yaml"))
         .map(|path| path.to_string_lossy().into_owned())
         .collect();
@@ -68,7 +72,7 @@ pub(crate) fn every_study() -> Vec<String> {
 
 #[test]
 fn a_study_with_an_environment_in_python_is_known_by_its_lock_file() {
-    let of = |name: &str| locks(&repository().join("experiments").join(name)).len();
+    let of = |name: &str| locks(&repository().join("experiments/first").join(name)).len();
     for study in ["python-pendulum", "python-spread"] {
         assert_eq!(of(&format!("{study}.yaml")), 1, "{study}");
     }
@@ -81,7 +85,7 @@ fn every_study_and_every_profile_passes_the_check() {
     let (studies, path) = studies();
     assert!(studies.len() >= 8, "{studies:?}");
     assert!(
-        studies.iter().any(|study| study.contains("benchmark/")),
+        studies.iter().any(|study| study.contains("maintenance/")),
         "{studies:?}"
     );
     for profile in [None, Some("smoke"), Some("paper")] {
@@ -113,11 +117,10 @@ fn every_study_runs_its_smoke_profile_to_the_report() {
     let first = run();
     assert_eq!(first.code, 0, "{}\n{}", first.out, first.err);
     for study in &studies {
-        let name = std::path::Path::new(study)
-            .file_stem()
-            .unwrap()
-            .to_string_lossy()
-            .into_owned();
+        let below = Path::new(study)
+            .strip_prefix(repository().join("experiments"))
+            .unwrap();
+        let name = below.with_extension("").to_string_lossy().into_owned();
         let folder = bench.path(&format!("results/{name}-smoke"));
         for file in ["index.html", "report.md", "resolved.yaml"] {
             assert!(

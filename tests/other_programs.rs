@@ -199,15 +199,7 @@ fn a_kubernetes_manifest_holds_against_the_schema_of_its_kind() {
 fn the_schema_for_editors_takes_every_study_as_it_is_written() {
     let bench = Bench::new();
     let schema = bench.write("schema.json", &bench.ok(&["schema"]));
-    let studies = ["experiments", "experiments/benchmark"]
-        .iter()
-        .flat_map(|folder| std::fs::read_dir(repository().join(folder)).unwrap());
-    let mut files: Vec<String> = studies
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|it| it == "yaml"))
-        .map(|path| path.to_string_lossy().into_owned())
-        .collect();
-    files.sort();
+    let files = crate::experiments::every_study();
     let schema = schema.to_string_lossy().into_owned();
     check(
         "check_study_schema.py",

@@ -2,7 +2,7 @@
 
 use crate::{
     program::Bench,
-    results::{folders, read},
+    results::{folders, place, read},
 };
 use engine::report::Verdicts;
 use std::{
@@ -211,8 +211,7 @@ fn committed_results_are_made_again_from_their_records() {
     let bench = Bench::new();
     let mut studies = Vec::new();
     for folder in folders() {
-        let name = folder.file_name().unwrap().to_string_lossy().into_owned();
-        copy(&folder, &bench.path("results").join(&name));
+        copy(&folder, &bench.path("results").join(place(&folder)));
         let manifest: serde_json::Value = serde_json::from_str(&read(&folder, "manifest.json")).unwrap();
         let study = folder.join(manifest["spec"].as_str().unwrap());
         studies.push(study.canonicalize().unwrap().to_string_lossy().into_owned());
@@ -224,7 +223,7 @@ fn committed_results_are_made_again_from_their_records() {
     assert!(!answer.err.contains("error:"), "{}", answer.err);
     let mut other = Vec::new();
     for folder in folders() {
-        let again = bench.path("results").join(folder.file_name().unwrap());
+        let again = bench.path("results").join(place(&folder));
         assert_eq!(words(&folder), words(&again), "{}", folder.display());
         for (table, text) in tables(&folder) {
             if tables(&again)[&table] != text {

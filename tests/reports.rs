@@ -89,18 +89,12 @@ fn read(bench: &Bench, name: &str) -> String {
 #[test]
 fn a_study_says_in_a_sentence_what_it_came_to() {
     let (bench, said) = two_sentences();
-    let row = read(&bench, "results/one/summary.md");
-    let rest = row.strip_prefix(
-        "| [one](results/one/report.md) | Two rules, 3 seeds, in sample | An equal split lives ",
-    );
-    let rest = rest.unwrap_or_else(|| panic!("{row}"));
-    let (value, words) = rest.split_once(' ').unwrap();
-    assert_eq!(words, "\\| 1.5 decisions; SUPPORTED, REFUTED |\n");
     let report = read(&bench, "results/one/report.md");
-    assert!(
-        report.contains(&format!("| equal | {value} [")),
-        "{value}: {report}"
-    );
+    let row = report
+        .lines()
+        .find(|line| line.starts_with("| equal | "))
+        .unwrap();
+    let value = row["| equal | ".len()..].split(' ').next().unwrap();
     let sentence = format!("An equal split lives {value} | 1.5 decisions; SUPPORTED, REFUTED");
     assert!(said.contains(&sentence) && read(&bench, "results/one/index.html").contains(&sentence));
     let verdicts: serde_json::Value =
@@ -110,57 +104,77 @@ fn a_study_says_in_a_sentence_what_it_came_to() {
     assert_eq!(counts, [3, 3, 2, 0], "{verdicts}");
     assert_eq!(verdicts["verdicts"][0]["verdict"], "DIFFERS");
     assert!(report.contains("DIFFERS, in spite of calibration"), "{report}");
-    // Another profile is no result of the study as it is written.
-    bench.ok(&["run", "one.yaml", "--profile", "short"]);
-    assert!(!bench.path("results/one-short/summary.md").exists());
 }
 
 #[test]
-fn the_sentences_of_studies_are_the_rows_of_the_overview() {
-    let (bench, _) = two_sentences();
-    let row = read(&bench, "results/one/summary.md");
-    let table = bench.ok(&["overview", "results"]);
-    let rows: Vec<&str> = table.lines().collect();
-    assert_eq!(rows[..2], ["| study | what | result |", "|---|---|---|"]);
-    assert_eq!((rows.len(), rows[2]), (4, row.trim_end()));
-    let marked = "before\n<!-- results: begin -->\n<!-- results: end -->\nafter\n";
-    bench.write("README.md", marked);
-    bench.ok(&["overview", "results", "--into", "README.md"]);
-    let text = read(&bench, "README.md");
-    assert!(text.contains(&table) && text.starts_with("before\n") && text.ends_with("-->\nafter\n"));
-    bench.write("README.md", "before\n");
-    let refused = bench.run(&["overview", "results", "--into", "README.md"]);
-    let message = "README.md: no line reads `<!-- results: begin -->`";
-    assert!(
-        refused.code == 2 && refused.err.contains(message),
-        "{}",
-        refused.err
+fn the_answers_of_studies_stand_in_the_overview_and_in_the_blocks_of_a_document() {
+    let bench = Bench::new();
+    let answers = "family: chapter 1\nanswers:\n  - { item: table 2, printed: an equal split lives, here: \"{lengths: equal}\", by: \
+                   [claim 1] }\n  - { item: table 10, printed: it does not, by: [claim 2, \"lengths: equal\"], system: another }\n  \
+                   - { item: figure 1, printed: drawn }\n";
+    bench.write(
+        "experiments/first/one.yaml",
+        &format!("{}{answers}", with_sentence("one")),
     );
-    assert_eq!(read(&bench, "README.md"), "before\n");
-    // A folder without any row is the wrong one.
-    bench.write("README.md", marked);
-    for wrong in [
-        &["overview", "results/one", "--into", "README.md"][..],
-        &["overview", "results/one"],
+    bench.ok(&["run", "experiments/first/one.yaml"]);
+    let report = read(&bench, "results/first/one/report.md");
+    let row = report
+        .lines()
+        .find(|line| line.starts_with("| equal | "))
+        .unwrap();
+    let value = row["| equal | ".len()..].split(' ').next().unwrap();
+    let rows = |folder: &str| {
+        let study = format!("[one]({folder}first/one/report.md)");
+        [
+            format!("| figure 1 | drawn | – | – | yes | – | {study} |"),
+            format!("| table 2 | an equal split lives | {value} | – | yes | yes | {study} |"),
+            format!("| table 10 | it does not | – | – | another | no | {study} |"),
+        ]
+        .join("\n")
+    };
+    let said = bench.ok(&["overview", "results"]);
+    assert!(
+        said.contains("## chapter 1\n") && said.contains(&rows("results/")),
+        "{said}"
+    );
+    let document = "before\n<!-- overview: answers chapter 1 -->\n<!-- overview: end -->\n\
+                    <!-- overview: items -->\nold\n<!-- overview: end -->\nafter\n";
+    bench.write("results/README.md", document);
+    bench.ok(&["overview", "results", "--into", "results/README.md"]);
+    let text = read(&bench, "results/README.md");
+    assert!(
+        text.starts_with("before\n") && text.ends_with("-->\nafter\n") && text.contains(&rows("")),
+        "{text}"
+    );
+    let item = "| table 10 | [one](../experiments/first/one.yaml) |";
+    assert!(text.contains(item) && !text.contains("old"), "{text}");
+    for (document, message) in [
+        ("before\n", "it has no block"),
+        (
+            "<!-- overview: answers chapter 2 -->\n<!-- overview: end -->\n",
+            "write one of `chapter 1`",
+        ),
     ] {
-        let refused = bench.run(wrong);
+        bench.write("README.md", document);
+        let refused = bench.run(&["overview", "results", "--into", "README.md"]);
         assert!(
-            refused.code == 4 && refused.err.contains("has a row"),
+            refused.code == 2 && refused.err.contains(message),
+            "{}",
+            refused.err
+        );
+        assert_eq!(read(&bench, "README.md"), document);
+    }
+    for (wrong, code, message) in [
+        ("results/first/one", 4, "has verdicts"),
+        ("nowhere", 2, "there is no folder `nowhere`"),
+    ] {
+        let refused = bench.run(&["overview", wrong]);
+        assert!(
+            refused.code == code && refused.err.contains(message),
             "{}",
             refused.err
         );
     }
-    assert_eq!(read(&bench, "README.md"), marked);
-    let nowhere = bench.run(&["overview", "nowhere"]);
-    assert!(
-        nowhere.code == 2 && nowhere.err.contains("there is no folder `nowhere`"),
-        "{}",
-        nowhere.err
-    );
-    // A study whose sentence went loses its row.
-    bench.write("one.yaml", &with_sentence("one").replace(SENTENCE, ""));
-    bench.ok(&["report", "one.yaml"]);
-    assert_eq!(bench.ok(&["overview", "results"]).lines().count(), 3);
 }
 
 #[test]
@@ -308,7 +322,7 @@ fn studies_of_a_family_are_taken_together() {
     assert_eq!(told["families"][0]["judged"], 2);
     let page = read(&bench, "results/index.html");
     assert!(
-        page.contains("<h2>By family</h2>") && page.contains("chapter 1"),
+        page.contains("<h2>Counts by family</h2>") && page.contains("chapter 1"),
         "{page}"
     );
     let report = read(&bench, "results/one/report.md");

@@ -2,7 +2,7 @@
 
 The library learns with one agent; here every agent has a model of its own, whose buffer, noise and updates are the library's, and the loop
 over the joint environment is written out. The output is a CSV file of what the greedy policies return in fresh episodes, mean of the agents
-(which all earn nearly alike), which `experiments/python-spread.yaml` shows beside our own agent with the same settings.
+(which all earn nearly alike), which `experiments/first/python-spread.yaml` shows beside our own agent with the same settings.
 
 usage: spread.py SEED [STEPS] > spread.csv
 """

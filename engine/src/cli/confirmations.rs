@@ -48,7 +48,7 @@ pub(super) fn joined(planned: Vec<Planned>) -> Vec<Planned> {
 /// Where the record of a confirmation lies: beside the report of its study.
 pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
     let (study, own) = one.study.name.split_once('/').unwrap_or((&one.study.name, ""));
-    folders::folder_of(study, selection, reporting).join(own)
+    folders::folder_of(&one.path, study, selection, reporting).join(own)
 }
 
 /// Takes over what searches of the studies have chosen since.

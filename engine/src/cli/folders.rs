@@ -10,27 +10,52 @@ use crate::{
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
 };
+
+/// The folder of studies whose own folders are those of their results, too.
+const EXPERIMENTS: &str = "experiments";
 
 /// Longest name of the options in a folder's name.
 const LONGEST: usize = 80;
 
 /// Where the results of a study lie: `results/<study>`, `results/<study>-<profile>`, and with other options
 /// of the command line `results/<study>+<options>`, so that what was asked differently is never mistaken for
-/// the study as it is written. A folder that the command line names holds one study, or a folder for each of
-/// several.
+/// the study as it is written. The folders of studies below `experiments` are those of their results. A folder that
+/// the command line names holds one study, or a folder for each of several.
 pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
-    folder_of(&one.study.name, selection, reporting)
+    folder_of(&one.path, &one.study.name, selection, reporting)
 }
 
-/// The same for the study of a name.
-pub(super) fn folder_of(study: &str, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
+/// The same for the study of a name in a file.
+pub(super) fn folder_of(
+    file: &Path,
+    study: &str,
+    selection: &Selection,
+    reporting: &ReportOptions,
+) -> PathBuf {
     let all = around(reporting);
     match &reporting.out {
         Some(_) if is_one(selection) => all,
         Some(_) => all.join(study),
-        None => all.join(format!("{study}{}", asked(selection))),
+        None => {
+            let name = format!("{study}{}", asked(selection));
+            all.join(below_experiments(file)).join(name)
+        }
+    }
+}
+
+/// The folders between `experiments` and a study file; empty where it lies elsewhere.
+fn below_experiments(file: &Path) -> PathBuf {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let parts: Vec<_> = folder.components().collect();
+    let last = parts.iter().rposition(|part| part.as_os_str() == EXPERIMENTS);
+    let below = last.map_or(&[][..], |last| &parts[last + 1..]);
+    let are_names = below.iter().all(|part| matches!(part, Component::Normal(_)));
+    if are_names {
+        below.iter().collect()
+    } else {
+        PathBuf::new()
     }
 }
 
@@ -198,6 +223,21 @@ mod tests {
             only: owned(only),
         };
         changes(&selection).unwrap_or_default()
+    }
+
+    #[test]
+    fn the_folders_below_experiments_are_those_of_results() {
+        let below = |file: &str| below_experiments(Path::new(file));
+        assert_eq!(below("experiments/chapter-2/a.yaml"), Path::new("chapter-2"));
+        assert_eq!(below("/project/experiments/b/c/a.yaml"), Path::new("b/c"));
+        for file in [
+            "a.yaml",
+            "b/a.yaml",
+            "experiments/a.yaml",
+            "experiments/../b/a.yaml",
+        ] {
+            assert_eq!(below(file), Path::new(""), "{file}");
+        }
     }
 
     #[test]

@@ -94,7 +94,7 @@ fn find(
     };
     let mut options = study::options(selection, None);
     let name = spec::name_in(path, registry, &options).map_err(refused)?;
-    let folder = folders::folder_of(&name, selection, reporting);
+    let folder = folders::folder_of(path, &name, selection, reporting);
     if !fs::is_folder(&folder) {
         complain(&format!(
             "{name}: passed over, as there is no folder `{}`",

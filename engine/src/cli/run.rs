@@ -228,6 +228,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         source: study.source.clone(),
         family: study.family.clone(),
         summary: study.summary.clone(),
+        answers: study.answers.clone(),
         departures: study.departures.clone(),
         repeats: study.repeats,
         tables: study.tables.clone(),

@@ -57,6 +57,15 @@ tables:
 claims: [learner.return > rule.return]",
     ),
     example(
+        "answers",
+        "what the source prints, what was found, and the claim that decides",
+        "answers:
+  - { item: table 3, printed: the learner beats the rule, here: \"{final: learner}\", by: [claim 1] }
+tables:
+  final: { comparison: { rows: agent, value: return, environments: [short] } }
+claims: [learner.return > rule.return]",
+    ),
+    example(
         "departures",
         "",
         "departures:

@@ -48,16 +48,6 @@ fn confirmations(study: &StudyInfo) -> String {
     }
 }
 
-/// How many seeds the combinations of a study used, as in `4 to 10 seeds`.
-pub(super) fn seeds_as_used(results: &Results) -> String {
-    let used = Combinations::of(results).used();
-    match (used.keys().next(), used.keys().last()) {
-        (None, _) | (_, None) => "no seeds".into(),
-        (Some(least), Some(most)) if least == most => count(*most, "seed"),
-        (Some(least), Some(most)) => format!("{least} to {most} seeds"),
-    }
-}
-
 fn designed(looks: &[u32], combinations: &Combinations, seen: Option<u32>) -> String {
     let seen = seen.map_or(String::new(), |seeds| {
         format!(", planned after verdicts were seen with {seeds}")
@@ -243,7 +233,6 @@ mod tests {
             line(&StudyInfo::default(), &results),
             "Seeds: a design of 4, 7 or 10; 3 combinations used 4, 1 used 10. Nothing was exploratory."
         );
-        assert_eq!(seeds_as_used(&results), "4 to 10 seeds");
         let of_nothing = Results {
             design: results.design,
             ..Results::default()
@@ -272,10 +261,6 @@ mod tests {
             ..StudyInfo::default()
         };
         assert!(line(&asked, &results(&[3])).starts_with("Seeds: 3, by `--seeds 3` in place of the study's"));
-        assert_eq!(
-            (seeds_as_used(&results(&[1, 1])), seeds_as_used(&results(&[]))),
-            ("1 seed".into(), "no seeds".into())
-        );
     }
 
     #[test]

@@ -268,10 +268,7 @@ impl Budget<'_> {
         let text = range(self.ok().filter_map(TrialResult::updates));
         match self.untrained() {
             0 => Entry::plain(text),
-            _ => Entry {
-                text: text + NOT_TRAINED,
-                tone: Tone::Alarm,
-            },
+            _ => Entry::of(Tone::Alarm, text + NOT_TRAINED),
         }
     }
 

@@ -190,20 +190,14 @@ fn sheet(kind: Kind, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
     head.extend(columns.iter().map(|(names, _)| names.join(", ")));
     let row = |(index, path): (usize, &Vec<&str>)| {
         let mut row = vec![Entry::plain(path.join("."))];
-        row.extend(default.map(|_| Entry {
-            text: normal[index].clone(),
-            tone: Tone::Quiet,
-        }));
+        row.extend(default.map(|_| Entry::of(Tone::Quiet, normal[index].clone())));
         row.extend(columns.iter().map(|(_, texts)| {
             let tone = if default.is_some() && texts[index] == normal[index] {
                 Tone::Quiet
             } else {
                 Tone::Plain
             };
-            Entry {
-                text: texts[index].clone(),
-                tone,
-            }
+            Entry::of(tone, texts[index].clone())
         }));
         row
     };

@@ -2,7 +2,7 @@
 //! what reports wrote into their folders, so it says nothing that no report says.
 
 use super::{
-    Verdicts, duration, families, open,
+    Verdicts, answered, duration, families, open,
     page::{Extra, document_with},
     sheet::{Entry, NONE, Sheet},
     verdicts::words,
@@ -32,8 +32,9 @@ pub fn index(entries: &[IndexEntry], options: &[String], unread: &[String]) -> S
         cost(entries).html()
     );
     let body = format!(
-        "{}{}{studies}{}{cost}",
+        "{}{}{}{studies}{}{cost}",
         header(entries, options, unread),
+        answers(entries),
         by_family(entries),
         still_open(entries)
     );
@@ -109,13 +110,31 @@ fn study(entry: &IndexEntry) -> String {
     )
 }
 
+/// The answers, family by family; empty where no study has one.
+fn answers(entries: &[IndexEntry]) -> String {
+    let page = |entry: &IndexEntry| format!("{}/index.html", entry.folder);
+    let studies: Vec<(String, &Verdicts)> = entries
+        .iter()
+        .map(|entry| (page(entry), &entry.verdicts))
+        .collect();
+    let section = |(family, sheet): (String, Sheet)| {
+        let heading = if family.is_empty() { "Answers" } else { &family };
+        format!(
+            "<section>\n<h2>{}</h2>\n{}</section>\n",
+            escape(heading),
+            sheet.html()
+        )
+    };
+    answered::sheets(&studies).into_iter().map(section).collect()
+}
+
 /// The counts by family; empty where there is none.
 fn by_family(entries: &[IndexEntry]) -> String {
     let studies: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
     let sheet = families::sheet(&families::families(&studies));
     sheet.map_or_else(String::new, |sheet| {
         format!(
-            "<section id=\"families\">\n<h2>By family</h2>\n{}</section>\n",
+            "<section id=\"families\">\n<h2>Counts by family</h2>\n{}</section>\n",
             sheet.html()
         )
     })

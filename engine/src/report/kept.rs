@@ -6,6 +6,7 @@ use crate::{
     Error,
     figure::{Chart, Shades, is_wide},
     report::Manifest,
+    world::fs,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -72,8 +73,10 @@ impl Kept {
             path: folder.join(&file),
             problem: "holds no text".into(),
         })?;
-        let is_there =
-            |ending: &&str| manifest.names(&format!("{}/{}", files::FIGURES, files::name(name, ending)));
+        let is_there = |ending: &&str| {
+            let file = format!("{}/{}", files::FIGURES, files::name(name, ending));
+            manifest.names(&file) && fs::is_file(&folder.join(file))
+        };
         Ok(Some(Self {
             facts: facts.clone(),
             svg,

@@ -4,6 +4,7 @@
 //! Everything is a function of what is passed in: no clock, no random number and no version control is read
 //! here, so that the same results give the same bytes.
 
+mod answered;
 mod answers;
 mod basis;
 mod budgets;
@@ -30,8 +31,8 @@ mod outcome;
 mod page;
 mod period;
 mod profiles;
-mod row;
 mod searches;
+mod sentence;
 mod sheet;
 mod stages;
 mod summary;
@@ -41,6 +42,7 @@ pub(crate) mod synthetic;
 mod tests;
 mod verdicts;
 
+pub use answered::{Answered, Word, answers_as_markdown, items_as_markdown};
 pub use basis::basis;
 pub use budgets::{duration, told};
 pub use confirmations::{Alone, Round};
@@ -55,8 +57,8 @@ pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
-pub use row::sentence;
 pub use searches::search_in_words;
+pub use sentence::sentence;
 pub use stages::{Stage, Take};
 pub use summary::summary;
 pub use verdicts::{Passed, Verdicts};
@@ -65,7 +67,7 @@ use crate::{
     Better, Build, Error, figure,
     figure::FigureSpec,
     results::{Ran, Results},
-    spec::{ClaimSpec, Confirmation, Relevance, Repeats, Summary},
+    spec::{Answer, ClaimSpec, Confirmation, Relevance, Repeats, Summary},
     table,
     table::TableSpec,
 };
@@ -91,6 +93,8 @@ pub struct StudyInfo {
     pub source: String,
     /// What it came to, with placeholders.
     pub summary: Option<Summary>,
+    /// Its lines in the answers of all studies.
+    pub answers: Vec<Answer>,
     /// The verdicts that are read together with those of this study, such as `chapter 3`; its own alone where absent.
     pub family: Option<String>,
     /// Where it departs from that.
@@ -195,12 +199,11 @@ pub struct ReportPaths {
     pub page: PathBuf,
     /// The report in Markdown.
     pub markdown: PathBuf,
-    /// Files of tables and figures, of the verdicts and of the study as a row.
+    /// Files of tables, figures and verdicts.
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md`, `index.html`, `verdicts.json` and, of a study with a sentence,
-/// `summary.md` into a folder. Each file appears whole or not at all.
+/// Writes `tables/`, `figures/`, `report.md`, `index.html` and `verdicts.json` into a folder. Each file appears whole or not at all.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the
@@ -216,7 +219,6 @@ pub fn write(
     let drawings = write_figures(&dir.join(files::FIGURES), contents, &mut files)?;
     let contents = &*contents;
     files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
-    files.extend(write_row(dir, study, results, contents)?);
     let parts = Parts {
         study,
         results,
@@ -275,21 +277,6 @@ fn write_verdicts(dir: &Path, verdicts: &Verdicts) -> Result<PathBuf, Error> {
         .map_err(Error::file("write", &path))?;
     files::write(&path, (text + "\n").as_bytes())?;
     Ok(path)
-}
-
-/// Writes the study as a row of a table of all results, where it has one.
-fn write_row(
-    dir: &Path,
-    study: &StudyInfo,
-    results: &Results,
-    contents: &Contents,
-) -> Result<Option<PathBuf>, Error> {
-    let Some(row) = row::row(study, results, contents) else {
-        return Ok(None);
-    };
-    let path = dir.join("summary.md");
-    files::write(&path, (row + "\n").as_bytes())?;
-    Ok(Some(path))
 }
 
 fn write_tables(dir: &Path, contents: &Contents) -> Result<Vec<PathBuf>, Error> {

@@ -29,6 +29,8 @@ pub(super) struct Entry {
     pub(super) text: String,
     /// How it is written.
     pub(super) tone: Tone,
+    /// Where it leads; empty for nowhere.
+    pub(super) link: String,
 }
 
 /// What an entry is, and how much it wants to be seen.
@@ -61,7 +63,14 @@ impl Entry {
         Self {
             text: text.into(),
             tone,
+            link: String::new(),
         }
+    }
+
+    /// The same, leading somewhere.
+    pub(super) fn to(mut self, link: impl Into<String>) -> Self {
+        self.link = link.into();
+        self
     }
 }
 
@@ -175,7 +184,16 @@ impl Sheet {
 }
 
 impl Entry {
-    fn markdown(&self) -> String {
+    pub(super) fn markdown(&self) -> String {
+        let text = self.words_in_markdown();
+        if self.link.is_empty() {
+            text
+        } else {
+            format!("[{text}]({})", self.link)
+        }
+    }
+
+    fn words_in_markdown(&self) -> String {
         match self.tone {
             Tone::Plain | Tone::Quiet | Tone::Verdict(_) => escape_markdown(&self.text),
             Tone::Alarm => format!("**{}**", escape_markdown(&self.text)),
@@ -186,6 +204,15 @@ impl Entry {
     }
 
     fn html(&self) -> String {
+        let text = self.words_in_html();
+        if self.link.is_empty() {
+            text
+        } else {
+            format!("<a href=\"{}\">{text}</a>", escape_html(&self.link))
+        }
+    }
+
+    fn words_in_html(&self) -> String {
         let text = escape_html(&self.text);
         match self.tone {
             Tone::Plain => text,

@@ -1,11 +1,12 @@
 //! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
 //! watch over many of them.
 
-use super::{Alone, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
+use super::{Alone, Answered, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
 use crate::{
-    results::Results,
+    results::{Results, TrialResult},
     statistics::{ClaimOutcome, Judgement, Verdict},
     table::{Grid, TableSpec},
+    training_share::TrainingShare,
 };
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +24,12 @@ pub struct Verdicts {
     /// What it came to, in its own sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<String>,
+    /// Its lines in the answers of all studies.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub answers: Vec<Answered>,
+    /// The smallest share of the source's training behind its trials, as in `3.2 %`, where it says how long that was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training_share: Option<String>,
     /// The verdicts that are read together with those of this study; its own alone where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<String>,
@@ -152,11 +159,14 @@ impl Verdicts {
             .collect();
         let count = |counts: &dyn Fn(&Passed) -> bool| verdicts.iter().filter(|it| counts(it)).count();
         let cost = contents.cost(results);
+        let all: Vec<&TrialResult> = results.trials.iter().collect();
         Self {
             study: study.name.clone(),
             title: study.title.clone(),
             family: study.family.clone(),
             summary: sentence(study, contents),
+            answers: Answered::of(study, contents, &verdicts),
+            training_share: TrainingShare::behind(&all, results).map(TrainingShare::percent),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
             earlier_versions: study.earlier_versions.clone(),

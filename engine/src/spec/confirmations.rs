@@ -113,6 +113,7 @@ impl Study {
             tables: tables.collect(),
             figures: Vec::new(),
             summary: None,
+            answers: Vec::new(),
             confirm: Vec::new(),
             warnings: Vec::new(),
             repeats: None,

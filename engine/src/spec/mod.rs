@@ -23,6 +23,7 @@
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `imported` | runs of other programs, which stand where agents stand |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
+//! | `answers` | printed items or questions beside what was found |
 //! | `quotes` | values of the study in its own words |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `repeats` | samples of a sweep that came to the same setting |
@@ -30,6 +31,7 @@
 //! | `confirmations` | claims that are held against further seeds |
 //! | `way` | from a folder to a file |
 
+mod answers;
 mod blocks;
 mod builds;
 mod cell;
@@ -67,6 +69,7 @@ mod taking;
 mod way;
 mod written;
 
+pub use answers::{Answer, AnswerText};
 pub(crate) use builds::can_learn;
 pub use claims::{ClaimSpec, Relevance};
 pub use confirmations::Confirmation;
@@ -135,6 +138,8 @@ pub struct Study {
     pub family: Option<String>,
     /// What it came to, with placeholders; `None` where absent.
     pub summary: Option<Summary>,
+    /// Its lines in the answers of all studies.
+    pub answers: Vec<Answer>,
     /// What differs from the source, one sentence each.
     pub departures: Vec<String>,
     /// Names of the environments, in order.
@@ -469,6 +474,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         source: section(root, "source").unwrap_or_default(),
         family: section(root, "family"),
         summary: asked.summary,
+        answers: asked.answers,
         departures,
         environments: world.environments,
         agents: world.agents,
@@ -547,7 +553,8 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 14] = [
+    const SHOWN: [&str; 15] = [
+        "answers",
         "confirm",
         "family",
         "title",

@@ -1,4 +1,4 @@
-//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure or the summary
+//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure, answer or the summary
 //! stands for the number that the trials have, also under a profile.
 //!
 //! | placeholder | value |
@@ -18,7 +18,15 @@ use crate::{
 use serde_json::Value;
 
 /// The sections whose texts are filled.
-const TEXTS: [&str; 6] = ["title", "summary", "departures", "tables", "figures", "claims"];
+const TEXTS: [&str; 7] = [
+    "title",
+    "summary",
+    "answers",
+    "departures",
+    "tables",
+    "figures",
+    "claims",
+];
 
 /// The document with the values of the study in its texts.
 ///

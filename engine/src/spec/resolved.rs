@@ -45,6 +45,10 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let family = study.family.iter();
     sections.extend(family.map(|it| ("family".into(), Section::Plain(json!(it)))));
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
+    if !study.answers.is_empty() {
+        let lines: Vec<_> = study.answers.iter().map(|it| &it.text).collect();
+        sections.push(("answers".into(), Section::Plain(json!(lines))));
+    }
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.

@@ -2,6 +2,7 @@
 //! against them before the sections are read one by one, with the positions of what is in them.
 
 use super::{
+    answers::AnswerText,
     claims::{ClaimSpec, Relevance},
     confirmations::ConfirmationText,
     cross_play::{EPISODES, Pairs},
@@ -47,6 +48,8 @@ pub(super) struct Sections {
     /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
     /// value, with `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
     summary: String,
+    /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for each.
+    answers: Vec<AnswerText>,
     /// What differs from the source, one sentence each.
     departures: Vec<String>,
     /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, ranges of them as in `100-199`, or a design

@@ -99,6 +99,14 @@ impl Summary {
         Ok(Self { text, pieces })
     }
 
+    /// What a placeholder without its braces asks for.
+    ///
+    /// # Errors
+    /// A sentence on what it is instead.
+    pub fn asks(text: &str) -> Result<Asks, String> {
+        asks(text.trim())
+    }
+
     /// The placeholders, in order.
     pub fn slots(&self) -> impl Iterator<Item = &Slot> {
         self.pieces.iter().filter_map(|piece| match piece {

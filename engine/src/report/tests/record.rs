@@ -135,35 +135,3 @@ fn a_sentence_is_filled_from_tables_and_claims() {
     );
     assert_eq!(sentence(&with_summary("a\nb"), &contents).unwrap(), "a b");
 }
-
-#[test]
-fn a_study_is_a_row_where_it_has_a_sentence_and_is_as_written() {
-    let row = |study: &StudyInfo| {
-        let dir = tempfile::tempdir().unwrap();
-        let mut contents = Contents::of(study, &results());
-        let paths = write(dir.path(), study, &results(), &mut contents, &provenance()).unwrap();
-        let path = dir.path().join("summary.md");
-        assert_eq!(paths.files.contains(&path), path.exists());
-        fs::read_to_string(path).ok()
-    };
-    assert_eq!(
-        row(&with_summary("a | b {lengths: equal, four_cells}")).unwrap(),
-        "| [table-3.2](results/table-3.2/report.md) | Average improvement of the working cycle \\<with & \
-         without> learning, 3 to 5 seeds | a \\| b 10.03 |\n"
-    );
-    let calibrated = PublishedValue {
-        value: 1.0,
-        calibrated_on: Some("the load".into()),
-        ..PublishedValue::default()
-    };
-    let mut in_sample = with_summary("a");
-    in_sample.tables[1].1.published = BTreeMap::from([("equal".into(), Published::Entry(calibrated))]);
-    assert!(
-        row(&in_sample)
-            .unwrap()
-            .contains(", 3 to 5 seeds, in sample | a |")
-    );
-    let summary = None;
-    assert_eq!(row(&StudyInfo { summary, ..in_sample }), None);
-    assert_eq!(row(&info()), None);
-}

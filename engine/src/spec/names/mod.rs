@@ -8,6 +8,7 @@ mod summary;
 mod tables;
 
 use super::{
+    answers::Answer,
     builds::World,
     cells::Sections,
     claims::{ClaimSpec, Relevance},
@@ -45,12 +46,14 @@ pub struct Asked {
     pub claims: Vec<ClaimSpec>,
     /// The sentence that sums the study up.
     pub summary: Option<Summary>,
+    /// Its lines in the answers of all studies.
+    pub answers: Vec<Answer>,
     /// Mistakes.
     pub found: Vec<Diagnostic>,
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures`, `claims` and `summary`; files are sought from `folder`. What the
+    /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`. What the
     /// check against the schema refused is passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
@@ -79,7 +82,14 @@ impl Asked {
         }
         asked.summary = root
             .get("summary")
-            .and_then(|node| names.summary(node, claims.len()));
+            .and_then(|node| names.sentence(node, "summary", claims.len()));
+        let answers = root
+            .get("answers")
+            .map_or(&[][..], Node::items)
+            .iter()
+            .enumerate();
+        let answers = answers.filter_map(|(index, node)| names.answer(node, index, claims.len()));
+        asked.answers = answers.collect();
         asked.found = names.found;
         asked
     }

@@ -1,20 +1,45 @@
-//! The sentence of a study against its tables and claims.
+//! The sentences of a study against its tables and claims.
 
 use super::{Names, claims::Text};
 use crate::{
     diagnostic::{Span, suggest},
     document::Node,
-    spec::summary::{Asks, Lost, PLACEHOLDERS, Slot, Summary, SummaryError, locate},
+    spec::{
+        answers::{Answer, AnswerText},
+        summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
+    },
 };
 
 impl Names<'_> {
+    /// Reads a line of the answers; `None` where it cannot be read, which was said.
+    pub(super) fn answer(&mut self, node: &Node, index: usize, claims: usize) -> Option<Answer> {
+        let at = format!("answers[{index}]");
+        let text: AnswerText = serde_json::from_value(node.to_value()).ok()?;
+        let here = match node.get("here") {
+            Some(here) => self.sentence(here, &format!("{at}.here"), claims)?,
+            None => Summary::default(),
+        };
+        let mut by = Vec::new();
+        for (index, item) in node.get("by").map_or(&[][..], Node::items).iter().enumerate() {
+            let place = (item.span, format!("{at}.by[{index}]"));
+            match Summary::asks(item.as_str()?) {
+                Ok(asks) => {
+                    self.asked(&asks, claims, place);
+                    by.push(asks);
+                }
+                Err(message) => self.say(place, message, "write `claim N`, or `TABLE: ROW, COLUMN`"),
+            }
+        }
+        Some(Answer { text, here, by })
+    }
+
     /// Checks every placeholder of the sentence; `None` where it cannot be read, which was said. `claims` is
     /// their number.
-    pub(super) fn summary(&mut self, node: &Node, claims: usize) -> Option<Summary> {
+    pub(super) fn sentence(&mut self, node: &Node, at: &str, claims: usize) -> Option<Summary> {
         let text = Text {
             text: node.as_str()?,
             span: node.span,
-            at: "summary",
+            at,
         };
         match Summary::parse(text.text) {
             Err(SummaryError {
@@ -27,15 +52,15 @@ impl Names<'_> {
             }
             Ok(summary) => {
                 for slot in summary.slots() {
-                    self.slot(slot, claims, within(&text, slot.start, slot.length));
+                    self.asked(&slot.asks, claims, within(&text, slot.start, slot.length));
                 }
                 Some(summary)
             }
         }
     }
 
-    fn slot(&mut self, slot: &Slot, claims: usize, place: (Span, String)) {
-        match &slot.asks {
+    fn asked(&mut self, asks: &Asks, claims: usize, place: (Span, String)) {
+        match asks {
             Asks::Claim(number) if *number > claims => {
                 let help = match claims {
                     0 => "write them under `claims`".to_owned(),

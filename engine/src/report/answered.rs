@@ -1,0 +1,361 @@
+//! What studies found about printed items of their source, or about questions: a line each, whose answer follows from
+//! the verdicts that it rests on.
+
+use super::{
+    Contents, Passed, StudyInfo, Verdicts,
+    sentence::filled,
+    sheet::{Entry, NONE, Sheet, Tone},
+};
+use crate::{
+    spec::summary::Asks,
+    statistics::ClaimOutcome,
+    table::{escape_markdown, markdown_row},
+};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+const OF_ITEMS: [&str; 7] = [
+    "item",
+    "printed",
+    "here",
+    "share of the source's training",
+    "same system",
+    "answer",
+    "study",
+];
+const OF_QUESTIONS: [&str; 4] = ["question", "here", "answer", "study"];
+
+/// A line of the answers.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Answered {
+    /// The item of the source; empty for a question that none prints.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub item: String,
+    /// What the source says there, or the question.
+    pub printed: String,
+    /// What was found.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub here: String,
+    /// The verdicts that it rests on, by their places among those of the study.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lines: Vec<usize>,
+    /// How the system differs from that of the source; empty where it is the same.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub system: String,
+}
+
+impl Answered {
+    /// The lines of a study; none where it is only tried out.
+    pub(super) fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
+        let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
+        let line = |answer: &crate::spec::Answer| Self {
+            item: answer.text.item.clone(),
+            printed: answer.text.printed.clone(),
+            here: filled(&answer.here, contents),
+            lines: answer.by.iter().flat_map(|asks| places(asks, verdicts)).collect(),
+            system: answer.text.system.clone(),
+        };
+        answers.map(line).collect()
+    }
+
+    /// The answer, from the verdicts of its study; `None` where it rests on none of them.
+    #[must_use]
+    pub fn word(&self, verdicts: &[Passed]) -> Option<Word> {
+        let lines: Vec<&Passed> = self.lines.iter().filter_map(|&at| verdicts.get(at)).collect();
+        Word::of(&lines)
+    }
+}
+
+/// The places of the verdicts on a claim, or on a value of a table.
+fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
+    let is_meant = |passed: &Passed| match asks {
+        Asks::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
+        Asks::Cell { table, place, .. } => {
+            let name = format!("{table}: {place}");
+            passed.about == name || passed.in_full.as_ref() == Some(&name)
+        }
+    };
+    let all = verdicts.iter().enumerate();
+    all.filter(|(_, passed)| is_meant(passed))
+        .map(|(at, _)| at)
+        .collect()
+}
+
+/// An answer in a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Word {
+    /// Everything holds.
+    Yes,
+    /// Some of it holds, and the rest does not or is open.
+    Partly,
+    /// Some of it does not hold, and none of it does.
+    No,
+    /// Nothing is decided, and the training was much shorter than that of the source.
+    NotAtThisBudget,
+    /// Nothing is decided.
+    Open,
+}
+
+impl Word {
+    /// That of some verdicts; `None` where there are none.
+    fn of(lines: &[&Passed]) -> Option<Self> {
+        if lines.is_empty() {
+            return None;
+        }
+        let equivalent = ClaimOutcome::Equivalent.word();
+        let fails = |it: &&&Passed| it.is_decided() && (it.differs() || it.verdict == equivalent);
+        let is = |word: &str| lines.iter().any(|it| it.in_all() == word);
+        let decided = lines.iter().filter(|it| it.is_decided() && it.together.is_none());
+        let against = decided.clone().filter(|it| fails(it)).count();
+        let holds = decided.count() - against;
+        let short = [
+            ClaimOutcome::NotAtThisBudget.word(),
+            ClaimOutcome::NotLearned.word(),
+        ];
+        Some(match (holds, against) {
+            (holds, 0) if holds == lines.len() => Self::Yes,
+            (0, 0) if short.iter().any(|word| is(word)) => Self::NotAtThisBudget,
+            (0, 0) => Self::Open,
+            (0, _) => Self::No,
+            _ => Self::Partly,
+        })
+    }
+
+    /// The word as it is written, and the verdict whose colour it has.
+    fn written(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Yes => ("yes", ClaimOutcome::Supported.word()),
+            Self::Partly => ("partly", ClaimOutcome::DirectionOnly.word()),
+            Self::No => ("no", ClaimOutcome::Refuted.word()),
+            Self::NotAtThisBudget => ("not at this budget", ClaimOutcome::NotAtThisBudget.word()),
+            Self::Open => ("cannot be said", ClaimOutcome::Inconclusive.word()),
+        }
+    }
+}
+
+/// The answers of some studies by family, each study with the way to its report. Studies without a family stand
+/// together under an empty name, and families without a line are left out.
+pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
+    let mut families: BTreeMap<String, Vec<Line<'_>>> = BTreeMap::new();
+    for (way, study) in studies {
+        let family = study.family.clone().unwrap_or_default();
+        let lines = study.answers.iter().map(|answered| Line { way, study, answered });
+        families.entry(family).or_default().extend(lines);
+    }
+    families.retain(|_, lines| !lines.is_empty());
+    let sheet = |(family, mut lines): (String, Vec<Line<'_>>)| {
+        lines.sort_by(|one, other| natural(&one.answered.item).cmp(&natural(&other.answered.item)));
+        (family, sheet(&lines))
+    };
+    families.into_iter().map(sheet).collect()
+}
+
+/// The same in Markdown.
+#[must_use]
+pub fn answers_as_markdown(studies: &[(String, &Verdicts)]) -> Vec<(String, String)> {
+    let sheets = sheets(studies).into_iter();
+    sheets.map(|(family, sheet)| (family, sheet.markdown())).collect()
+}
+
+/// The items of sources in their order, each with the studies that are about it and the ways to their files.
+#[must_use]
+pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
+    let mut items: BTreeMap<Vec<(String, u64)>, (&str, Vec<Entry>)> = BTreeMap::new();
+    for (way, study) in studies {
+        for answered in study.answers.iter().filter(|it| !it.item.is_empty()) {
+            let (_, found) = items
+                .entry(natural(&answered.item))
+                .or_insert((&answered.item, Vec::new()));
+            let entry = Entry::plain(&study.study).to(way);
+            if !found.contains(&entry) {
+                found.push(entry);
+            }
+        }
+    }
+    let rows = items.into_values().map(|(item, studies)| {
+        let studies: Vec<String> = studies.iter().map(Entry::markdown).collect();
+        markdown_row([escape_markdown(item), studies.join(", ")].into_iter())
+    });
+    let rows: Vec<String> = rows.collect();
+    format!("| item | studies |\n|---|---|\n{}", rows.join("\n"))
+}
+
+struct Line<'a> {
+    way: &'a str,
+    study: &'a Verdicts,
+    answered: &'a Answered,
+}
+
+fn sheet(lines: &[Line<'_>]) -> Sheet {
+    let has_items = lines.iter().any(|line| !line.answered.item.is_empty());
+    let head: &[&str] = if has_items { &OF_ITEMS } else { &OF_QUESTIONS };
+    Sheet {
+        head: head.iter().map(ToString::to_string).collect(),
+        words: head.len(),
+        rows: lines.iter().map(|line| line.entries(has_items)).collect(),
+        ..Sheet::default()
+    }
+}
+
+impl Line<'_> {
+    fn entries(&self, has_items: bool) -> Vec<Entry> {
+        let Self {
+            way, study, answered, ..
+        } = self;
+        let text = |text: &str| match text {
+            "" => Entry::plain(NONE),
+            text => Entry::of(Tone::Sentence, text),
+        };
+        let name = Entry::plain(&study.study).to(*way);
+        let mut entries = vec![text(&answered.printed), text(&answered.here)];
+        if has_items {
+            let share = study.training_share.as_deref().unwrap_or_default();
+            entries.insert(0, text(&answered.item));
+            entries.push(text(share));
+            entries.push(if answered.system.is_empty() {
+                Entry::plain("yes")
+            } else {
+                text(&answered.system)
+            });
+        }
+        entries.push(self.answer());
+        entries.push(name);
+        entries
+    }
+
+    fn answer(&self) -> Entry {
+        let verdicts = &self.study.verdicts;
+        let Some(word) = self.answered.word(verdicts) else {
+            return Entry::plain(NONE);
+        };
+        let (word, colour) = word.written();
+        let is_exploratory = |at: &usize| verdicts.get(*at).is_some_and(|it| it.exploratory);
+        let note = if self.answered.lines.iter().any(is_exploratory) {
+            " (exploratory)"
+        } else {
+            ""
+        };
+        Entry::of(Tone::Verdict(colour), format!("{word}{note}"))
+    }
+}
+
+/// A text so that numbers in it are compared as numbers.
+fn natural(text: &str) -> Vec<(String, u64)> {
+    let mut parts = vec![(String::new(), 0_u64)];
+    for letter in text.chars() {
+        let last = parts.len() - 1;
+        match letter.to_digit(10) {
+            Some(digit) => parts[last].1 = parts[last].1.saturating_mul(10).saturating_add(digit.into()),
+            None if parts[last].1 > 0 => parts.push((letter.to_string(), 0)),
+            None => parts[last].0.push(letter),
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn passed(about: &str, verdict: &str) -> Passed {
+        Passed {
+            about: about.into(),
+            verdict: verdict.into(),
+            ..Passed::default()
+        }
+    }
+
+    fn word(verdicts: &[&str]) -> Option<&'static str> {
+        let passed: Vec<Passed> = verdicts.iter().map(|word| passed("", word)).collect();
+        let answered = Answered {
+            lines: (0..verdicts.len()).collect(),
+            ..Answered::default()
+        };
+        answered.word(&passed).map(|word| word.written().0)
+    }
+
+    #[test]
+    fn the_answer_follows_from_the_verdicts() {
+        assert_eq!(word(&[]), None);
+        assert_eq!(word(&["SUPPORTED", "REPRODUCED"]), Some("yes"));
+        assert_eq!(word(&["SUPPORTED", "INCONCLUSIVE"]), Some("partly"));
+        assert_eq!(word(&["SUPPORTED", "REFUTED"]), Some("partly"));
+        assert_eq!(word(&["REFUTED", "INCONCLUSIVE"]), Some("no"));
+        assert_eq!(word(&["DIFFERS"]), Some("no"));
+        assert_eq!(word(&["EQUIVALENT"]), Some("no"));
+        assert_eq!(
+            word(&["NOT AT THIS BUDGET", "INCONCLUSIVE"]),
+            Some("not at this budget")
+        );
+        assert_eq!(word(&["NOT LEARNED"]), Some("not at this budget"));
+        assert_eq!(
+            word(&["CALIBRATED", "NOT JUDGED", "DIRECTION ONLY"]),
+            Some("cannot be said")
+        );
+        let falls = Passed {
+            together: Some("INCONCLUSIVE".into()),
+            ..passed("", "SUPPORTED")
+        };
+        assert_eq!(Word::of(&[&falls]), Some(Word::Open));
+    }
+
+    #[test]
+    fn claims_and_values_are_found_among_the_verdicts() {
+        let verdicts = [
+            passed("t: a, b", "REPRODUCED"),
+            Passed {
+                in_full: Some("u: a, b".into()),
+                ..passed("u: a", "DIFFERS")
+            },
+            passed("claim 1: a.x > b.x in one", "SUPPORTED"),
+            passed("claim 1: a.x > b.x in two", "REFUTED"),
+            passed("claim 12: a.x > c.x", "REFUTED"),
+        ];
+        let found = |text: &str| places(&crate::spec::Summary::asks(text).unwrap(), &verdicts);
+        assert_eq!(found("claim 1"), [2, 3]);
+        assert_eq!(found("claim 2"), [0; 0]);
+        assert_eq!(found("t: a, b"), [0]);
+        assert_eq!(found("u: a"), [1]);
+        assert_eq!(found("u: a, b"), [1]);
+    }
+
+    #[test]
+    fn items_stand_in_the_order_of_their_numbers_and_questions_have_fewer_columns() {
+        let line = |item: &str| Answered {
+            item: item.into(),
+            printed: "a > b".into(),
+            here: "`a` 2, b 1".into(),
+            lines: vec![0],
+            ..Answered::default()
+        };
+        let study = |family: &str, answers| Verdicts {
+            study: "one".into(),
+            family: Some(family.into()),
+            answers,
+            verdicts: vec![passed("claim 1: a.x > b.x", "SUPPORTED")],
+            ..Verdicts::default()
+        };
+        let first = study("chapter 1", vec![line("table 1.10"), line("table 1.2")]);
+        let second = study("beyond", vec![line("")]);
+        let silent = study("chapter 9", Vec::new());
+        let all = [
+            ("one/report.md".to_owned(), &first),
+            (String::new(), &second),
+            (String::new(), &silent),
+        ];
+        let sheets = sheets(&all);
+        let names: Vec<&str> = sheets.iter().map(|(family, _)| family.as_str()).collect();
+        assert_eq!(names, ["beyond", "chapter 1"]);
+        let [beyond, chapter] = [&sheets[0].1, &sheets[1].1].map(Sheet::markdown);
+        assert!(
+            beyond.contains("| a \\> b | `a` 2, b 1 | yes | one |"),
+            "{beyond}"
+        );
+        let row = "| table 1.2 | a \\> b | `a` 2, b 1 | – | yes | yes | [one](one/report.md) |";
+        assert!(chapter.contains(row), "{chapter}");
+        assert!(
+            chapter.find("table 1.2 ") < chapter.find("table 1.10"),
+            "{chapter}"
+        );
+    }
+}

@@ -1,0 +1,69 @@
+//! Sentences of a study with the values of its tables and the verdicts on its claims filled in.
+
+use super::{Contents, StudyInfo};
+use crate::{
+    spec::{
+        Summary,
+        summary::{Asks, Lost, OfCell, Piece, locate},
+    },
+    table::Heading,
+};
+
+/// What stands for what is missing.
+const MISSING: &str = "–";
+
+/// What the study came to, in its own words; `None` where it has no sentence, and where it is only tried out.
+#[must_use]
+pub fn sentence(study: &StudyInfo, contents: &Contents) -> Option<String> {
+    let summary = study.summary.as_ref().filter(|_| !study.is_rehearsal)?;
+    Some(filled(summary, contents))
+}
+
+/// A sentence with everything filled in, on one line.
+pub(super) fn filled(sentence: &Summary, contents: &Contents) -> String {
+    let piece = |piece: &Piece| match piece {
+        Piece::Text(text) => text.clone(),
+        Piece::Slot(slot) => answer(&slot.asks, contents).unwrap_or_else(|| MISSING.into()),
+    };
+    let text: String = sentence.pieces.iter().map(piece).collect();
+    text.trim().replace('\n', " ")
+}
+
+/// What a placeholder stands for; `None` where it is missing.
+fn answer(asks: &Asks, contents: &Contents) -> Option<String> {
+    match asks {
+        Asks::Claim(number) => claim(*number, contents),
+        Asks::Cell { table, place, of } => cell(table, place, *of, contents),
+    }
+}
+
+fn cell(table: &str, place: &str, of: OfCell, contents: &Contents) -> Option<String> {
+    let (_, grid) = contents.tables.iter().find(|(name, _)| name == table)?;
+    let grid = grid.as_ref().ok()?;
+    let names = |headings: &[Heading]| headings.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
+    let (rows, columns) = (names(&grid.rows), names(&grid.columns));
+    let [rows, columns] = [&rows, &columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
+    let (row, column) = match locate(place, &rows, &columns) {
+        Ok(found) => found,
+        // One of several agents that are compared with each other may leave one column, of another name.
+        Err(Lost::Column(row, _)) if columns.len() == 1 => (row, 0),
+        Err(_) => return None,
+    };
+    let cell = &grid.cells[row][column];
+    match of {
+        OfCell::Value => cell.estimate.map(|value| grid.format.write(value)),
+        OfCell::Published => cell.published().map(|value| grid.format.published(value)),
+        OfCell::Verdict => cell.judgement.is_some().then(|| cell.verdict_in_words()),
+    }
+}
+
+/// The verdict on a claim; one for each place that it is held against where they are not the same.
+fn claim(number: usize, contents: &Contents) -> Option<String> {
+    let lines = || contents.claims.iter().filter(|line| line.number == number);
+    let first = lines().next()?.verdict_in_words();
+    if lines().all(|line| line.verdict_in_words() == first) {
+        return Some(first);
+    }
+    let words = lines().map(|line| format!("{} in {}", line.verdict_in_words(), line.place));
+    Some(words.collect::<Vec<_>>().join(", "))
+}

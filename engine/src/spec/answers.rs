@@ -1,0 +1,40 @@
+//! Printed items of a source, or questions, beside what the study found: each is a line in the answers of all studies.
+//!
+//! Nobody writes the answer itself: it follows from the verdicts on the claims and published values that the line
+//! rests on.
+
+use super::summary::{Asks, Summary};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A line as it is written.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AnswerText {
+    /// The item of the source, such as `table 3.2`; absent for a question that no source prints.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub item: String,
+    /// What the source says there, in its values or its words, or the question.
+    pub printed: String,
+    /// What was found, with placeholders as in `summary`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub here: String,
+    /// What decides: claims and published values, as in `[claim 1, "table-3.2: four, learner"]`. A line that rests on
+    /// nothing has no answer, such as that of a drawing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by: Vec<String>,
+    /// How the system differs from that of the source, such as `other engines`; absent where it is the same.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub system: String,
+}
+
+/// A line that was held against the study.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Answer {
+    /// The line as it is written.
+    pub text: AnswerText,
+    /// What was found, with its placeholders.
+    pub here: Summary,
+    /// The claims and values that it rests on.
+    pub by: Vec<Asks>,
+}
