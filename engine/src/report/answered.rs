@@ -14,16 +14,7 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-const OF_ITEMS: [&str; 7] = [
-    "item",
-    "printed",
-    "here",
-    "share of the source's training",
-    "same system",
-    "answer",
-    "study",
-];
-const OF_QUESTIONS: [&str; 4] = ["question", "here", "answer", "study"];
+const SHARE: &str = "share of the source's training";
 
 /// A line of the answers.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,9 +51,9 @@ impl Answered {
 
     /// The answer, from the verdicts of its study; `None` where it rests on none of them.
     #[must_use]
-    pub fn word(&self, verdicts: &[Passed]) -> Option<Word> {
-        let lines: Vec<&Passed> = self.lines.iter().filter_map(|&at| verdicts.get(at)).collect();
-        Word::of(&lines)
+    pub fn word(&self, study: &Verdicts) -> Option<Word> {
+        let lines = self.lines.iter().filter_map(|&at| study.verdicts.get(at));
+        Word::of(&lines.collect::<Vec<_>>(), study.training_share.is_some())
     }
 }
 
@@ -97,8 +88,8 @@ pub enum Word {
 }
 
 impl Word {
-    /// That of some verdicts; `None` where there are none.
-    fn of(lines: &[&Passed]) -> Option<Self> {
+    /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
+    fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
         if lines.is_empty() {
             return None;
         }
@@ -108,13 +99,10 @@ impl Word {
         let decided = lines.iter().filter(|it| it.is_decided() && it.together.is_none());
         let against = decided.clone().filter(|it| fails(it)).count();
         let holds = decided.count() - against;
-        let short = [
-            ClaimOutcome::NotAtThisBudget.word(),
-            ClaimOutcome::NotLearned.word(),
-        ];
+        let learned_nothing = is_short && is(ClaimOutcome::NotLearned.word());
         Some(match (holds, against) {
             (holds, 0) if holds == lines.len() => Self::Yes,
-            (0, 0) if short.iter().any(|word| is(word)) => Self::NotAtThisBudget,
+            (0, 0) if learned_nothing || is(ClaimOutcome::NotAtThisBudget.word()) => Self::NotAtThisBudget,
             (0, 0) => Self::Open,
             (0, _) => Self::No,
             _ => Self::Partly,
@@ -134,12 +122,13 @@ impl Word {
 }
 
 /// The answers of some studies by family, each study with the way to its report. Studies without a family stand
-/// together under an empty name, and families without a line are left out.
+/// together under an empty name. Lines that rest on nothing, and families without a line, are left out.
 pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
     let mut families: BTreeMap<String, Vec<Line<'_>>> = BTreeMap::new();
     for (way, study) in studies {
         let family = study.family.clone().unwrap_or_default();
-        let lines = study.answers.iter().map(|answered| Line { way, study, answered });
+        let lines = study.answers.iter().filter(|it| !it.lines.is_empty());
+        let lines = lines.map(|answered| Line { way, study, answered });
         families.entry(family).or_default().extend(lines);
     }
     families.retain(|_, lines| !lines.is_empty());
@@ -188,44 +177,48 @@ struct Line<'a> {
 
 fn sheet(lines: &[Line<'_>]) -> Sheet {
     let has_items = lines.iter().any(|line| !line.answered.item.is_empty());
-    let head: &[&str] = if has_items { &OF_ITEMS } else { &OF_QUESTIONS };
+    let has_shares = has_items && lines.iter().any(|line| line.study.training_share.is_some());
+    let mut head = if has_items {
+        vec!["item", "printed", "here", "same system"]
+    } else {
+        vec!["question", "here"]
+    };
+    head.extend(has_shares.then_some(SHARE));
+    head.extend(["answer", "study"]);
+    let rows = lines.iter().map(|line| line.entries(has_items, has_shares));
     Sheet {
-        head: head.iter().map(ToString::to_string).collect(),
         words: head.len(),
-        rows: lines.iter().map(|line| line.entries(has_items)).collect(),
+        head: head.into_iter().map(String::from).collect(),
+        rows: rows.collect(),
         ..Sheet::default()
     }
 }
 
 impl Line<'_> {
-    fn entries(&self, has_items: bool) -> Vec<Entry> {
-        let Self {
-            way, study, answered, ..
-        } = self;
+    fn entries(&self, has_items: bool, has_shares: bool) -> Vec<Entry> {
+        let Self { way, study, answered } = self;
         let text = |text: &str| match text {
             "" => Entry::plain(NONE),
             text => Entry::of(Tone::Sentence, text),
         };
-        let name = Entry::plain(&study.study).to(*way);
-        let mut entries = vec![text(&answered.printed), text(&answered.here)];
-        if has_items {
-            let share = study.training_share.as_deref().unwrap_or_default();
-            entries.insert(0, text(&answered.item));
-            entries.push(text(share));
-            entries.push(if answered.system.is_empty() {
-                Entry::plain("yes")
-            } else {
-                text(&answered.system)
-            });
-        }
-        entries.push(self.answer());
-        entries.push(name);
+        let system = match answered.system.as_str() {
+            "" => "yes",
+            system => system,
+        };
+        let share = study.training_share.as_deref().unwrap_or_default();
+        let item = has_items.then(|| text(&answered.item));
+        let words = [text(&answered.printed), text(&answered.here)];
+        let entries = item.into_iter().chain(words);
+        let entries = entries.chain(has_items.then(|| text(system)));
+        let entries = entries.chain(has_shares.then(|| text(share)));
         entries
+            .chain([self.answer(), Entry::plain(&study.study).to(*way)])
+            .collect()
     }
 
     fn answer(&self) -> Entry {
         let verdicts = &self.study.verdicts;
-        let Some(word) = self.answered.word(verdicts) else {
+        let Some(word) = self.answered.word(self.study) else {
             return Entry::plain(NONE);
         };
         let (word, colour) = word.written();
@@ -266,12 +259,16 @@ mod tests {
     }
 
     fn word(verdicts: &[&str]) -> Option<&'static str> {
-        let passed: Vec<Passed> = verdicts.iter().map(|word| passed("", word)).collect();
+        let study = Verdicts {
+            verdicts: verdicts.iter().map(|word| passed("", word)).collect(),
+            training_share: Some("1.3 %".into()),
+            ..Verdicts::default()
+        };
         let answered = Answered {
             lines: (0..verdicts.len()).collect(),
             ..Answered::default()
         };
-        answered.word(&passed).map(|word| word.written().0)
+        answered.word(&study).map(|word| word.written().0)
     }
 
     #[test]
@@ -296,7 +293,8 @@ mod tests {
             together: Some("INCONCLUSIVE".into()),
             ..passed("", "SUPPORTED")
         };
-        assert_eq!(Word::of(&[&falls]), Some(Word::Open));
+        assert_eq!(Word::of(&[&falls], true), Some(Word::Open));
+        assert_eq!(Word::of(&[&passed("", "NOT LEARNED")], false), Some(Word::Open));
     }
 
     #[test]
@@ -335,7 +333,11 @@ mod tests {
             verdicts: vec![passed("claim 1: a.x > b.x", "SUPPORTED")],
             ..Verdicts::default()
         };
-        let first = study("chapter 1", vec![line("table 1.10"), line("table 1.2")]);
+        let drawn = Answered {
+            lines: Vec::new(),
+            ..line("figure 1.1")
+        };
+        let first = study("chapter 1", vec![line("table 1.10"), line("table 1.2"), drawn]);
         let second = study("beyond", vec![line("")]);
         let silent = study("chapter 9", Vec::new());
         let all = [
@@ -351,8 +353,11 @@ mod tests {
             beyond.contains("| a \\> b | `a` 2, b 1 | yes | one |"),
             "{beyond}"
         );
-        let row = "| table 1.2 | a \\> b | `a` 2, b 1 | – | yes | yes | [one](one/report.md) |";
-        assert!(chapter.contains(row), "{chapter}");
+        let row = "| table 1.2 | a \\> b | `a` 2, b 1 | yes | yes | [one](one/report.md) |";
+        assert!(
+            chapter.contains(row) && !chapter.contains("figure 1.1"),
+            "{chapter}"
+        );
         assert!(
             chapter.find("table 1.2 ") < chapter.find("table 1.10"),
             "{chapter}"

@@ -431,13 +431,7 @@ mod tests {
     fn agents_without_updates_are_flagged() {
         let results = Results::of(vec![learner(0, "", 20, 0.0), learner(1, "", 20, 4.0)]);
         let row = &sheet(&StudyInfo::default(), &results).unwrap().rows[0];
-        assert_eq!(
-            row[3],
-            Entry {
-                text: "0–4: not trained".into(),
-                tone: Tone::Alarm
-            }
-        );
+        assert_eq!(row[3], Entry::of(Tone::Alarm, "0–4: not trained"));
         assert_eq!(
             untrained(&results),
             ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]

@@ -4,9 +4,9 @@ use super::{CLEAR, claim, info, one_environment, provenance, published, results,
 use crate::{
     report::{Contents, StudyInfo, Verdicts, sentence, write},
     spec::{ClaimSpec, Summary},
-    table::{Cause, Comparison, Published, PublishedValue, TableSpec},
+    table::{Cause, Comparison, TableSpec},
 };
-use std::{collections::BTreeMap, fs};
+use std::fs;
 
 #[test]
 fn causes_are_printed_where_something_differs_and_nowhere_else() {
