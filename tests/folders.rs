@@ -58,7 +58,7 @@ fn results_of_other_options_have_a_folder_of_their_own_and_say_so_at_their_head(
     assert!(out.contains(words) && out.contains(folder), "{out}");
     assert!(read(&bench, &format!("{folder}/report.md")).contains(words));
     assert!(read(&bench, &format!("{folder}/index.html")).contains(words));
-    let page_of_profile = bench.ok(&["run", "small.yaml", "--profile", "smoke", "--seeds", "2"]);
+    let page_of_profile = bench.ok(&["run", "small.yaml", "--profile", "smoke", "--seeds", "2", "-v"]);
     assert!(
         page_of_profile.contains("results/small-smoke+seeds=2/index.html"),
         "{page_of_profile}"

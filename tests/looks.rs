@@ -53,7 +53,7 @@ fn a_difference_too_small_to_matter_is_decided_and_costs_no_more_seeds() {
     let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
     assert!(STUDY.contains(open));
     bench.write("looks.yaml", &STUDY.replace(open, alike));
-    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
+    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one", "--verbose"]);
     let expected =
         [("equal", 3), ("known", 3), ("observed", 6), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
     assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));

@@ -25,7 +25,7 @@ fn a_report_tells_budgets_settings_profiles_and_dates() {
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);
     bench.ok(&["run", "small.yaml", "--profile", "short"]);
-    let said = bench.ok(&["run", "small.yaml"]);
+    let said = bench.ok(&["run", "small.yaml", "--verbose"]);
     assert!(
         said.contains("long: 0 of 4 trials are stored: never run"),
         "{said}"
@@ -86,15 +86,18 @@ fn read(bench: &Bench, name: &str) -> String {
     std::fs::read_to_string(bench.path(name)).unwrap()
 }
 
+/// The value of `equal` in the table of a report.
+fn value_of_equal(report: &str) -> &str {
+    let rows = report.lines().filter_map(|line| line.strip_prefix("| equal | "));
+    let row = rows.filter(|row| row.contains('[')).next().unwrap();
+    row.split(' ').next().unwrap()
+}
+
 #[test]
 fn a_study_says_in_a_sentence_what_it_came_to() {
     let (bench, said) = two_sentences();
     let report = read(&bench, "results/one/report.md");
-    let row = report
-        .lines()
-        .find(|line| line.starts_with("| equal | "))
-        .unwrap();
-    let value = row["| equal | ".len()..].split(' ').next().unwrap();
+    let value = value_of_equal(&report);
     let sentence = format!("An equal split lives {value} | 1.5 decisions; SUPPORTED, REFUTED");
     assert!(said.contains(&sentence) && read(&bench, "results/one/index.html").contains(&sentence));
     let verdicts: serde_json::Value =
@@ -112,17 +115,14 @@ fn the_answers_of_studies_stand_in_the_overview_and_in_the_blocks_of_a_document(
     let answers = "family: chapter 1\nanswers:\n  - { item: table 2, printed: an equal split lives, here: \"{lengths: equal}\", by: \
                    [claim 1] }\n  - { item: table 10, printed: it does not, by: [claim 2, \"lengths: equal\"], system: another }\n  \
                    - { item: figure 1, printed: drawn }\n";
+    std::fs::create_dir_all(bench.path("experiments/first")).unwrap();
     bench.write(
         "experiments/first/one.yaml",
         &format!("{}{answers}", with_sentence("one")),
     );
     bench.ok(&["run", "experiments/first/one.yaml"]);
     let report = read(&bench, "results/first/one/report.md");
-    let row = report
-        .lines()
-        .find(|line| line.starts_with("| equal | "))
-        .unwrap();
-    let value = row["| equal | ".len()..].split(' ').next().unwrap();
+    let value = value_of_equal(&report);
     let rows = |folder: &str| {
         let study = format!("[one]({folder}first/one/report.md)");
         [
@@ -262,6 +262,8 @@ fn the_last_word_is_that_of_all_rounds() {
         "all: 0-1, 200-20",
         "2 confirmations on further seeds.",
         "seeds of 2 rounds, whose",
+        "`confirm-1` was fixed on 20",
+        ", before its first trial (hash ",
     ] {
         assert!(report.contains(part), "{part}\n{report}");
     }
@@ -270,6 +272,14 @@ fn the_last_word_is_that_of_all_rounds() {
     bench.ok(&["report", "small.yaml", "--recorded"]);
     assert_eq!(json(&bench, "results/small/verdicts.json"), verdicts);
     assert_eq!(read(&bench, "results/small/report.md"), report);
+    // A round that asks something else than it did before its first trial says so.
+    bench.write(
+        "small.yaml",
+        &confirmed().replace("matters: 0.25", "matters: 0.5"),
+    );
+    bench.ok(&["report", "small.yaml"]);
+    let report = read(&bench, "results/small/report.md");
+    assert_eq!(report.matches("; it was changed since.").count(), 1, "{report}");
     let text = bench.ok(&["overview", "results", "--open"]);
     assert!(
         text.contains("values and claims that are judged are decided"),

@@ -308,7 +308,15 @@ impl Packing<'_> {
     /// Adds the files of the study's report that are as the report wrote them.
     fn report(&mut self, one: &Planned, selection: &Selection) -> Result<(), Error> {
         let (out, strict) = (None, false);
-        let from = folders::folder(one, selection, &ReportOptions { out, strict });
+        let from = folders::folder(
+            one,
+            selection,
+            &ReportOptions {
+                out,
+                strict,
+                verbose: false,
+            },
+        );
         let Some(manifest) = Manifest::read(&from).filter(|manifest| manifest.study == one.study.name) else {
             complain(&format!(
                 "no report lies in `{}`, so none is in the crate; `regimen report` writes one",

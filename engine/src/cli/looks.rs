@@ -11,9 +11,9 @@ use crate::{
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
-    spec::Relevance,
+    spec::{Relevance, Study},
     statistics::{Reference, Verdict},
-    store::{SeenVerdicts, Store},
+    store::{self, Fixed, SeenVerdicts, Store, is_missing},
     table::Grid,
     trial,
 };
@@ -105,6 +105,65 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
     }
 }
 
+/// Notes rounds of confirmations that are computed for the first time, before their first trial: what each asks of which
+/// seeds.
+///
+/// # Errors
+/// [`Error::File`] where a record cannot be written.
+pub(super) fn fix(planned: &[Planned], store: &Store) -> Result<(), Error> {
+    for one in planned.iter().filter(|one| one.confirms.is_some()) {
+        let study = &one.study.name;
+        let mut seen = read(store, study)?;
+        if seen.fixed.is_some() {
+            continue;
+        }
+        let has_ended =
+            |trial: &&Arc<trial::Trial>| store.end(&trial.id).is_ok_and(|end| !is_missing(end.as_ref()));
+        seen.fixed = Some(Fixed {
+            digest: digest_of_round(&one.study),
+            at: store::now(),
+            ended: one.plan.trials.iter().filter(has_ended).count(),
+        });
+        store.keep_seen(study, &seen)?;
+    }
+    Ok(())
+}
+
+/// The hash of what a round asks of which seeds. Texts are none of it.
+fn digest_of_round(round: &Study) -> String {
+    let claims = round.claims.iter();
+    let claims: Vec<_> = claims
+        .map(|it| json!([it.claim, it.environment, it.matters]))
+        .collect();
+    let tables = round.tables.iter();
+    let tables: Vec<_> = tables
+        .map(|(name, spec)| json!([name, spec.published, spec.margin]))
+        .collect();
+    let looks = round.design.as_ref().map(|design| design.looks().to_vec());
+    store::digest(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
+}
+
+/// A sentence on when a round was fixed; `None` where nobody noted it.
+pub(super) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<String> {
+    let Fixed { digest, at, ended } = seen.fixed.as_ref()?;
+    let name = round.name.rsplit('/').next().unwrap_or(&round.name);
+    let day = at.get(..10).unwrap_or(at);
+    let before = match ended {
+        0 => "before its first trial".into(),
+        1 => "after 1 of its trials had ended".into(),
+        n => format!("after {n} of its trials had ended"),
+    };
+    let changed = if *digest == digest_of_round(round) {
+        ""
+    } else {
+        "; it was changed since"
+    };
+    Some(format!(
+        "`{name}` was fixed on {day}, {before} (hash {:.12}){changed}.",
+        digest
+    ))
+}
+
 /// What a study plans and how far it is, as a line; `None` where its number of seeds is fixed.
 pub(super) fn line(one: &Planned) -> Option<String> {
     let looks = one
@@ -194,6 +253,7 @@ impl<'a> Noting<'a> {
         let design = one.study.design.iter();
         let mut noted = SeenVerdicts::default();
         noted.lost.clone_from(&seen.lost);
+        noted.fixed.clone_from(&seen.fixed);
         Self {
             noted,
             seen,

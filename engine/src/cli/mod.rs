@@ -306,6 +306,9 @@ struct ReportOptions {
     /// Leave with 101 where a published value or a claim differs.
     #[arg(long)]
     strict: bool,
+    /// Print every table and claim, not the answers and the first table alone.
+    #[arg(long, short = 'v')]
+    verbose: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -584,12 +587,22 @@ static UNSAID: OnceLock<String> = OnceLock::new();
 
 /// Standard output is for results.
 fn say(text: &str) {
+    put(&plain_text::printable(text.trim_end_matches('\n')));
+}
+
+/// The same with verdicts in colour, on a terminal.
+fn say_summary(text: &str) {
+    let text = plain_text::printable(text.trim_end_matches('\n'));
+    if colour_on(&std::io::stdout()) {
+        put(&crate::report::tinted(&text));
+    } else {
+        put(&text);
+    }
+}
+
+fn put(text: &str) {
     use std::io::Write;
-    let written = writeln!(
-        std::io::stdout(),
-        "{}",
-        plain_text::printable(text.trim_end_matches('\n'))
-    );
+    let written = writeln!(std::io::stdout(), "{text}");
     // A reader that closed the pipe (`| head`) has what it wanted.
     if let Some(error) = written
         .err()
@@ -628,11 +641,15 @@ fn shown(text: &str) -> String {
     }
 }
 
+fn colour() -> bool {
+    colour_on(&std::io::stderr())
+}
+
 /// Colour on a terminal, unless `NO_COLOR` is set.
 #[expect(
     clippy::disallowed_methods,
     reason = "it colours what is shown, and reaches no result"
 )]
-fn colour() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+fn colour_on(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }

@@ -170,17 +170,23 @@ fn round(registry: &Registry, one: &Planned, found: Option<Confirming>) -> Resul
         let trials = one.plan.trials.iter().map(Arc::clone).map(TrialResult::missing);
         let results = run::assembled(&one.study, trials.collect());
         let contents = Contents::judged(&study, &results);
-        return Ok(Round { results, contents });
+        let fixed = None;
+        return Ok(Round {
+            results,
+            contents,
+            fixed,
+        });
     };
     let results = results(one, &found.record, &found.manifest, &found.folder)?;
     let mut contents = Contents::judged(&study, &results);
-    looks::record_again(
-        one,
-        found.record.seen.unwrap_or_default(),
-        &results,
-        &mut contents,
-    );
-    Ok(Round { results, contents })
+    let seen = found.record.seen.unwrap_or_default();
+    let fixed = looks::fixed_in_words(&one.study, &seen);
+    looks::record_again(one, seen, &results, &mut contents);
+    Ok(Round {
+        results,
+        contents,
+        fixed,
+    })
 }
 
 /// The material of a report, from a record.

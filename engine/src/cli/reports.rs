@@ -2,7 +2,7 @@
 
 use super::{
     Common, DIFFERS, Failure, Format, NOT_MADE, OK, ReportOptions, Selection, complain, confirmations,
-    folders, looks, overview, profiles, provenance, run, say, searches, settings,
+    folders, looks, overview, profiles, provenance, run, say, say_summary, searches, settings,
     study::{self, Planned},
 };
 use crate::{
@@ -181,9 +181,18 @@ fn confirmed(
     let mut contents = Contents::judged(&study, &results);
     if stored.is_empty() {
         // The record of an earlier report stays.
-        return Ok((Round { results, contents }, code));
+        let fixed = None;
+        return Ok((
+            Round {
+                results,
+                contents,
+                fixed,
+            },
+            code,
+        ));
     }
     let seen = looks::record(one, store, &results, &mut contents)?;
+    let fixed = looks::fixed_in_words(&one.study, &seen);
     let record = stored.record(registry, one, (&study, &results), seen);
     let dir = confirmations::folder(one, selection, reporting);
     fs::create_dir_all(&dir).map_err(Error::file("create", &dir))?;
@@ -192,7 +201,14 @@ fn confirmed(
     record.write(&dir)?;
     let files = [evaluations, dir.join(record::FILE)];
     folders::settle(&dir, one, selection, &files, &BTreeSet::new())?;
-    Ok((Round { results, contents }, code))
+    Ok((
+        Round {
+            results,
+            contents,
+            fixed,
+        },
+        code,
+    ))
 }
 
 /// The study's information under the options of a command line.
@@ -245,10 +261,14 @@ pub(super) fn finish(
         code,
         ..
     } = &gathered;
-    say(&match common.format {
-        Format::Json => as_json(study, results, contents, &paths).to_string(),
-        Format::Text => report::summary(study, results, contents, &paths.page, run::terminal_width()),
-    });
+    match common.format {
+        Format::Json => say(&as_json(study, results, contents, &paths).to_string()),
+        Format::Text => {
+            let (width, everything) = (run::terminal_width(), reporting.verbose);
+            let text = report::summary(study, results, contents, &paths.page, width, everything);
+            say_summary(&text);
+        }
+    }
     Ok(match *code {
         // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a
         // profile, and where a part of the study was selected.

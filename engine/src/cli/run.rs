@@ -25,6 +25,7 @@ use crate::{
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
+    io::IsTerminal as _,
     sync::Arc,
 };
 
@@ -69,6 +70,7 @@ pub(super) fn run(
             hosts::reach(&mut how, &planned, access)?;
         }
     }
+    looks::fix(&planned, &store)?;
     let computed = match compute_all(&mut how, kind.as_ref(), &mut planned, &store, options)? {
         Computed::Left(code) => return Ok(code),
         Computed::Here(code) => code,
@@ -193,6 +195,7 @@ pub(super) fn worker(
         retry_failed: false,
         whole: false,
     };
+    looks::fix(&planned, &store)?;
     let mut code = OK;
     loop {
         // What failed at one look is not made good by the next.
@@ -298,17 +301,20 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     defaults
 }
 
-/// Columns of the terminal, as the shell tells; 100 elsewhere.
+/// Columns of the terminal, as the shell or the terminal tells; 100 elsewhere.
 #[expect(
     clippy::disallowed_methods,
     reason = "it says how wide the summary is, and reaches no result"
 )]
 pub(super) fn terminal_width() -> usize {
-    std::env::var("COLUMNS")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .filter(|width| *width >= 40)
-        .unwrap_or(100)
+    let told = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok());
+    let asked = || {
+        let size = std::io::stdout()
+            .is_terminal()
+            .then(ratatui::crossterm::terminal::size)?;
+        size.ok().map(|(columns, _)| usize::from(columns))
+    };
+    told.or_else(asked).filter(|width| *width >= 40).unwrap_or(100)
 }
 
 /// Trials with what they recorded. One that cannot be read counts as missing, and `say` says why.

@@ -82,8 +82,9 @@ impl StopSignal {
     }
 }
 
-/// Where a guard notes whom it started: its own process id and that of the program, each with the time of its
-/// start, and the machine and boot in which they mean something.
+/// What a program notes before it begins: the process id of its guard and its own, each with the time of its start,
+/// and the machine and boot in which they mean something. So no guard can be killed before somebody knows what it
+/// leaves.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Standing {
     place: [String; 2],
@@ -139,17 +140,19 @@ fn become_program(words: &[String]) -> ExitCode {
         return ExitCode::from(UNSTARTED);
     };
     // Whose guard is gone must not begin.
-    if !parent
-        .parse()
-        .is_ok_and(|parent| process::die_with(parent).unwrap_or(false))
-    {
+    let parent = parent.parse().ok();
+    let Some(parent) = parent.filter(|&parent| process::die_with(parent).unwrap_or(false)) else {
         return ExitCode::from(UNSTARTED);
-    }
-    let problem = Command::new(program).args(arguments).exec();
+    };
+    let notes = Path::new(notes);
+    let problem = match note_standing(notes, parent) {
+        Ok(()) => Command::new(program).args(arguments).exec(),
+        Err(problem) => problem,
+    };
     let unstarted = Unstarted {
         problem: problem.to_string(),
     };
-    let _ = write(&self::unstarted(Path::new(notes)), &unstarted);
+    let _ = write(&self::unstarted(notes), &unstarted);
     ExitCode::from(UNSTARTED)
 }
 
@@ -170,7 +173,6 @@ fn guard() -> ExitCode {
 fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<()> {
     process::adopt_orphans()?;
     let program = start(order)?;
-    note_standing(order, program)?;
     let (told, gone) = channel();
     let asked = Arc::new(AtomicBool::new(false));
     let noted = Arc::clone(&asked);
@@ -204,7 +206,8 @@ fn start(order: &Order) -> std::io::Result<u32> {
     Ok(command.spawn()?.id())
 }
 
-fn note_standing(order: &Order, program: u32) -> std::io::Result<()> {
+/// Notes this process, which becomes the program of a guard.
+fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
     let since = |pid| match process::look(pid) {
         Look::Started(ticks) => ticks,
         Look::Gone | Look::Hidden => 0,
@@ -212,10 +215,10 @@ fn note_standing(order: &Order, program: u32) -> std::io::Result<()> {
     let own = process::id();
     let standing = Standing {
         place: here(),
-        guard: (own, since(own)),
-        program: (program, since(program)),
+        guard: (guard, since(guard)),
+        program: (own, since(own)),
     };
-    write(&self::standing(&order.notes), &standing)
+    write(&self::standing(notes), &standing)
 }
 
 fn here() -> [String; 2] {

@@ -88,6 +88,15 @@ pub enum Word {
 }
 
 impl Word {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Yes,
+        Self::Partly,
+        Self::No,
+        Self::NotAtThisBudget,
+        Self::Open,
+    ];
+
     /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
     fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
         if lines.is_empty() {
@@ -107,6 +116,12 @@ impl Word {
             (0, _) => Self::No,
             _ => Self::Partly,
         })
+    }
+
+    /// The word as it is written.
+    #[must_use]
+    pub fn text(self) -> &'static str {
+        self.written().0
     }
 
     /// The word as it is written, and the verdict whose colour it has.
@@ -349,11 +364,8 @@ mod tests {
         let names: Vec<&str> = sheets.iter().map(|(family, _)| family.as_str()).collect();
         assert_eq!(names, ["beyond", "chapter 1"]);
         let [beyond, chapter] = [&sheets[0].1, &sheets[1].1].map(Sheet::markdown);
-        assert!(
-            beyond.contains("| a \\> b | `a` 2, b 1 | yes | one |"),
-            "{beyond}"
-        );
-        let row = "| table 1.2 | a \\> b | `a` 2, b 1 | yes | yes | [one](one/report.md) |";
+        assert!(beyond.contains("| a > b | `a` 2, b 1 | yes | one |"), "{beyond}");
+        let row = "| table 1.2 | a > b | `a` 2, b 1 | yes | yes | [one](one/report.md) |";
         assert!(
             chapter.contains(row) && !chapter.contains("figure 1.1"),
             "{chapter}"

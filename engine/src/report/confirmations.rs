@@ -19,6 +19,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 const HEAD: [&str; 4] = ["question", "seeds", "verdict", "value or difference"];
+const HOW_READ: &str = "The last word is that of all seeds together. Rounds that were not planned together count as looks \
+                        at one sample, and the level is divided among all looks. A round on fresh seeds alone is a \
+                        replication.";
 
 /// The results of a confirmation, and what they say alone.
 #[derive(Debug, Clone, Default)]
@@ -27,6 +30,8 @@ pub struct Round {
     pub results: Results,
     /// Its claims, and the tables whose published values it confirms.
     pub contents: Contents,
+    /// When it was fixed, as a sentence.
+    pub fixed: Option<String>,
 }
 
 /// The verdict of one round of seeds alone.
@@ -62,6 +67,7 @@ impl Contents {
         for index in 0..study.tables.len() {
             self.confirm_table(index, study, results, rounds);
         }
+        self.fixed = rounds.iter().filter_map(|round| round.fixed.clone()).collect();
         self.rounds = rounds.iter().map(|round| budgets::cost(&round.results)).collect();
         self.adjust();
     }
@@ -240,11 +246,9 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
         head: HEAD.map(String::from).to_vec(),
         words: 3,
         rows: contents.confirmed.iter().flat_map(rows).collect(),
-        notes: vec![
-            "The last word is that of all seeds together. Rounds that were not planned together count as looks at one \
-             sample, and the level is divided among all looks. A round on fresh seeds alone is a replication."
-                .into(),
-        ],
+        notes: std::iter::once(HOW_READ.to_owned())
+            .chain(contents.fixed.iter().cloned())
+            .collect(),
         ..Sheet::default()
     })
 }

@@ -53,6 +53,8 @@ pub struct Contents {
     pub(super) confirmed: Vec<Confirmed>,
     /// Number and time of the trials of each confirmation.
     pub(super) rounds: Vec<Cost>,
+    /// When the rounds of its confirmations were fixed, a sentence each.
+    pub(super) fixed: Vec<String>,
     /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
     pub kept: BTreeMap<String, Kept>,
 }

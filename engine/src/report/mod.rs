@@ -60,7 +60,7 @@ pub use profiles::{ProfileState, ProfileTrials};
 pub use searches::search_in_words;
 pub use sentence::sentence;
 pub use stages::{Stage, Take};
-pub use summary::summary;
+pub use summary::{summary, tinted};
 pub use verdicts::{Passed, Verdicts};
 
 use crate::{

@@ -1,14 +1,19 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo, basis, budgets, claims, head, sentence};
+use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, sentence, verdicts::words};
 use crate::{
     results::Results,
     table::{terminal, wrap},
 };
 use std::path::Path;
 
-/// Tables, claims, what was not trained, profiles, counts of verdicts and the path of the page, as plain text
-/// of at most `width` characters a line.
+/// So many claims stand in the first screen.
+const FIRST_CLAIMS: usize = 6;
+/// Columns of the word before an answer or a claim.
+const WORD: usize = 20;
+
+/// The report as plain text of at most `width` characters a line: the answers, the first table and the path of the page,
+/// or everything.
 #[must_use]
 pub fn summary(
     study: &StudyInfo,
@@ -16,48 +21,139 @@ pub fn summary(
     contents: &Contents,
     page: &Path,
     width: usize,
+    everything: bool,
 ) -> String {
-    let mut parts = vec![wrap(
-        if study.title.is_empty() {
-            &study.name
-        } else {
-            &study.title
-        },
-        width,
-    )];
+    let title = match study.title.as_str() {
+        "" => &study.name,
+        title => title,
+    };
+    let mut parts = vec![wrap(title, width)];
     parts.extend(study.asked_with().map(|options| wrap(&options, width)));
     parts.extend(study.rehearsal().map(|banner| wrap(banner, width)));
     parts.extend(study.outdated().iter().map(|sentence| wrap(sentence, width)));
-    parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
-    for (name, grid) in &contents.tables {
-        parts.push(match grid {
-            Ok(grid) => format!("{name}\n{}", terminal(grid, width).trim_end()),
-            Err(reason) => wrap(&format!("{name}: could not be made: {reason}"), width),
-        });
+    let answers = if everything {
+        None
+    } else {
+        answers(study, results, contents, width)
+    };
+    if answers.is_none() {
+        parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     }
+    parts.extend(answers);
+    let tables = if everything { contents.tables.len() } else { 1 };
+    parts.extend(
+        contents
+            .tables
+            .iter()
+            .enumerate()
+            .filter_map(|(index, (name, grid))| match grid {
+                Ok(grid) if index < tables => Some(format!("{name}\n{}", terminal(grid, width).trim_end())),
+                Ok(_) => None,
+                Err(reason) => Some(wrap(&format!("{name}: could not be made: {reason}"), width)),
+            }),
+    );
     let failed = contents
         .figures
         .iter()
         .filter(|(name, _)| !contents.kept.contains_key(name))
         .filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
     parts.extend(failed.map(|(name, reason)| wrap(&format!("{name}: could not be drawn: {reason}"), width)));
-    if !contents.claims.is_empty() {
+    if everything && !contents.claims.is_empty() {
         parts.push(verdicts(contents, width));
     }
+    parts.push(last_lines(study, results, contents, page, width, everything));
+    parts.join("\n\n") + "\n"
+}
+
+/// A summary with verdicts and answers in the colours of a terminal: green for what holds, red for what does not, and
+/// yellow for what is open.
+#[must_use]
+pub fn tinted(text: &str) -> String {
+    const GREEN: &str = "\x1b[32m";
+    const RED: &str = "\x1b[31m";
+    const YELLOW: &str = "\x1b[33m";
+    let colour_of = |word: &str| match word {
+        "REPRODUCED" | "SUPPORTED" | "yes" => GREEN,
+        "DIFFERS" | "REFUTED" | "no" => RED,
+        _ => YELLOW,
+    };
+    let tint = |line: &str, word: &str| line.replace(word, &format!("{}{word}\x1b[0m", colour_of(word)));
+    let line = |line: &str| {
+        // An answer stands at the beginning of a line, with room after it.
+        let mut answers = Word::ALL.map(Word::text).into_iter();
+        let answer = answers.find(|answer| {
+            line.strip_prefix(answer)
+                .is_some_and(|rest| rest.starts_with("  "))
+        });
+        let rest = answer.map_or(line, |answer| &line[answer.len()..]);
+        let rest = words()
+            .into_iter()
+            .fold(rest.to_owned(), |rest, word| tint(&rest, word));
+        answer.map_or(String::new(), |answer| tint(answer, answer)) + &rest
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// The answers of the study, or its first claims; `None` where it has a sentence instead, or nothing.
+fn answers(study: &StudyInfo, results: &Results, contents: &Contents, width: usize) -> Option<String> {
+    let line = |word: &str, text: &str| {
+        let text = wrap(text, width.saturating_sub(WORD).max(20));
+        format!(
+            "{word:<WORD$}{}",
+            text.replace('\n', &format!("\n{}", " ".repeat(WORD)))
+        )
+    };
+    let judged = Verdicts::of(study, results, contents);
+    let answered = judged.answers.iter().map(|answered| {
+        let word = answered.word(&judged).map_or("", Word::text);
+        match answered.here.as_str() {
+            "" => line(word, &answered.printed),
+            here => line(word, &format!("{}: {here}", answered.printed)),
+        }
+    });
+    let mut lines: Vec<String> = answered.collect();
+    if lines.is_empty() && sentence(study, contents).is_none() {
+        let claims = contents.claims.iter();
+        lines.extend(
+            claims
+                .clone()
+                .take(FIRST_CLAIMS)
+                .map(|it| line(it.word(), &it.spec.claim)),
+        );
+        if claims.len() > FIRST_CLAIMS {
+            lines.push(line(
+                "",
+                &format!("and {} more claims", claims.len() - FIRST_CLAIMS),
+            ));
+        }
+    }
+    (!lines.is_empty()).then(|| lines.join("\n"))
+}
+
+fn last_lines(
+    study: &StudyInfo,
+    results: &Results,
+    contents: &Contents,
+    page: &Path,
+    width: usize,
+    everything: bool,
+) -> String {
     let mut last: Vec<String> = budgets::untrained(results);
-    last.push(basis(study, results, contents));
+    if everything {
+        last.push(basis(study, results, contents));
+    }
     last.extend(counts(study, contents));
     last.push(format!("Time: {}", contents.cost(results).sentence()));
-    last.extend(
-        study
-            .profiles
-            .iter()
-            .map(|it| format!("Profile {}: {}", it.name(), it.sentence())),
-    );
+    if everything {
+        let profiles = study.profiles.iter();
+        last.extend(profiles.map(|it| format!("Profile {}: {}", it.name(), it.sentence())));
+    }
     let mut last: Vec<String> = last.iter().map(|line| wrap(line, width)).collect();
     last.push(format!("Report: {}", page.display()));
-    parts.push(last.join("\n"));
-    parts.join("\n\n") + "\n"
+    if !everything {
+        last.push("        (all tables and claims here: `--verbose`)".into());
+    }
+    last.join("\n")
 }
 
 fn verdicts(contents: &Contents, width: usize) -> String {
@@ -108,4 +204,19 @@ fn counts(study: &StudyInfo, contents: &Contents) -> Vec<String> {
         format!("{}: {}", counts.what, words.join(", "))
     };
     head::lines(study, contents).iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verdicts_and_answers_are_coloured_and_nothing_else() {
+        let text = "yes           it holds: 3\nno doubt\na  REPRODUCED  DIFFERS (Holm: INCONCLUSIVE)";
+        let expected = "\x1b[32myes\x1b[0m           it holds: 3\nno doubt\na  \x1b[32mREPRODUCED\x1b[0m  \
+                        \x1b[31mDIFFERS\x1b[0m (Holm: \x1b[33mINCONCLUSIVE\x1b[0m)";
+        assert_eq!(tinted(text), expected);
+        let longest = "not at this budget  it fails: 2";
+        assert!(tinted(longest).starts_with("\x1b[33mnot at this budget\x1b[0m  it"));
+    }
 }

@@ -426,13 +426,12 @@ fn the_summary_for_a_terminal() {
     let info = info();
     let results = results();
     let contents = Contents::of(&info, &results);
-    insta::assert_snapshot!(summary(
-        &info,
-        &results,
-        &contents,
-        Path::new("results/table-3.2/index.html"),
-        100
-    ));
+    let page = Path::new("results/table-3.2/index.html");
+    insta::assert_snapshot!(summary(&info, &results, &contents, page, 100, true));
+    insta::assert_snapshot!(
+        "the_first_screen",
+        summary(&info, &results, &contents, page, 100, false)
+    );
 }
 
 #[test]
@@ -497,7 +496,7 @@ fn an_agent_that_made_no_update_is_flagged_everywhere() {
     );
     let sentence = "`dsac` in `eight_cells`: 0 updates in 5 of 5 trials: not trained.";
     assert!(fs::read_to_string(paths.markdown).unwrap().contains(sentence));
-    assert!(summary(&info, &results, &contents, dir.path(), 100).contains(sentence));
+    assert!(summary(&info, &results, &contents, dir.path(), 100, false).contains(sentence));
 }
 
 /// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does

@@ -66,7 +66,7 @@ pub use partial::Partial;
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
-pub use seen::{SeenVerdicts, is_record};
+pub use seen::{Fixed, SeenVerdicts, is_record};
 
 use crate::{
     Build, Error, Recorder,

@@ -33,9 +33,24 @@ pub struct SeenVerdicts {
     /// What the verdict was passed by when it was first seen, in words. Records of earlier programs have none of them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, String>,
+    /// When a round of a confirmation was fixed, and as what.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fixed: Option<Fixed>,
     /// Where the record before this one lies, inside the store, which was damaged: what was seen then is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<PathBuf>,
+}
+
+/// A round of a confirmation as it was when it was first computed.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fixed {
+    /// Hash of its claims, published values and seeds.
+    pub digest: String,
+    /// In UTC as RFC 3339 writes it.
+    pub at: String,
+    /// How many of its trials had ended then.
+    pub ended: usize,
 }
 
 impl SeenVerdicts {
@@ -53,6 +68,7 @@ impl SeenVerdicts {
         for (place, rule) in more.rules {
             self.rules.entry(place).or_insert(rule);
         }
+        self.fixed = self.fixed.take().or(more.fixed);
         self.lost = self.lost.take().or(more.lost);
     }
 

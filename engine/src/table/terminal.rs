@@ -53,7 +53,11 @@ fn long(grid: &Grid) -> Vec<Vec<String>> {
             .to_vec(),
     ];
     for row in 0..grid.rows.len() {
-        for column in 0..grid.columns.len() {
+        // What the study has no trials for is left out.
+        let cells = grid.cells[row].iter().enumerate();
+        let cells = cells
+            .filter(|(_, cell)| cell.planned > 0 || cell.estimate.is_some() || cell.published().is_some());
+        for (column, _) in cells {
             let texts = [
                 Part::Value(column),
                 Part::Published(column),

@@ -249,7 +249,7 @@ impl<'a> Reader<'a> {
             }
         } else {
             let end = rest.find([',', ']']).unwrap_or(rest.len());
-            (rest[..end].trim().to_owned(), end)
+            (as_swept(rest[..end].trim()), end)
         };
         if value.is_empty() {
             self.position = start;
@@ -389,6 +389,14 @@ pub(crate) fn is_name_character(character: char) -> bool {
     character.is_alphanumeric() || character == '_' || character == '-'
 }
 
+/// A value as settings write it: a number may be written in any form, as in `1e-3`.
+fn as_swept(text: &str) -> String {
+    match serde_json::from_str(text) {
+        Ok(Value::Number(number)) => number.to_string(),
+        _ => text.to_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -407,6 +415,19 @@ mod tests {
                 metric: metric.into(),
                 environment: None,
             },
+        }
+    }
+
+    #[test]
+    fn a_swept_number_may_be_written_in_any_form() {
+        for (written, meant) in [
+            ("1e-3", "0.001"),
+            ("0.0010", "0.001"),
+            ("16", "16"),
+            ("fast", "fast"),
+            ("1.", "1."),
+        ] {
+            assert_eq!(as_swept(written), meant);
         }
     }
 

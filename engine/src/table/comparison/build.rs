@@ -1,6 +1,6 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
+use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
 use crate::{
     Error,
     results::{Results, SUCCESS, TrialResult},
@@ -254,16 +254,19 @@ fn place(comparison: &Comparison, at: &[(Along, String)]) -> Place {
             .collect();
         words.join(", ")
     };
-    let label = words(&|name| label(comparison, name));
-    let label = if label.is_empty() {
-        "as given".into()
-    } else {
-        label
+    let name = words(&str::to_owned);
+    let labels = words(&|name| label(comparison, name));
+    let or_as_given = |text: String| {
+        if text.is_empty() {
+            label(comparison, AS_GIVEN)
+        } else {
+            text
+        }
     };
     Place {
         heading: Heading {
-            name: words(&str::to_owned),
-            label,
+            label: or_as_given(labels),
+            name: if name.is_empty() { AS_GIVEN.into() } else { name },
         },
         at: at.to_vec(),
         at_step: None,

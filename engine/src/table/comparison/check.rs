@@ -1,6 +1,6 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
-use super::{Along, Axis, Comparison, Form, Taken};
+use super::{AS_GIVEN, Along, Axis, Comparison, Form, Taken};
 use crate::{
     diagnostic::suggest,
     results::SUCCESS,
@@ -159,14 +159,31 @@ fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
             .iter()
             .map(|index| names.world.environments[*index].clone())
             .collect(),
-        Axis::Setting => names
-            .world
-            .settings
-            .iter()
-            .filter(|setting| !setting.is_empty())
-            .map(ToString::to_string)
-            .collect(),
+        Axis::Setting => settings_of(names, picked),
     }
+}
+
+/// The settings of some agents, in order, and before them that of an agent that no sweep varies; none where it varies
+/// none of them.
+fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
+    let is_of = |key: &String, agent: &String| {
+        key.strip_prefix(agent.as_str())
+            .is_some_and(|rest| rest.starts_with('.'))
+    };
+    let agents = &names.world.agents;
+    let keys = || names.world.swept.iter().filter(|key| key.contains('.'));
+    let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
+    let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
+    if !picked.agents.iter().any(varies) {
+        return Vec::new();
+    }
+    let settings = names.world.settings.iter().filter(|setting| !setting.is_empty());
+    let fixed = !picked.agents.iter().all(varies);
+    let first = fixed.then(|| AS_GIVEN.to_owned());
+    first
+        .into_iter()
+        .chain(settings.map(ToString::to_string))
+        .collect()
 }
 
 /// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that

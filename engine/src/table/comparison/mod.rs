@@ -23,6 +23,9 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use written::Written;
 
+/// The name of what no sweep varies, beside settings that one does.
+const AS_GIVEN: &str = "as given";
+
 /// Rows, columns and the value of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Written", into = "Written")]
