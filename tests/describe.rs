@@ -235,3 +235,24 @@ fn the_program_describes_lists_and_suggests() {
         (2, "error: nothing is named `batery`; did you mean `battery`?")
     );
 }
+
+#[test]
+fn a_shell_completes_the_command_line_and_man_shows_it() {
+    let bench = Bench::new();
+    for (shell, word) in [
+        ("bash", "complete -F"),
+        ("zsh", "#compdef regimen"),
+        ("fish", "complete -c regimen"),
+    ] {
+        let script = bench.ok(&["completions", shell]);
+        assert!(
+            script.contains(word) && script.contains("overview"),
+            "{shell}: {script}"
+        );
+    }
+    let page = bench.ok(&["man"]);
+    assert!(
+        page.contains(".TH regimen 1") && page.contains("regimen\\-overview"),
+        "{page}"
+    );
+}

@@ -236,7 +236,7 @@ sweep: { sac.width: { log_uniform: { low: 8, high: 9, samples: 6 } } }
         "{}",
         checked.out
     );
-    let computed = bench.run(&["run", "samples.yaml", "-j", "1"]);
+    let computed = bench.run(&["run", "samples.yaml", "-j", "1", "--verbose"]);
     assert!(
         computed.err.contains("running 2 trials") && computed.err.contains(SAID),
         "{}",

@@ -33,6 +33,7 @@ mod running;
 mod searches;
 mod selftest;
 mod settings;
+mod shell;
 mod stages;
 mod study;
 mod submit;
@@ -435,6 +436,14 @@ enum Verb {
     New(new::NewOptions),
     /// Print the JSON Schema of a study, with the parameters of all plugins.
     Schema,
+    /// Print a script that completes this command line in a shell.
+    Completions {
+        /// The shell.
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page, to be read by `man -l`.
+    Man,
     /// Serve trials on standard input; started by `run`.
     #[command(hide = true)]
     TrialWorker,
@@ -536,6 +545,8 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Describe { name, why } => describe::describe(registry, name.as_deref(), why, common),
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
+        Verb::Completions { shell } => shell::completions(shell),
+        Verb::Man => shell::manual(),
         Verb::TrialWorker => serve(registry),
         Verb::Relay {
             folder,

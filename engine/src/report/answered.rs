@@ -161,6 +161,34 @@ pub fn answers_as_markdown(studies: &[(String, &Verdicts)]) -> Vec<(String, Stri
     sheets.map(|(family, sheet)| (family, sheet.markdown())).collect()
 }
 
+/// How many lines of each family have which answer.
+#[must_use]
+pub fn counts_as_markdown(studies: &[(String, &Verdicts)]) -> String {
+    let mut families: BTreeMap<String, [usize; Word::ALL.len()]> = BTreeMap::new();
+    for (_, study) in studies {
+        let words = study.answers.iter().filter_map(|answered| answered.word(study));
+        for word in words {
+            let counts = families
+                .entry(study.family.clone().unwrap_or_default())
+                .or_default();
+            counts[word as usize] += 1;
+        }
+    }
+    families.remove("");
+    let row = |(family, counts): (String, [usize; Word::ALL.len()])| {
+        let counts = counts.map(|count| Entry::plain(count.to_string()));
+        std::iter::once(Entry::plain(family)).chain(counts).collect()
+    };
+    let head = std::iter::once("family").chain(Word::ALL.map(Word::text));
+    let sheet = Sheet {
+        head: head.map(String::from).collect(),
+        words: 1,
+        rows: families.into_iter().map(row).collect(),
+        ..Sheet::default()
+    };
+    sheet.markdown()
+}
+
 /// The items of sources in their order, each with the studies that are about it and the ways to their files.
 #[must_use]
 pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
@@ -188,6 +216,22 @@ struct Line<'a> {
     way: &'a str,
     study: &'a Verdicts,
     answered: &'a Answered,
+}
+
+/// The answers of one study; `None` where it has none.
+pub(super) fn of_study(study: &Verdicts) -> Option<Sheet> {
+    let lines = study.answers.iter().filter(|it| !it.lines.is_empty());
+    let lines = lines.map(|answered| Line {
+        way: "",
+        study,
+        answered,
+    });
+    let mut sheet = sheet(&lines.collect::<Vec<_>>());
+    // The page is the study's own.
+    sheet.head.pop();
+    sheet.words -= 1;
+    sheet.rows.iter_mut().for_each(|row| drop(row.pop()));
+    (!sheet.rows.is_empty()).then_some(sheet)
 }
 
 fn sheet(lines: &[Line<'_>]) -> Sheet {
@@ -360,6 +404,8 @@ mod tests {
             (String::new(), &second),
             (String::new(), &silent),
         ];
+        let counts = counts_as_markdown(&all);
+        assert!(counts.contains("| chapter 1 | 2 | 0 | 0 | 0 | 0 |"), "{counts}");
         let sheets = sheets(&all);
         let names: Vec<&str> = sheets.iter().map(|(family, _)| family.as_str()).collect();
         assert_eq!(names, ["beyond", "chapter 1"]);

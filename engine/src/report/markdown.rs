@@ -29,6 +29,7 @@ fn head_blocks(parts: &Parts<'_>) -> Vec<String> {
     let outdated = study.outdated();
     blocks.extend(outdated.iter().map(|sentence| strong(escape(sentence))));
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
+    blocks.extend(parts.answered.as_ref().map(Sheet::markdown));
     blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
     blocks.extend(first_departures(study));
     blocks.push(prose::markdown(&parts.basis));

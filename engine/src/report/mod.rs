@@ -42,7 +42,7 @@ pub(crate) mod synthetic;
 mod tests;
 mod verdicts;
 
-pub use answered::{Answered, Word, answers_as_markdown, items_as_markdown};
+pub use answered::{Answered, Word, answers_as_markdown, counts_as_markdown, items_as_markdown};
 pub use basis::basis;
 pub use budgets::{duration, told};
 pub use confirmations::{Alone, Round};
@@ -218,7 +218,8 @@ pub fn write(
     let mut files = write_tables(&dir.join(files::TABLES), contents)?;
     let drawings = write_figures(&dir.join(files::FIGURES), contents, &mut files)?;
     let contents = &*contents;
-    files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
+    let verdicts = Verdicts::of(study, results, contents);
+    files.push(write_verdicts(dir, &verdicts)?);
     let parts = Parts {
         study,
         results,
@@ -227,6 +228,7 @@ pub fn write(
         drawings: &drawings,
         sentence: sentence(study, contents),
         basis: basis(study, results, contents),
+        answered: answered::of_study(&verdicts),
         answers: answers::sheet(contents).filter(|_| !study.is_rehearsal),
         head: head::lines(study, contents),
         claims: claims::sheet(contents),
@@ -257,7 +259,9 @@ struct Parts<'a> {
     sentence: Option<String>,
     /// Seeds and what was exploratory.
     basis: String,
-    /// The questions of the study with their answers.
+    /// What its source prints, or it asks, with the answers.
+    answered: Option<Sheet>,
+    /// Every published value and claim with its verdict.
     answers: Option<Sheet>,
     /// The counts at the head.
     head: Vec<head::Line>,

@@ -17,6 +17,9 @@ use crate::{
 
 const STYLE: &str = include_str!("page.css");
 
+/// The sections that are not folded.
+const OPEN: [&str; 5] = ["Tables", "Figures", "Claims", "Confirmations", "Departures"];
+
 /// The whole page.
 pub(super) fn page(parts: &Parts<'_>) -> String {
     let title = escape(title(parts));
@@ -25,8 +28,8 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
         ("Confirmations", parts.confirmed.iter().map(Sheet::html).collect()),
-        ("What the verdicts mean", definitions(meanings(parts))),
         ("Departures", list(&parts.study.departures)),
+        ("What the verdicts mean", definitions(meanings(parts))),
         ("Stages", graph(parts)),
         ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
         ("Settings that differ", settings(parts)),
@@ -39,8 +42,16 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
     let link = |(heading, _): &&(&str, String)| format!("<a href=\"#{}\">{heading}</a>\n", anchor(heading));
     let links: String = present.iter().map(link).collect();
     let section = |(heading, body): &&(&str, String)| {
+        let (open, close) = if OPEN.contains(heading) {
+            (format!("<h2>{heading}</h2>"), "")
+        } else {
+            (
+                format!("<details>\n<summary><h2>{heading}</h2></summary>"),
+                "</details>\n",
+            )
+        };
         format!(
-            "<section id=\"{}\">\n<h2>{heading}</h2>\n{body}</section>\n",
+            "<section id=\"{}\">\n{open}\n{body}{close}</section>\n",
             anchor(heading)
         )
     };
@@ -122,6 +133,14 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let paragraph = |text: &String| format!("<p>{}</p>\n", prose::html(text));
     let sentence = parts.sentence.as_ref().map_or_else(String::new, paragraph);
     let answers = parts.answers.as_ref().map_or_else(String::new, Sheet::html);
+    // Answers in words stand for the sentence, and before what they rest on.
+    let (sentence, answers) = match &parts.answered {
+        Some(answered) => {
+            let all = format!("<details>\n<summary>Every value and claim</summary>\n{answers}</details>\n");
+            (answered.html(), if answers.is_empty() { answers } else { all })
+        }
+        None => (sentence, answers),
+    };
     let departures = first_departures(&parts.study.departures);
     let basis = paragraph(&parts.basis);
     let chips = |counts: &head::Line| {

@@ -40,18 +40,14 @@ pub fn summary(
         parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     }
     parts.extend(answers);
-    let tables = if everything { contents.tables.len() } else { 1 };
-    parts.extend(
-        contents
-            .tables
-            .iter()
-            .enumerate()
-            .filter_map(|(index, (name, grid))| match grid {
-                Ok(grid) if index < tables => Some(format!("{name}\n{}", terminal(grid, width).trim_end())),
-                Ok(_) => None,
-                Err(reason) => Some(wrap(&format!("{name}: could not be made: {reason}"), width)),
-            }),
-    );
+    let shown = if everything { contents.tables.len() } else { 1 };
+    let table = |(index, (name, grid)): (usize, &(String, Result<Grid, String>))| match grid {
+        Ok(_) if index >= shown => None,
+        Ok(grid) if everything => Some(format!("{name}\n{}", terminal(grid, width).trim_end())),
+        Ok(grid) => Some(format!("{name}\n{}", terminal_in_short(grid, width).trim_end())),
+        Err(reason) => Some(wrap(&format!("{name}: could not be made: {reason}"), width)),
+    };
+    parts.extend(contents.tables.iter().enumerate().filter_map(table));
     let failed = contents
         .figures
         .iter()

@@ -2,8 +2,11 @@
 //! to be careful with.
 
 use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
-use crate::count::count;
-use crate::statistics::{Judgement, Verdict};
+use crate::{
+    count::count,
+    plan::seed_ranges,
+    statistics::{Judgement, Verdict},
+};
 
 /// How the medium shows intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,6 +44,14 @@ impl Grid {
         notes.extend(self.grouped(caution));
         notes.extend(self.notes.iter().cloned());
         notes
+    }
+
+    /// How to read the numbers and the verdicts, without what is special of some cells.
+    #[must_use]
+    pub fn how_read(&self, intervals: Intervals) -> Vec<String> {
+        std::iter::once(self.reading(intervals))
+            .chain(self.judging())
+            .collect()
     }
 
     fn reading(&self, intervals: Intervals) -> String {
@@ -170,11 +181,34 @@ impl Cell {
     #[must_use]
     pub fn incompleteness(&self) -> String {
         let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
+        let mut groups: Vec<(Vec<u64>, String)> = Vec::new();
+        for text in self.missing.iter().map(ToString::to_string) {
+            let (seed, reason) = seed_and_reason(&text);
+            match groups
+                .iter_mut()
+                .find(|(seeds, known)| !seeds.is_empty() && known == reason)
+            {
+                Some((seeds, _)) if seed.is_some() => seeds.extend(seed),
+                _ => groups.push((seed.into_iter().collect(), reason.to_owned())),
+            }
+        }
+        let group = |(seeds, reason): (Vec<u64>, String)| match seeds.as_slice() {
+            [] => reason,
+            [seed] => format!("seed {seed}: {reason}"),
+            several => format!("seeds {}: {reason}", seed_ranges(several)),
+        };
         std::iter::once(count)
-            .chain(self.missing.iter().map(ToString::to_string))
+            .chain(groups.into_iter().map(group))
             .collect::<Vec<_>>()
             .join("; ")
     }
+}
+
+/// The seed that a sentence is about, and what it says of it.
+fn seed_and_reason(text: &str) -> (Option<u64>, &str) {
+    let parts = text.strip_prefix("seed ").and_then(|rest| rest.split_once(": "));
+    let parts = parts.and_then(|(seed, reason)| Some((seed.parse().ok()?, reason)));
+    parts.map_or((None, text), |(seed, reason)| (Some(seed), reason))
 }
 
 /// What keeps a value or its verdict from meaning what it seems to.
@@ -237,6 +271,28 @@ mod tests {
         results::EndState,
         table::{Form, Missing, NoValue, Part, Quantity},
     };
+
+    #[test]
+    fn seeds_that_lack_the_same_are_named_together() {
+        let other = |seed| NoValue::NoCounterpart {
+            seed,
+            agent: "equal".into(),
+        };
+        let failed = NoValue::CounterpartFailed {
+            seed: 3,
+            agent: "equal".into(),
+        };
+        let missing = [other(5), failed, other(6), other(7)].map(Missing::of);
+        let cell = Cell {
+            planned: 4,
+            missing: missing.into(),
+            ..Cell::default()
+        };
+        assert_eq!(
+            cell.incompleteness(),
+            "0 of 4 seeds; seeds 5-7: no trial of `equal` to compare with; seed 3: `equal` has no result"
+        );
+    }
 
     #[test]
     fn a_cell_says_why_seeds_are_missing() {

@@ -44,7 +44,7 @@ pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMarg
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
 pub(crate) use terminal::align;
-pub use terminal::{terminal, wrap};
+pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
     Error,

@@ -7,6 +7,16 @@ use unicode_width::UnicodeWidthStr;
 /// wider.
 #[must_use]
 pub fn terminal(grid: &Grid, width: usize) -> String {
+    with_notes(grid, width, &grid.footnotes(Intervals::InBrackets))
+}
+
+/// The same with notes on how to read it alone.
+#[must_use]
+pub fn terminal_in_short(grid: &Grid, width: usize) -> String {
+    with_notes(grid, width, &grid.how_read(Intervals::InBrackets))
+}
+
+fn with_notes(grid: &Grid, width: usize, notes: &[String]) -> String {
     let lines = wide(grid);
     let fits =
         |lines: &[Vec<String>]| widths(lines).iter().map(|column| column + 2).sum::<usize>() <= width + 2;
@@ -24,8 +34,7 @@ pub fn terminal(grid: &Grid, width: usize) -> String {
     } else {
         format!("{}\n", wrap(&grid.caption, width))
     };
-    let notes: String = grid
-        .footnotes(Intervals::InBrackets)
+    let notes: String = notes
         .iter()
         .map(|note| format!("{}\n", wrap(note, width)))
         .collect();

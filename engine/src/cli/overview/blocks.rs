@@ -9,11 +9,13 @@
 const BEGIN: &str = "<!-- overview: ";
 const END: &str = "<!-- overview: end -->";
 /// The blocks, for messages.
-const KINDS: &str = "`families`, `items` or `answers FAMILY`";
+const KINDS: &str = "`summary`, `families`, `items` or `answers FAMILY`";
 
 /// A block, by the words of its first line.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Block<'a> {
+    /// Counts of answers by family.
+    Summary,
     /// Counts of verdicts by family.
     Families,
     /// Items of sources with their studies.
@@ -25,6 +27,7 @@ pub(super) enum Block<'a> {
 impl<'a> Block<'a> {
     fn read(words: &'a str) -> Result<Self, String> {
         match words.split_once(' ') {
+            None if words == "summary" => Ok(Self::Summary),
             None if words == "families" => Ok(Self::Families),
             None if words == "items" => Ok(Self::Items),
             Some(("answers", family)) => Ok(Self::Answers(family)),
@@ -83,6 +86,7 @@ mod tests {
 
     fn made(document: &str) -> Result<String, String> {
         written(document, &|block| match block {
+            Block::Summary => Ok("| summary |".into()),
             Block::Families => Ok("| families |".into()),
             Block::Items => Ok("| items |".into()),
             Block::Answers("chapter 2") => Ok("| answers |\n".into()),

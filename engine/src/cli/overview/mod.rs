@@ -29,8 +29,8 @@ pub(super) struct OverviewOptions {
     /// Folder with the folders of results in it.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Document whose blocks are written anew: what stands between `<!-- overview: families -->`, `<!-- overview:
-    /// items -->` or `<!-- overview: answers FAMILY -->` and `<!-- overview: end -->`.
+    /// Document whose blocks are written anew: what stands between `<!-- overview: summary -->`, `<!-- overview:
+    /// families -->`, `<!-- overview: items -->` or `<!-- overview: answers FAMILY -->` and `<!-- overview: end -->`.
     #[arg(long, value_name = "FILE")]
     into: Option<PathBuf>,
     /// Write one page over all studies, too: `index.html` in that folder.
@@ -83,6 +83,7 @@ fn put_into(path: &Path, studies: &[Studied]) -> Result<(), Failure> {
             let verdicts: Vec<Verdicts> = studies.iter().map(|it| it.verdicts.clone()).collect();
             Ok(report::families_as_markdown(&report::families(&verdicts)))
         }
+        Block::Summary => Ok(report::counts_as_markdown(&ways(studies, &|it| it.place.clone()))),
         Block::Items => Ok(report::items_as_markdown(&ways(studies, &|it| {
             way(folder, &it.file())
         }))),

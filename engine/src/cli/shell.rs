@@ -1,0 +1,27 @@
+//! What a shell and `man` are told of the program, made of its own command line.
+
+use super::{Command, Failure, OK, say};
+use clap::CommandFactory as _;
+use clap_complete::Shell;
+
+const NAME: &str = "regimen";
+
+/// Prints a script that completes the command line in a shell.
+pub(super) fn completions(shell: Shell) -> Result<u8, Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Command::command(), NAME, &mut script);
+    say(&String::from_utf8_lossy(&script));
+    Ok(OK)
+}
+
+/// Prints the manual page.
+pub(super) fn manual() -> Result<u8, Failure> {
+    let mut page = Vec::new();
+    let written = clap_mangen::Man::new(Command::command()).render(&mut page);
+    written.map_err(|source| Failure {
+        code: super::INCOMPLETE,
+        text: format!("error: the manual page could not be made: {source}"),
+    })?;
+    say(&String::from_utf8_lossy(&page));
+    Ok(OK)
+}
