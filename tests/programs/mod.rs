@@ -4,6 +4,7 @@
 mod consent;
 mod ends;
 mod identity;
+mod new_from;
 mod reading;
 mod resuming;
 
