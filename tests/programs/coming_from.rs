@@ -1,4 +1,5 @@
-//! Pages for those who come from other tools: their programs run as they are written.
+//! Pages for those who come from other tools, and the studies of `experiments/programs`: their programs run as they
+//! are written.
 
 use super::*;
 use crate::{
@@ -111,4 +112,26 @@ fn a_multirun_of_hydra_becomes_the_study_of_its_page() {
     ] {
         assert!(made.contains(part), "{part}:\n{made}");
     }
+}
+
+fn experiment(place: &Place, name: &str) {
+    let path = repository().join("experiments/programs").join(name);
+    let path = path.to_string_lossy();
+    place.ok(&["check", &path]);
+    place.ok(&["run", &path, "-P", "smoke", "--yes"]);
+}
+
+#[test]
+fn the_bandit_in_awk_runs() {
+    experiment(&Place::new("python3"), "bandit.yaml");
+}
+
+#[test]
+fn the_command_of_the_zoo_of_stable_baselines3_runs_unchanged() {
+    let Some(python) = needs::python("rl_zoo3, stable_baselines3, tensorboard") else {
+        return;
+    };
+    let place = Place::new(python);
+    experiment(&place, "zoo-cartpole.yaml");
+    experiment(&place, "zoo-cartpole-rates.yaml");
 }
