@@ -94,7 +94,7 @@ fn flatten(key: &str, value: &Value, into: &mut Vec<HelpOption>) {
         into.push(HelpOption {
             names: vec![key.to_owned()],
             default,
-        })
+        });
     };
     match value {
         Value::Object(entries) => {
