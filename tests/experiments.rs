@@ -53,7 +53,7 @@ fn studies() -> (Vec<String>, OsString) {
     (studies_with(python), path.unwrap())
 }
 
-/// The studies of the repository.
+/// The studies of the repository; those that run programs of others have tests of their own.
 pub(crate) fn every_study() -> Vec<String> {
     let inside = |folder: PathBuf| {
         let entries = std::fs::read_dir(folder).unwrap();
@@ -61,7 +61,7 @@ pub(crate) fn every_study() -> Vec<String> {
     };
     let groups = inside(repository().join("experiments")).into_iter();
     let mut names: Vec<String> = groups
-        .filter(|path| path.is_dir())
+        .filter(|path| path.is_dir() && !path.ends_with("programs"))
         .flat_map(inside)
         .filter(|path| path.extension().is_some_and(|extension| extension == "yaml"))
         .map(|path| path.to_string_lossy().into_owned())

@@ -156,6 +156,8 @@ pub struct Registry {
     pub build: Option<crate::Build>,
     /// Environment and agent of the study that `new` writes where a person names neither.
     pub first_study: Option<(&'static str, &'static str)>,
+    /// Begins the study that `new --from` writes.
+    pub draft: Option<crate::first_study::BeginDraft>,
 }
 
 /// What a learning agent's registration says besides its constructor.
@@ -201,6 +203,7 @@ impl Default for Registry {
             numerics_version: NUMERICS_VERSION,
             build: None,
             first_study: None,
+            draft: None,
         }
     }
 }

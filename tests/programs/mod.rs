@@ -1,9 +1,11 @@
 //! Programs as trials: what is read of them, what determines their numbers, how they end, and what happens to
 //! those that are stopped or killed. The programs here need `sh`, `awk` and `kill` alone.
 
+mod coming_from;
 mod consent;
 mod ends;
 mod identity;
+mod new_from;
 mod reading;
 mod resuming;
 

@@ -61,6 +61,16 @@ impl Consent {
         self.ask_for(wanted)
     }
 
+    /// As [`ask`](Self::ask), for commands that are started in the current folder.
+    pub(super) fn ask_for_commands(&self, commands: Vec<Vec<String>>) -> Result<(), Failure> {
+        let folder = project(Path::new(""));
+        let program = |run| Program {
+            folder: folder.clone(),
+            run,
+        };
+        self.ask_for(commands.into_iter().map(program).collect())
+    }
+
     /// As [`ask`](Self::ask), for programs that are known.
     pub(super) fn ask_for(&self, wanted: BTreeSet<Program>) -> Result<(), Failure> {
         if wanted.is_empty() {

@@ -1,11 +1,19 @@
 //! `new`: writes a first study.
 
-use super::{BAD_SPEC, Failure, OK, say};
-use crate::{Registry, first_study, world::fs};
+use super::{BAD_SPEC, Failure, OK, complain, consent::Consent, say};
+use crate::{
+    Registry,
+    diagnostic::render,
+    first_study::{self, DraftError, Given},
+    schema_check::{SLUG, mismatch},
+    spec::{self, Options},
+    world::fs,
+};
 use clap::Args;
 use std::{
     io::{ErrorKind, Write},
-    path::PathBuf,
+    path::{Path, PathBuf},
+    time::Duration,
 };
 
 /// What the study is made of.
@@ -20,31 +28,38 @@ pub(super) struct NewOptions {
     /// Agent that learns; one that fits the environment where absent.
     #[arg(long, short = 'a', value_name = "AGENT")]
     agent: Option<String>,
+    /// A program of your own by its command, as "python train.py --seed 1", which runs once for some seconds; or the
+    /// YAML file of a sweep of W&B or a multirun of Hydra.
+    #[arg(long, value_name = "COMMAND|FILE", conflicts_with_all = ["environment", "agent"])]
+    from: Option<String>,
+    /// File or pattern of the program's own files, besides those that it imports and names.
+    #[arg(long, value_name = "FILE", requires = "from")]
+    source: Vec<String>,
+    /// How long the program runs at most.
+    #[arg(long, value_name = "SECONDS", requires = "from", default_value_t = 20)]
+    #[arg(value_parser = clap::value_parser!(u64).range(1..=3600))]
+    seconds: u64,
+    #[command(flatten)]
+    consent: Consent,
 }
 
 /// Writes the study; a file that is there stays as it is.
 pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<u8, Failure> {
-    let refused = |text: String| Failure {
-        code: BAD_SPEC,
-        text: format!("error: {text}"),
-    };
     let (environment, agent) = (options.environment.as_deref(), options.agent.as_deref());
     let name = options.name.strip_suffix(".yaml").unwrap_or(&options.name);
     let path = PathBuf::from(format!("{name}.yaml"));
     let shown = path.display();
-    let exists = || {
-        refused(format!(
-            "`{shown}` is there already; choose another name, or remove it"
-        ))
-    };
     if fs::exists(&path) {
-        return Err(exists());
+        return Err(exists(&path));
     }
-    let text =
-        first_study::write(registry, name, environment, agent).map_err(|error| refused(error.to_string()))?;
+    let text = match &options.from {
+        None => first_study::write(registry, name, environment, agent)
+            .map_err(|error| refused(error.to_string()))?,
+        Some(from) => drafted(registry, name, from, options)?,
+    };
     let written = fs::File::create_new(&path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => exists(),
+        ErrorKind::AlreadyExists => exists(&path),
         _ => refused(format!("cannot write `{shown}`: {error}")),
     })?;
     say(&format!(
@@ -52,4 +67,61 @@ pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<u8, Failu
          runs it"
     ));
     Ok(OK)
+}
+
+fn refused(text: String) -> Failure {
+    Failure {
+        code: BAD_SPEC,
+        text: format!("error: {text}"),
+    }
+}
+
+fn exists(path: &Path) -> Failure {
+    refused(format!(
+        "`{}` is there already; choose another name, or remove it",
+        path.display()
+    ))
+}
+
+/// The study of a program, which runs once for it.
+fn drafted(registry: &Registry, name: &str, from: &str, options: &NewOptions) -> Result<String, Failure> {
+    if mismatch(SLUG, name).is_some() {
+        let error = first_study::FirstStudyError::Name { name: name.into() };
+        return Err(refused(error.to_string()));
+    }
+    let begin = registry
+        .draft
+        .ok_or_else(|| refused("this program makes no study of programs".into()))?;
+    let told = |error: DraftError| refused(error.to_string());
+    let mut draft = begin(&Given {
+        from,
+        folder: Path::new(""),
+        sources: &options.source,
+        runs_for: Duration::from_secs(options.seconds),
+    })
+    .map_err(told)?;
+    options.consent.ask_for_commands(draft.starts())?;
+    draft.look().map_err(told)?;
+    let text = draft.text(name);
+    passes(registry, name, &text)?;
+    for note in draft.told() {
+        complain(&format!("look at: {note}"));
+    }
+    Ok(text)
+}
+
+/// Refuses a text that does not pass `check`, whole or tried out.
+fn passes(registry: &Registry, name: &str, text: &str) -> Result<(), Failure> {
+    for profile in [None, Some("smoke".to_owned())] {
+        let options = Options {
+            profile,
+            ..Options::default()
+        };
+        let study = spec::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
+        study.map_err(|found| {
+            let found = render(&found, false);
+            refused(format!("the study that was made does not pass `check`:\n{found}"))
+        })?;
+    }
+    Ok(())
 }

@@ -2,9 +2,11 @@
 //! learning curve, every section with a comment. What is written passes `check` with each of its profiles.
 
 mod budget;
+mod draft;
 mod error;
 mod text;
 
+pub use draft::{BeginDraft, Draft, DraftError, Given};
 pub use error::FirstStudyError;
 
 use crate::{

@@ -128,7 +128,11 @@ impl OwnTraining for ProgramAgent {
         } else {
             place.lay(&self.config)?;
             let words = self.words(of, &place, goes_on)?;
-            Some(Process::start(&self.config, self.started(words)?, &place)?)
+            Some(Process::start(
+                &self.config,
+                started(&self.config, words)?,
+                &place,
+            )?)
         };
         self.training = Some(Training {
             metrics,
@@ -193,24 +197,24 @@ impl ProgramAgent {
         }
         Ok(words)
     }
+}
 
-    /// The words with the interpreter of this machine. A relative place is seen from where the study was started,
-    /// and not from the working folder.
-    fn started(&self, mut words: Vec<String>) -> Result<Vec<String>, Error> {
-        let own = &self.config.interpreter;
-        if own.is_empty() {
-            return Ok(words);
-        }
-        let path = if own.contains('/') {
-            std::path::absolute(own).map_err(Error::file("find", Path::new(own)))?
-        } else {
-            PathBuf::from(own)
-        };
-        if let Some(first) = words.first_mut() {
-            *first = path.display().to_string();
-        }
-        Ok(words)
+/// The words with the interpreter of this machine. A relative place is seen from where the study was started,
+/// and not from the working folder.
+pub fn started(config: &ProgramConfig, mut words: Vec<String>) -> Result<Vec<String>, Error> {
+    let own = &config.interpreter;
+    if own.is_empty() {
+        return Ok(words);
     }
+    let path = if own.contains('/') {
+        std::path::absolute(own).map_err(Error::file("find", Path::new(own)))?
+    } else {
+        PathBuf::from(own)
+    };
+    if let Some(first) = words.first_mut() {
+        *first = path.display().to_string();
+    }
+    Ok(words)
 }
 
 fn unbegun() -> Error {

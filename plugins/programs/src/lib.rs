@@ -9,6 +9,7 @@
 
 mod agent;
 mod config;
+mod first;
 mod lines;
 mod metrics;
 mod named;
@@ -21,7 +22,7 @@ mod workplace;
 pub use config::ProgramConfig;
 pub use named::NamedConfig;
 
-/// Registers the agent `program` and the environment `named`.
+/// Registers the agent `program`, the environment `named`, and first studies of programs.
 pub fn register(registry: &mut engine::Registry) {
     registry.environment(
         "named",
@@ -40,4 +41,5 @@ pub fn register(registry: &mut engine::Registry) {
         },
         agent::build,
     );
+    registry.draft = Some(first::begin);
 }

@@ -53,6 +53,8 @@ impl Lines {
 pub struct Filter {
     /// Keys of metrics.
     pub keys: BTreeSet<String>,
+    /// True where every key with a number is one.
+    pub all: bool,
     /// Keys of steps that a study names.
     pub steps: BTreeSet<String>,
     /// True where a metric has no named step: it stands under `step`, or lines are numbered.
@@ -72,16 +74,13 @@ impl Filter {
                 self.seen.insert(key.clone());
             }
         }
-        if !values
-            .iter()
-            .any(|(key, value)| self.keys.contains(key) && is_number(value))
-        {
+        let is_metric = |key: &str, value: &str| (self.all || self.keys.contains(key)) && is_number(value);
+        if !values.iter().any(|(key, value)| is_metric(key, value)) {
             return None;
         }
         self.counted += 1;
         let is_step = |key: &str| self.steps.contains(key) || self.numbers && key == STEP;
-        let counts =
-            |(key, value): &(String, String)| is_step(key) || self.keys.contains(key) && is_number(value);
+        let counts = |(key, value): &(String, String)| is_step(key) || is_metric(key, value);
         let noted = values.into_iter().filter(counts);
         let mut noted: Map<String, Value> = noted.map(|(key, value)| (key, value.into())).collect();
         if self.numbers && !noted.contains_key(STEP) {

@@ -31,6 +31,20 @@ impl Process {
     /// # Errors
     /// [`Error::Worker`] where no guard can be started, and [`Error::File`].
     pub fn start(config: &ProgramConfig, words: Vec<String>, place: &Workplace) -> Result<Self, Error> {
+        let filters = STREAMS.map(|stream| filter(config, stream));
+        Self::start_with(config, words, place, filters)
+    }
+
+    /// As [`start`](Self::start), with other filters of what is noted.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn start_with(
+        config: &ProgramConfig,
+        words: Vec<String>,
+        place: &Workplace,
+        filters: [Filter; 2],
+    ) -> Result<Self, Error> {
         let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
         let order = Order {
             words,
@@ -41,7 +55,6 @@ impl Process {
         };
         let variables = variables::given(&config.inherit, &config.variables);
         let (guarded, streams) = Guarded::start(order, &variables)?;
-        let filters = STREAMS.map(|stream| filter(config, stream));
         let listening = Listening::to(streams, filters, &place.notes())?;
         Ok(Self {
             guarded,

@@ -370,7 +370,7 @@ impl Names<'_> {
             let message =
                 "an agent that trains itself cannot go on from what another one has learned".to_owned();
             (message, "use another method")
-        } else if own_training(sections, searched) == Some(false) {
+        } else if !pauses.is_empty() && own_training(sections, searched) == Some(false) {
             let message = "the agent would begin anew after every pause".to_owned();
             (
                 message,

@@ -1,0 +1,40 @@
+//! Studies that are made from what a person has already: the command of a program, or the file of a sweep.
+
+use std::{path::Path, time::Duration};
+
+/// Why no study is made of it; it says what would be one.
+pub type DraftError = Box<dyn std::error::Error + Send + Sync>;
+
+/// What a study is made from.
+#[derive(Debug, Clone, Copy)]
+pub struct Given<'a> {
+    /// A command line, or the name of a file.
+    pub from: &'a str,
+    /// The folder of the study, in which the program lies.
+    pub folder: &'a Path,
+    /// Files of the program that a person names besides, as patterns.
+    pub sources: &'a [String],
+    /// How long the program runs at most.
+    pub runs_for: Duration,
+}
+
+/// A study in the making.
+pub trait Draft {
+    /// The commands that have to run before it can be written.
+    fn starts(&self) -> Vec<Vec<String>>;
+
+    /// Runs them, and looks at what they write.
+    ///
+    /// # Errors
+    /// Where they fail, or write nothing that can be read.
+    fn look(&mut self) -> Result<(), DraftError>;
+
+    /// The study, in YAML with comments.
+    fn text(&self, name: &str) -> String;
+
+    /// What the person should look at, in sentences.
+    fn told(&self) -> Vec<String>;
+}
+
+/// Begins a study; nothing runs yet.
+pub type BeginDraft = fn(&Given<'_>) -> Result<Box<dyn Draft>, DraftError>;

@@ -1,0 +1,353 @@
+//! The words of a command: which are the program, which become parameters, which is the seed.
+
+use super::{
+    help::{Help, HelpOption},
+    options::{self, Kind, value},
+    sources,
+};
+use serde_json::Value;
+use std::{collections::BTreeSet, path::Path};
+
+/// A word, as it stands in the study and as the program is started to be looked at.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Said {
+    /// With names in braces.
+    pub written: String,
+    /// With the values of these names.
+    pub started: String,
+}
+
+/// A parameter of the program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its name in the study.
+    pub name: String,
+    /// Its name in the command.
+    pub option: String,
+    /// Its value.
+    pub value: Value,
+}
+
+/// A command, read.
+#[derive(Debug, Default, PartialEq)]
+pub struct Command {
+    /// Its words.
+    pub words: Vec<Said>,
+    /// How many of them are the program: all before its arguments.
+    pub head: usize,
+    /// The interpreter, where that is a file.
+    pub interpreter: String,
+    /// Its parameters.
+    pub parameters: Vec<Parameter>,
+    /// The option that is the seed.
+    pub seed: Option<String>,
+    /// The option that says how long it trains, with its value.
+    pub steps: Option<(String, u64)>,
+    /// The option that names the task, with its value.
+    pub task: Option<(String, String)>,
+    /// Arguments that stay as they are.
+    pub kept: Vec<String>,
+    /// Files of the study's folder that are among the words.
+    pub files: Vec<String>,
+    /// True where arguments are overrides, `key=value`.
+    pub has_overrides: bool,
+}
+
+/// An argument.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Argument {
+    Word(String),
+    Option { name: String, value: String, form: Form },
+}
+
+/// How an option has its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    /// In the next word.
+    Apart,
+    /// Behind a sign of equality.
+    Joined,
+}
+
+impl Command {
+    /// Reads words; options of `swept` are parameters whatever they are called, but for a seed.
+    pub fn of(words: &[String], folder: &Path, swept: &BTreeSet<String>) -> Self {
+        let mut command = Self::default();
+        let head = command.program(words, folder);
+        let arguments = arguments(&words[head..]);
+        command.has_overrides = arguments.iter().any(is_override);
+        let longest = |it: &Argument| match it {
+            Argument::Option { name, value, .. }
+                if !swept.contains(name) && options::value(value).is_u64() =>
+            {
+                options::rank_of_steps(name)
+            }
+            _ => None,
+        };
+        let steps = arguments.iter().filter_map(longest).min();
+        for argument in arguments {
+            match argument {
+                Argument::Word(word) => command.stays(word, folder),
+                Argument::Option { name, value, form } => match options::kind(&name) {
+                    kind if swept.contains(&name) && kind != Kind::Seed => {
+                        let (placeholder, started) = command.parameter(&name, &value);
+                        command.add(&name, (&placeholder, &started), form);
+                    }
+                    Kind::Steps(rank) if Some(rank) != steps => {
+                        command.takes(&name, &value, form, Kind::Parameter, folder);
+                    }
+                    kind => command.takes(&name, &value, form, kind, folder),
+                },
+            }
+        }
+        command
+    }
+
+    /// Takes in the words before the arguments, and says how many they are.
+    fn program(&mut self, words: &[String], folder: &Path) -> usize {
+        let is_manager = words
+            .first()
+            .is_some_and(|first| super::MANAGERS.contains(&first.as_str()));
+        // Behind a long option a file is its value, and not the program.
+        let before = words
+            .iter()
+            .take_while(|word| is_manager || !word.starts_with("--"))
+            .count();
+        let module = words.iter().take(before.min(5)).position(|word| word == "-m");
+        let script = words[..before]
+            .iter()
+            .position(|word| source(folder, word).is_some());
+        self.head = match (module, script) {
+            (Some(place), _) => (place + 2).min(words.len()),
+            (None, Some(place)) => place + 1,
+            (None, None) => words.len().min(1),
+        };
+        for (place, word) in words[..self.head].iter().enumerate() {
+            let started = if place == 0 {
+                self.first(word, folder)
+            } else {
+                word.clone()
+            };
+            self.words.push(Said {
+                written: escaped(&started),
+                started,
+            });
+        }
+        if let Some(place) = module {
+            let parts = words
+                .get(place + 1)
+                .map_or_else(String::new, |it| it.replace('.', "/"));
+            let files = [
+                format!("{parts}.py"),
+                format!("{parts}/__main__.py"),
+                format!("{parts}/__init__.py"),
+            ];
+            self.files
+                .extend(files.iter().filter_map(|name| sources::inside(folder, name)));
+        } else if let Some(word) = script.map(|place| &words[place]) {
+            self.files.extend(source(folder, word));
+        }
+        self.head
+    }
+
+    /// The first word. An interpreter of a folder is of this machine, and no word of the command.
+    fn first(&mut self, word: &str, folder: &Path) -> String {
+        match Path::new(word).file_name().and_then(|name| name.to_str()) {
+            Some(name) if word.contains('/') && source(folder, word).is_none() => {
+                word.clone_into(&mut self.interpreter);
+                name.to_owned()
+            }
+            _ => word.to_owned(),
+        }
+    }
+
+    fn stays(&mut self, word: String, folder: &Path) {
+        self.files.extend(sources::inside(folder, &word));
+        if !word.starts_with('-') {
+            self.kept.push(word.clone());
+        }
+        self.words.push(Said {
+            written: escaped(&word),
+            started: word,
+        });
+    }
+
+    fn takes(&mut self, name: &str, text: &str, form: Form, kind: Kind, folder: &Path) {
+        let file = sources::inside(folder, text);
+        let number = value(text).as_u64();
+        let (placeholder, started) = match (kind, number) {
+            _ if file.is_some() => (escaped(text), text.to_owned()),
+            (Kind::Seed, _) if self.seed.is_none() => {
+                self.seed = Some(name.to_owned());
+                ("{seed}".into(), text.to_owned())
+            }
+            (Kind::Steps(_), Some(steps)) if self.steps.is_none() => {
+                self.steps = Some((name.to_owned(), steps));
+                ("{steps}".into(), steps.to_string())
+            }
+            (Kind::Task, _) if self.task.is_none() => {
+                self.task = Some((name.to_owned(), text.to_owned()));
+                ("{environment.id}".into(), text.to_owned())
+            }
+            (Kind::Stays, _) => {
+                self.kept.push(format!("{name} {text}"));
+                (escaped(text), text.to_owned())
+            }
+            _ => self.parameter(name, text),
+        };
+        self.files.extend(file);
+        self.add(name, (&placeholder, &started), form);
+    }
+
+    fn parameter(&mut self, option: &str, text: &str) -> (String, String) {
+        let (value, name) = (value(text), self.name_for(option));
+        let placeholder = format!("{{{name}}}");
+        let started = match &value {
+            Value::String(text) => text.clone(),
+            other => other.to_string(),
+        };
+        self.parameters.push(Parameter {
+            name,
+            option: option.to_owned(),
+            value,
+        });
+        (placeholder, started)
+    }
+
+    /// A name that no other parameter has.
+    fn name_for(&self, option: &str) -> String {
+        let mut name = options::parameter_name(option);
+        while self.parameters.iter().any(|it| it.name == name) {
+            name.push('_');
+        }
+        name
+    }
+
+    fn add(&mut self, name: &str, (placeholder, started): (&str, &str), form: Form) {
+        let said = |written: String, started: String| Said { written, started };
+        match form {
+            Form::Apart => {
+                self.words.push(said(escaped(name), name.into()));
+                self.words.push(said(placeholder.into(), started.into()));
+            }
+            Form::Joined => {
+                let written = format!("{}={placeholder}", escaped(name));
+                self.words.push(said(written, format!("{name}={started}")));
+            }
+        }
+    }
+
+    /// Adds the options for seed, steps and task that the program has and the command lacks. Gives those options back
+    /// that stay with their defaults.
+    pub fn complete(&mut self, help: &Help) -> Vec<HelpOption> {
+        self.has_overrides |= help.is_hydra;
+        let form = if self.has_overrides {
+            Form::Joined
+        } else {
+            Form::Apart
+        };
+        let steps = help.options.iter().filter(|it| it.number().is_some());
+        let steps = steps.filter_map(|it| options::rank_of_steps(it.name())).min();
+        let is_said = |it: &HelpOption, command: &Self| it.names.iter().any(|name| command.has(name));
+        let open = help.options.iter().filter(|it| !is_said(it, self));
+        let open: Vec<HelpOption> = open.cloned().collect();
+        let mut others = Vec::new();
+        for option in open {
+            let default = option.default.clone();
+            match (options::kind(option.name()), default) {
+                (Kind::Seed, default) if self.seed.is_none() => {
+                    let seed = default.filter(|it| it.parse::<u64>().is_ok());
+                    self.takes_from_help(&option, &seed.unwrap_or_else(|| "1".into()), form, Kind::Seed);
+                }
+                (Kind::Steps(rank), Some(default)) if self.steps.is_none() && Some(rank) == steps => {
+                    self.takes_from_help(&option, &default, form, Kind::Steps(rank));
+                }
+                (Kind::Task, Some(default)) if self.task.is_none() => {
+                    self.takes_from_help(&option, &default, form, Kind::Task);
+                }
+                _ => others.push(option),
+            }
+        }
+        others
+    }
+
+    fn takes_from_help(&mut self, option: &HelpOption, text: &str, form: Form, kind: Kind) {
+        self.takes(option.name(), text, form, kind, Path::new("/nowhere"));
+    }
+
+    fn has(&self, option: &str) -> bool {
+        let is_it = |word: &Said| word.started == option || word.started.starts_with(&format!("{option}="));
+        self.words[self.head..].iter().any(is_it)
+    }
+
+    /// Leaves the steps of the command as they are: they count something else than the steps of metrics.
+    pub fn keep_steps(&mut self) {
+        let Some((_, steps)) = self.steps.take() else {
+            return;
+        };
+        for word in &mut self.words {
+            word.written = word.written.replace("{steps}", &steps.to_string());
+        }
+    }
+}
+
+/// The file of the program that a word is; an interpreter in the folder, as in `.venv/bin`, is none.
+fn source(folder: &Path, word: &str) -> Option<String> {
+    let is_source = |name: &String| !name.starts_with('.') && !name.contains("/bin/");
+    sources::inside(folder, word).filter(|name| !word.starts_with('-') && is_source(name))
+}
+
+/// A text as a word in which no name is meant.
+fn escaped(text: &str) -> String {
+    text.replace('{', "{{").replace('}', "}}")
+}
+
+fn arguments(words: &[String]) -> Vec<Argument> {
+    let mut found = Vec::new();
+    let mut words = words.iter().peekable();
+    while let Some(word) = words.next() {
+        let is_option = word.starts_with('-') && value(word).is_string() && word.len() > 1;
+        let joined = word.split_once('=').filter(|(name, _)| is_option || is_key(name));
+        if let Some((name, value)) = joined {
+            found.push(option(name, value, Form::Joined));
+            continue;
+        }
+        let is_value = |next: &&String| !next.starts_with('-') || value(next).is_number();
+        let next = words.next_if(|next| is_option && word != "--" && is_value(next) && !is_pair(next));
+        found.push(match next {
+            Some(value) => option(word, value, Form::Apart),
+            None => Argument::Word(word.clone()),
+        });
+    }
+    found
+}
+
+fn option(name: &str, value: &str, form: Form) -> Argument {
+    Argument::Option {
+        name: name.to_owned(),
+        value: value.to_owned(),
+        form,
+    }
+}
+
+/// True for the key of an override, as Hydra has it.
+fn is_key(name: &str) -> bool {
+    let plain = name.trim_start_matches('+');
+    let begins = plain.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_');
+    begins
+        && plain
+            .chars()
+            .all(|it| it.is_ascii_alphanumeric() || "_./-@".contains(it))
+}
+
+fn is_pair(word: &str) -> bool {
+    word.split_once('=').is_some_and(|(name, _)| is_key(name))
+}
+
+fn is_override(argument: &Argument) -> bool {
+    matches!(argument, Argument::Option { name, form: Form::Joined, .. } if !name.starts_with('-'))
+}
+
+#[cfg(test)]
+#[path = "command_tests.rs"]
+mod tests;

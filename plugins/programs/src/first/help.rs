@@ -1,0 +1,246 @@
+//! The options of a program, as its `--help` says them: as argparse, tyro and click print them, and the config that
+//! Hydra prints.
+
+use super::{options::value, yaml};
+use serde_json::Value;
+
+/// An option of a program.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct HelpOption {
+    /// Its names as they are written, the first long one first.
+    pub names: Vec<String>,
+    /// Its default, where it has one.
+    pub default: Option<String>,
+}
+
+impl HelpOption {
+    /// Its first name.
+    pub fn name(&self) -> &str {
+        self.names.first().map_or("", String::as_str)
+    }
+
+    /// Its default as a whole number.
+    pub fn number(&self) -> Option<u64> {
+        value(self.default.as_ref()?).as_u64()
+    }
+}
+
+/// What a program says of its options.
+#[derive(Debug, Default, PartialEq)]
+pub struct Help {
+    /// Its options.
+    pub options: Vec<HelpOption>,
+    /// True where options are written as Hydra's overrides, `key=value`.
+    pub is_hydra: bool,
+}
+
+/// The line of Hydra's help before the config.
+const CONFIG: &str = "== Config ==";
+/// How Hydra ends it.
+const HYDRA: &str = "Powered by Hydra";
+
+impl Help {
+    /// Reads what a program printed.
+    pub fn read(text: &str) -> Self {
+        if text.contains(HYDRA) && text.contains(CONFIG) {
+            return Self::of_hydra(text);
+        }
+        let mut options: Vec<(Vec<String>, String)> = Vec::new();
+        for line in text.lines() {
+            let line = line.trim_matches(|letter: char| letter.is_whitespace() || is_box(letter));
+            match names(line) {
+                Some(names) => options.push((names, line.to_owned())),
+                None => {
+                    if let Some((_, about)) = options.last_mut().filter(|_| !line.is_empty()) {
+                        about.push(' ');
+                        about.push_str(line);
+                    }
+                }
+            }
+        }
+        let mut read = Self::default();
+        for (names, about) in options {
+            let is_known = read.options.iter().any(|it| it.names[0] == names[0]);
+            if names[0] != "--help" && !is_known {
+                let default = default(&about);
+                read.options.push(HelpOption { names, default });
+            }
+        }
+        read
+    }
+
+    fn of_hydra(text: &str) -> Self {
+        let after = text.split(CONFIG).nth(1).unwrap_or_default();
+        let config = after.split(HYDRA).next().unwrap_or_default();
+        // The first line says what it is.
+        let lines = config
+            .lines()
+            .filter(|line| !line.starts_with("Override anything"));
+        let config: Vec<&str> = lines.collect();
+        let mut options = Vec::new();
+        if let Ok(value) = yaml::read("--help", &config.join("\n")) {
+            flatten("", &value, &mut options);
+        }
+        Self {
+            options,
+            is_hydra: true,
+        }
+    }
+}
+
+/// Scalars by their dotted keys.
+fn flatten(key: &str, value: &Value, into: &mut Vec<HelpOption>) {
+    let mut add = |default| {
+        into.push(HelpOption {
+            names: vec![key.to_owned()],
+            default,
+        });
+    };
+    match value {
+        Value::Object(entries) => {
+            for (name, value) in entries {
+                let key = if key.is_empty() {
+                    name.clone()
+                } else {
+                    format!("{key}.{name}")
+                };
+                flatten(&key, value, into);
+            }
+        }
+        Value::Array(_) => {}
+        Value::Null => add(None),
+        Value::String(text) => add(Some(text.clone())),
+        other => add(Some(other.to_string())),
+    }
+}
+
+/// The signs of boxes, as tyro draws them.
+fn is_box(letter: char) -> bool {
+    ('\u{2500}'..='\u{257f}').contains(&letter)
+}
+
+/// The names of the option that a line begins with, the first long one first; `None` where it has no long one.
+fn names(line: &str) -> Option<Vec<String>> {
+    if !line.starts_with('-') {
+        return None;
+    }
+    // What follows two spaces is the text about it.
+    let names = line.split("  ").next().unwrap_or_default();
+    let is_name = |word: &&str| {
+        let plain = word.trim_start_matches('-');
+        let is_plain = plain.starts_with(|it: char| it.is_ascii_alphabetic());
+        word.starts_with('-')
+            && is_plain
+            && plain
+                .chars()
+                .all(|it| it.is_ascii_alphanumeric() || "-_.".contains(it))
+    };
+    let words = names.split([' ', ',', '=', '[', '/', '|']).filter(is_name);
+    let mut names: Vec<String> = words.map(str::to_owned).collect();
+    let first = names.iter().position(|name| name.starts_with("--"))?;
+    let first = names.remove(first);
+    names.insert(0, first);
+    Some(names)
+}
+
+/// The default that a text about an option says.
+fn default(about: &str) -> Option<String> {
+    let after = about
+        .split("default:")
+        .nth(1)
+        .or_else(|| about.split("default=").nth(1))?;
+    let mut depth = 0;
+    let mut text = String::new();
+    for letter in after.trim_start().chars() {
+        match letter {
+            '(' | '[' => depth += 1,
+            ')' | ']' if depth == 0 => break,
+            ')' | ']' => depth -= 1,
+            ';' if depth == 0 => break,
+            _ => {}
+        }
+        text.push(letter);
+    }
+    let text = text.trim().trim_matches('\'').to_owned();
+    (!text.is_empty() && text != "None").then_some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Vec<(String, String)> {
+        let help = Help::read(text);
+        let shown = |it: HelpOption| (it.names.join(" "), it.default.unwrap_or_default());
+        help.options.into_iter().map(shown).collect()
+    }
+
+    fn pairs(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+        pairs
+            .iter()
+            .map(|(a, b)| ((*a).to_owned(), (*b).to_owned()))
+            .collect()
+    }
+
+    #[test]
+    fn argparse() {
+        let text = include_str!("../../fixtures/argparse.txt");
+        let options = [
+            ("--seed", "1"),
+            ("--learning-rate --lr", "0.0003"),
+            ("--total-timesteps", "500000"),
+            ("--env-id -e", "CartPole-v1"),
+            ("--track", "False"),
+            ("--tag", ""),
+        ];
+        assert_eq!(read(text), pairs(&options));
+    }
+
+    #[test]
+    fn tyro() {
+        let text = include_str!("../../fixtures/tyro.txt");
+        let options = [
+            ("--seed", "1"),
+            ("--learning-rate", "0.0003"),
+            ("--env-id", "CartPole-v1"),
+            ("--track --no-track", "False"),
+            ("--layers", "64 64"),
+        ];
+        assert_eq!(read(text), pairs(&options));
+    }
+
+    #[test]
+    fn click() {
+        let text = include_str!("../../fixtures/click.txt");
+        let options = [
+            ("--seed", "1"),
+            ("--lr", "0.0003"),
+            ("--track --no-track", "no-track"),
+            ("--layers", "2"),
+        ];
+        assert_eq!(read(text), pairs(&options));
+    }
+
+    #[test]
+    fn hydra() {
+        let text = include_str!("../../fixtures/hydra.txt");
+        assert!(Help::read(text).is_hydra);
+        assert_eq!(
+            read(text),
+            pairs(&[
+                ("lr", "0.001"),
+                ("optim.beta", "0.9"),
+                ("optim.name", "adam"),
+                ("seed", "1")
+            ])
+        );
+    }
+
+    #[test]
+    fn text_that_is_no_help_has_no_options() {
+        assert_eq!(
+            Help::read("Traceback (most recent call last):\n- no\n--- a/b\n+++\n-- \n"),
+            Help::default()
+        );
+    }
+}

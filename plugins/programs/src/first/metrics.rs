@@ -1,0 +1,331 @@
+//! What a program wrote, as metrics of a study: which keys and columns have values, where their steps stand, and which of
+//! them is the return.
+
+use super::probe::Ran;
+use crate::{
+    ProgramConfig,
+    config::{MetricText, Reads, StepText},
+    metrics::Metrics,
+    output::{STREAMS, noted},
+    workplace::{NOTES, Workplace},
+};
+use engine::imported::{SumOf, columns};
+use std::path::{Path, PathBuf};
+
+/// Columns with steps, those that count most first.
+const STEPS: [&str; 22] = [
+    "global_step",
+    "step",
+    "steps",
+    "_step",
+    "total_timesteps",
+    "time/total_timesteps",
+    "timesteps",
+    "num_timesteps",
+    "timestep",
+    "env_step",
+    "env_steps",
+    "total_steps",
+    "num_env_steps",
+    "frames",
+    "iteration",
+    "iterations",
+    "iter",
+    "update",
+    "episode",
+    "epoch",
+    "batch",
+    "t",
+];
+/// Most names of a file or stream that are looked at.
+const MOST_NAMES: usize = 60;
+/// Most files that are looked at.
+const MOST_FILES: usize = 50;
+/// Folders in which logs of programs lie are not deeper.
+const DEEPEST: usize = 6;
+
+/// A metric that a program wrote.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Its key or column.
+    pub key: String,
+    /// Where it stands: a stream, or a pattern.
+    pub from: String,
+    /// Where its steps stand.
+    pub step: Option<StepText>,
+    /// Its values at their steps.
+    pub values: Vec<(u64, f64)>,
+}
+
+impl Seen {
+    /// The largest step.
+    pub fn last_step(&self) -> u64 {
+        self.values.iter().map(|(step, _)| *step).max().unwrap_or(0)
+    }
+
+    /// True where small values are better.
+    pub fn lower_is_better(&self) -> bool {
+        let key = self.key.to_lowercase();
+        ["loss", "error", "cost", "regret", "perplexity"]
+            .iter()
+            .any(|word| key.contains(word))
+    }
+
+    /// How much it looks like what a program is for, 0 the most.
+    fn rank(&self) -> usize {
+        const WORDS: [&str; 8] = [
+            "return", "reward", "rew", "score", "success", "win", "acc", "loss",
+        ];
+        const OTHERS: [&str; 11] = [
+            "std",
+            "min",
+            "max",
+            "time",
+            "fps",
+            "sps",
+            "learning_rate",
+            "lr",
+            "len",
+            "length",
+            "seed",
+        ];
+        let key = self.key.to_lowercase();
+        let words = || key.split(|it: char| !it.is_ascii_alphanumeric());
+        if words().any(|word| OTHERS.contains(&word)) || key.contains("learning_rate") {
+            return 2 * WORDS.len() + 2;
+        }
+        let place = WORDS.iter().position(|word| key.contains(word));
+        let is_training = usize::from(!(key.contains("eval") || key.contains("test") || key.contains("val")));
+        place.map_or(2 * WORDS.len() + 1, |place| 2 * place + is_training)
+    }
+}
+
+/// All metrics that a program wrote, those first that look like what it is for.
+pub fn seen(place: &Workplace, ran: &Ran, sources: &[String]) -> Vec<Seen> {
+    let mut found = stream(place, STREAMS[0], ran);
+    for path in files(&place.folder, sources) {
+        found.extend(file(place, &path));
+    }
+    found.extend(stream(place, STREAMS[1], ran));
+    let mut single: Vec<Seen> = Vec::new();
+    for seen in found {
+        // Many programs write the same numbers into several files.
+        if !single.iter().any(|other| other.key == seen.key) {
+            single.push(seen);
+        }
+    }
+    single.sort_by_key(Seen::rank);
+    single
+}
+
+fn stream(place: &Workplace, stream: &str, ran: &Ran) -> Vec<Seen> {
+    let path = noted(&place.notes(), stream);
+    if path.metadata().is_ok_and(|it| it.len() > 0) {
+        // Lines without a step got one.
+        let is_written = |name: &String| ran.keys.contains(name);
+        names(&path).map_or_else(Vec::new, |(names, _)| {
+            let names: Vec<String> = names.into_iter().filter(is_written).collect();
+            read(place, stream, &names, None)
+        })
+    } else {
+        Vec::new()
+    }
+}
+
+fn file(place: &Workplace, path: &Path) -> Vec<Seen> {
+    let Some(pattern) = path.strip_prefix(&place.folder).ok().map(pattern) else {
+        return Vec::new();
+    };
+    let Some((names, is_monitor)) = names(path) else {
+        return Vec::new();
+    };
+    let sum = is_monitor.then(|| StepText::Sum(SumOf { sum: "l".into() }));
+    read(place, &pattern, &names, sum)
+}
+
+/// Names of columns, and whether they are those of a monitor file.
+fn names(path: &Path) -> Option<(Vec<String>, bool)> {
+    let mut found = columns(&[path.to_owned()]).ok()?;
+    found.names.truncate(MOST_NAMES);
+    Some((found.names, found.is_monitor))
+}
+
+/// The names that have values, each read as a trial would read it.
+fn read(place: &Workplace, from: &str, names: &[String], sum: Option<StepText>) -> Vec<Seen> {
+    let column = STEPS
+        .iter()
+        .find_map(|step| names.iter().find(|name| name.to_lowercase() == **step));
+    let step = sum.or_else(|| column.map(|name| StepText::Column(name.clone())));
+    let is_step = |name: &&String| STEPS.contains(&name.to_lowercase().as_str());
+    let others = names.iter().filter(|name| !is_step(name));
+    let one = |key: &String| {
+        let config = ProgramConfig {
+            reads: Reads {
+                from: from.to_owned(),
+                step: step.clone(),
+            },
+            metrics: [("x".to_owned(), MetricText::Key(key.clone()))].into(),
+            ..ProgramConfig::default()
+        };
+        let mut metrics = Metrics::of(&config, &place.folder, &place.notes(), false);
+        let curves = metrics.last(&[]).ok()?;
+        let values = curves.first()?.values.clone();
+        let (key, from) = (key.clone(), from.to_owned());
+        let is_finite = values.iter().all(|(_, value)| value.is_finite());
+        (is_finite && !key.contains('*')).then(|| Seen {
+            key,
+            from,
+            step: step.clone(),
+            values,
+        })
+    };
+    others.filter_map(one).collect()
+}
+
+/// Files that may hold metrics, and are none of the program's own.
+fn files(folder: &Path, sources: &[String]) -> Vec<PathBuf> {
+    let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), 0)]);
+    while let Some((place, depth)) = open.pop() {
+        let Ok(names) = std::fs::read_dir(&place) else {
+            continue;
+        };
+        for entry in names.flatten() {
+            let (path, name) = (entry.path(), entry.file_name().to_string_lossy().into_owned());
+            let is_source = path
+                .strip_prefix(folder)
+                .is_ok_and(|it| sources.iter().any(|name| Path::new(name) == it));
+            if name.starts_with('.') || name == NOTES || is_source {
+                continue;
+            }
+            match entry.file_type() {
+                Ok(kind) if kind.is_dir() && depth < DEEPEST => open.push((path, depth + 1)),
+                Ok(kind) if kind.is_file() && is_log(&name) => found.push(path),
+                _ => {}
+            }
+        }
+    }
+    found.sort();
+    found.truncate(MOST_FILES);
+    found
+}
+
+fn is_log(name: &str) -> bool {
+    const ENDS: [&str; 6] = [".csv", ".tsv", ".jsonl", ".ndjson", ".json", ".parquet"];
+    name.contains("tfevents") || ENDS.iter().any(|end| name.trim_end_matches(".gz").ends_with(end))
+}
+
+/// A path in which parts that another run has otherwise are stars.
+fn pattern(path: &Path) -> String {
+    let parts: Vec<&str> = path.iter().filter_map(|part| part.to_str()).collect();
+    let last = parts.len().saturating_sub(1);
+    let part = |(place, part): (usize, &&str)| match part {
+        part if part.contains("tfevents") => "*tfevents*".to_owned(),
+        part if place < last && part.contains(|it: char| it.is_ascii_digit()) => "*".to_owned(),
+        part if place == last => without_digits(part),
+        part => (*part).to_owned(),
+    };
+    parts.iter().enumerate().map(part).collect::<Vec<_>>().join("/")
+}
+
+/// A name in which every number is a star.
+fn without_digits(name: &str) -> String {
+    let mut plain = String::new();
+    for letter in name.chars() {
+        let letter = if letter.is_ascii_digit() { '*' } else { letter };
+        if letter != '*' || !plain.ends_with('*') {
+            plain.push(letter);
+        }
+    }
+    plain
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn look(files: &[(&str, &str)], keys: &[&str]) -> Vec<Seen> {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let place = Workplace::at(folder.path(), &ProgramConfig::default());
+        let keys = keys.iter().map(|it| (*it).to_owned()).collect();
+        let ran = Ran {
+            has_ended: true,
+            keys,
+        };
+        seen(&place, &ran, &["data.csv".into()])
+    }
+
+    fn shown(seen: &[Seen]) -> Vec<(&str, &str, u64)> {
+        seen.iter()
+            .map(|it| (it.key.as_str(), it.from.as_str(), it.last_step()))
+            .collect()
+    }
+
+    #[test]
+    fn values_are_found_wherever_they_stand_and_the_return_comes_first() {
+        let found = look(
+            &[
+                (
+                    ".regimen/stdout.jsonl",
+                    "{\"step\":1,\"loss\":\"2\",\"t\":\"5\"}\n{\"step\":2,\"loss\":\"1\",\"t\":\"9\"}\n",
+                ),
+                (
+                    "runs/ppo__1__1790000000/progress.csv",
+                    "timesteps,rollout/ep_rew_mean,fps\n10,1.5,3\n20,2.5,3\n",
+                ),
+                ("data.csv", "step,reward\n1,2\n"),
+                (".hidden/a.csv", "step,reward\n1,2\n"),
+                ("notes.txt", "step,reward\n1,2\n"),
+                ("config.json", "{\"lr\": \"a\"}"),
+            ],
+            &["loss", "t"],
+        );
+        assert_eq!(
+            shown(&found),
+            [
+                ("rollout/ep_rew_mean", "runs/*/progress.csv", 20),
+                ("loss", "stdout", 9),
+                ("fps", "runs/*/progress.csv", 20),
+            ]
+        );
+        assert!(found[1].lower_is_better() && !found[0].lower_is_better());
+    }
+
+    #[test]
+    fn lines_without_a_step_are_numbered_and_monitors_are_summed() {
+        let found = look(
+            &[
+                (
+                    ".regimen/stdout.jsonl",
+                    "{\"step\":1,\"x\":\"2\"}\n{\"step\":2,\"x\":\"3\"}\n",
+                ),
+                (
+                    "logs/0.monitor.csv",
+                    "#{\"t_start\": 1.0, \"env_id\": \"a\"}\nr,l,t\n1.0,10,0.1\n2.0,5,0.2\n",
+                ),
+            ],
+            &["x"],
+        );
+        assert!(shown(&found).contains(&("x", "stdout", 2)), "{found:?}");
+        assert!(
+            shown(&found).contains(&("r", "logs/*.monitor.csv", 15)),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn numbers_in_paths_are_stars() {
+        for (path, told) in [
+            ("runs/a__1/events.out.tfevents.179.host.5.0", "runs/*/*tfevents*"),
+            ("logs/progress.csv", "logs/progress.csv"),
+            ("log_12.csv", "log_*.csv"),
+        ] {
+            assert_eq!(pattern(Path::new(path)), told);
+        }
+    }
+}

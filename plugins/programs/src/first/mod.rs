@@ -1,0 +1,300 @@
+//! A first study of a program: from its command, or from the sweep of another tool.
+//!
+//! The program is asked for its options and runs once for some seconds, in a folder of its own. What it writes is read
+//! as a trial would read it. All that is proposed stands in the study with a comment.
+
+mod command;
+mod error;
+mod help;
+mod hydra;
+mod metrics;
+mod options;
+mod probe;
+mod shell_words;
+mod sources;
+mod sweep;
+mod text;
+mod wandb;
+mod written;
+mod yaml;
+
+use command::{Command, Said};
+use engine::first_study::{Draft, DraftError, Given};
+use error::NoStudy;
+use help::{Help, HelpOption};
+use metrics::Seen;
+use probe::{Probe, Ran};
+use std::{collections::BTreeSet, path::Path, time::Duration};
+use sweep::Sweep;
+
+/// Programs that read no `--help` for the script that they run.
+const SHELLS: [&str; 9] = ["sh", "bash", "dash", "zsh", "awk", "gawk", "mawk", "make", "perl"];
+/// Programs that find the packages of a project by its file.
+const MANAGERS: [&str; 5] = ["uv", "poetry", "pixi", "pdm", "hatch"];
+
+/// A study of a program.
+#[derive(Debug)]
+struct Made {
+    from: String,
+    command: Command,
+    sweep: Sweep,
+    probe: Probe,
+    /// Names and patterns of its files.
+    sources: Vec<String>,
+    lock: Option<&'static str>,
+    runs_for: Duration,
+    /// Options that stay with their defaults.
+    others: Vec<HelpOption>,
+    ran: Ran,
+    /// Its metrics, that of the study first.
+    seen: Vec<Seen>,
+    length: Length,
+    notes: Vec<String>,
+}
+
+/// How long the program trains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Length {
+    /// Steps of a trial.
+    steps: u64,
+    /// Steps of one that tries out.
+    smoke: u64,
+}
+
+/// Begins a study of a program; nothing runs yet.
+///
+/// # Errors
+/// [`NoStudy`], with what would be one.
+pub fn begin(given: &Given<'_>) -> Result<Box<dyn Draft>, DraftError> {
+    Ok(Box::new(Made::begin(given)?))
+}
+
+impl Made {
+    fn begin(given: &Given<'_>) -> Result<Self, NoStudy> {
+        let sweep = asked(given)?;
+        let swept: BTreeSet<String> = sweep.swept.iter().map(|(option, _)| option.clone()).collect();
+        let command = Command::of(&sweep.words, given.folder, &swept);
+        is_here(&command, given.from)?;
+        let named = sweep.swept.iter().flat_map(|(_, range)| range.texts());
+        let named = named.filter_map(|text| sources::inside(given.folder, text));
+        let files: Vec<String> = command.files.iter().cloned().chain(named).collect();
+        let mut sources = sources::of(given.folder, &files);
+        let first = command.words.first().map_or("", |word| word.started.as_str());
+        let project = "pyproject.toml";
+        if MANAGERS.contains(&first) && given.folder.join(project).is_file() {
+            sources.push(project.into());
+        }
+        sources.extend(given.sources.iter().cloned());
+        sources.dedup();
+        let lock = sources::lock(given.folder);
+        sources.retain(|name| Some(name.as_str()) != lock);
+        let probe = Probe::new(given.folder, &sources, lock, &command.interpreter)?;
+        Ok(Self {
+            from: given.from.to_owned(),
+            notes: sweep.notes.clone(),
+            command,
+            sweep,
+            probe,
+            sources,
+            lock,
+            runs_for: given.runs_for,
+            others: Vec::new(),
+            ran: Ran::default(),
+            seen: Vec::new(),
+            length: Length::default(),
+        })
+    }
+
+    fn has_help(&self) -> bool {
+        let first = self
+            .command
+            .words
+            .first()
+            .map_or("", |word| word.started.as_str());
+        !SHELLS.contains(&first)
+            && !self
+                .sources
+                .iter()
+                .any(|name| name.ends_with(".sh") && first.ends_with(name))
+    }
+
+    fn words(&self, of: fn(&Said) -> &String, n: usize) -> Vec<String> {
+        self.command.words.iter().take(n).map(of).cloned().collect()
+    }
+
+    fn asks_for_help(&self) -> Vec<String> {
+        let mut words = self.words(|word| &word.started, self.command.head);
+        words.push("--help".into());
+        words
+    }
+
+    fn started(&self) -> Vec<String> {
+        self.words(|word| &word.started, usize::MAX)
+    }
+
+    fn find_metrics(&mut self) -> Result<(), NoStudy> {
+        let files: Vec<String> = self.probe.files().map(str::to_owned).collect();
+        self.seen = metrics::seen(&self.probe.place(), &self.ran, &files);
+        let asked = self.sweep.metric.clone();
+        if let Some(name) = asked {
+            match self.seen.iter().position(|it| it.key == name) {
+                Some(place) => self.seen[..=place].rotate_right(1),
+                None => self.notes.push(format!(
+                    "the metric `{name}` of the sweep was not seen; another one stands in its place, and `--seconds` waits \
+                     longer for it"
+                )),
+            }
+        }
+        if self.seen.is_empty() {
+            return Err(self.without_metric());
+        }
+        Ok(())
+    }
+
+    fn without_metric(&self) -> NoStudy {
+        let keys = &self.ran.keys;
+        let there = if keys.is_empty() {
+            "no line of its output is a JSON object or has words KEY=VALUE, and it left no file with numbers"
+                .into()
+        } else {
+            format!("keys in its output were `{}`", keys.join("`, `"))
+        };
+        NoStudy::NoMetric {
+            program: self.started().into_iter().take(2).collect::<Vec<_>>().join(" "),
+            how: self.how_it_ran(),
+            there,
+        }
+    }
+
+    fn how_it_ran(&self) -> String {
+        match self.ran.has_ended {
+            true => "ran to its end".into(),
+            false => format!("ran for {} s", self.runs_for.as_secs()),
+        }
+    }
+
+    /// Decides on the steps, by those that were seen and by the option of the command.
+    fn measure_length(&mut self) {
+        let seen = self.seen.first().map_or(0, Seen::last_step).max(1);
+        let ended = self.ran.has_ended;
+        if let Some((option, steps)) = self.command.steps.clone() {
+            let fits = if ended {
+                seen * 2 >= steps && seen <= steps * 2
+            } else {
+                seen <= steps
+            };
+            if fits && steps > 0 {
+                let smoke = if ended { steps } else { seen };
+                self.length = Length { steps, smoke };
+                return;
+            }
+            self.notes.push(format!(
+                "`{option}` stays at {steps}: it counts something else than the steps of the metrics, which went to {seen}"
+            ));
+            self.command.keep_steps();
+        }
+        let steps = if ended { seen } else { seen.saturating_mul(10) };
+        let why = match ended {
+            true => "the last step of a metric",
+            false => "a guess, since the program was stopped",
+        };
+        self.notes.push(format!(
+            "`steps: {steps}` is {why}: it says where curves end, and no word of the program has it"
+        ));
+        self.length = Length { steps, smoke: steps };
+    }
+
+    fn look_at_words(&mut self) {
+        if self.command.seed.is_none() {
+            let note =
+                "no option for a seed was found: put `{seed}` into `run`, or all seeds compute the same";
+            self.notes.push(note.into());
+        }
+        if !self.command.kept.is_empty() {
+            let kept = self.command.kept.join("`, `");
+            self.notes.push(format!(
+                "`{kept}` stay as they are: a name in braces and `parameters` make one a parameter"
+            ));
+        }
+        if self.lock.is_none() {
+            self.notes.push(
+                "no lock file was found: `lock: none` is right for a program without packages alone".into(),
+            );
+        }
+    }
+}
+
+impl Draft for Made {
+    fn starts(&self) -> Vec<Vec<String>> {
+        let help = self.has_help().then(|| self.asks_for_help());
+        let mut all: Vec<Vec<String>> = help.into_iter().chain([self.started()]).collect();
+        for words in &mut all {
+            if let Some(first) = words.first_mut().filter(|_| !self.command.interpreter.is_empty()) {
+                first.clone_from(&self.command.interpreter);
+            }
+        }
+        all
+    }
+
+    fn look(&mut self) -> Result<(), DraftError> {
+        if self.has_help() {
+            let help = Help::read(&self.probe.help(self.asks_for_help())?);
+            self.others = self.command.complete(&help);
+        }
+        self.ran = self.probe.run(self.started(), self.runs_for)?;
+        self.find_metrics()?;
+        self.measure_length();
+        self.look_at_words();
+        Ok(())
+    }
+
+    fn text(&self, name: &str) -> String {
+        text::Text(self).study(name)
+    }
+
+    fn told(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+}
+
+/// What is asked for: a sweep, or a command as a sweep without values.
+fn asked(given: &Given<'_>) -> Result<Sweep, NoStudy> {
+    let from = given.from.trim();
+    let is_file =
+        [".yaml", ".yml"].iter().any(|end| from.ends_with(end)) && !from.contains(char::is_whitespace);
+    if !is_file {
+        return Ok(Sweep {
+            what: "a command",
+            words: shell_words::words(from)?,
+            ..Sweep::default()
+        });
+    }
+    if !given.folder.join(from).is_file() {
+        let what = "a sweep".into();
+        let file = from.to_owned();
+        return Err(NoStudy::NotHere { file, what });
+    }
+    Sweep::read(given.folder, Path::new(from))
+}
+
+/// Refuses a command whose script is not there.
+fn is_here(command: &Command, from: &str) -> Result<(), NoStudy> {
+    let is_script = |word: &&Said| {
+        let end = Path::new(&word.started).extension().and_then(|end| end.to_str());
+        ["py", "sh", "awk", "jl", "R", "js", "rb", "pl"]
+            .iter()
+            .any(|it| Some(*it) == end)
+    };
+    match command
+        .words
+        .iter()
+        .find(is_script)
+        .filter(|_| command.files.is_empty())
+    {
+        Some(word) => Err(NoStudy::NotHere {
+            file: word.started.clone(),
+            what: format!("which `{from}` names"),
+        }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,224 @@
+//! What options are called: seeds, steps, tasks, and what stays as it is.
+
+use crate::words::OTHERS;
+use serde_json::{Number, Value};
+
+/// What an option is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The seed.
+    Seed,
+    /// How long the training is; of several the one with the lowest rank.
+    Steps(usize),
+    /// The task.
+    Task,
+    /// A place, a name or a flag that says nothing of a result.
+    Stays,
+    /// Anything else.
+    Parameter,
+}
+
+const SEEDS: [&str; 5] = ["seed", "random_seed", "rng_seed", "random_state", "seeds"];
+/// Not `n_steps`, `num_steps` and `n_epochs`, which in common programs are those of one rollout or update.
+const STEPS: [&str; 22] = [
+    "total_timesteps",
+    "total_steps",
+    "total_env_steps",
+    "num_env_steps",
+    "num_timesteps",
+    "n_timesteps",
+    "timesteps",
+    "max_timesteps",
+    "max_steps",
+    "max_env_steps",
+    "training_steps",
+    "train_steps",
+    "steps",
+    "max_iters",
+    "max_iterations",
+    "num_iterations",
+    "iterations",
+    "num_episodes",
+    "n_episodes",
+    "episodes",
+    "max_epochs",
+    "epochs",
+];
+const TASKS: [&str; 8] = [
+    "env",
+    "env_id",
+    "env_name",
+    "environment",
+    "environment_id",
+    "task",
+    "gym_id",
+    "game",
+];
+/// Last words of options that name places and the like.
+const PLACES: [&str; 22] = [
+    "dir",
+    "directory",
+    "path",
+    "folder",
+    "file",
+    "out",
+    "output",
+    "outdir",
+    "logdir",
+    "log",
+    "logs",
+    "name",
+    "project",
+    "entity",
+    "device",
+    "cuda",
+    "gpu",
+    "verbose",
+    "workers",
+    "port",
+    "host",
+    "tag",
+];
+/// Keys of a program in a study, which no parameter may hide.
+const KEYS: [&str; 13] = [
+    "run",
+    "parameters",
+    "sources",
+    "lock",
+    "inputs",
+    "variables",
+    "reads",
+    "metrics",
+    "resume",
+    "shown",
+    "stop",
+    "inherit",
+    "interpreter",
+];
+
+/// The name of an option without signs.
+fn plain(option: &str) -> String {
+    let name = option.trim_start_matches(['-', '+']);
+    name.to_ascii_lowercase().replace('-', "_")
+}
+
+/// What an option is for, by its name.
+pub fn kind(option: &str) -> Kind {
+    let plain = plain(option);
+    let last = plain.rsplit(['.', '/']).next().unwrap_or_default();
+    if SEEDS.contains(&last) {
+        return Kind::Seed;
+    }
+    if let Some(rank) = rank_of_steps(option) {
+        return Kind::Steps(rank);
+    }
+    if TASKS.contains(&last) {
+        return Kind::Task;
+    }
+    let word = last.rsplit('_').next().unwrap_or_default();
+    let is_place = PLACES.contains(&word) || plain.starts_with("wandb") || plain.starts_with("hydra.");
+    if is_place { Kind::Stays } else { Kind::Parameter }
+}
+
+/// The place of an option in the list of names for the length of a training.
+pub fn rank_of_steps(option: &str) -> Option<usize> {
+    let plain = plain(option);
+    let last = plain.rsplit(['.', '/']).next().unwrap_or_default();
+    STEPS.iter().position(|name| *name == last)
+}
+
+/// The name of an option as that of a parameter in a study.
+pub fn parameter_name(option: &str) -> String {
+    let trimmed = option.trim_start_matches(['-', '+']);
+    let letter = |it: char| {
+        if it.is_ascii_alphanumeric() || it == '_' {
+            it
+        } else {
+            '_'
+        }
+    };
+    let mut name: String = trimmed.chars().map(letter).collect();
+    if !name.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_') {
+        name.insert_str(0, "p_");
+    }
+    if KEYS.contains(&name.as_str()) || OTHERS.contains(&name.as_str()) {
+        name.push('_');
+    }
+    name
+}
+
+/// The value that a word is: a whole number, a number, or a text.
+pub fn value(text: &str) -> Value {
+    let is_number = text
+        .trim_start_matches(['-', '+'])
+        .starts_with(|it: char| it.is_ascii_digit() || it == '.');
+    if let Ok(whole) = text.parse::<i64>()
+        && is_number
+    {
+        return whole.into();
+    }
+    let number = text.parse::<f64>().ok().filter(|it| is_number && it.is_finite());
+    match number {
+        // Programs that ask for a whole number understand `1000000`, and some do not understand `1e6`.
+        #[allow(clippy::cast_possible_truncation, reason = "it is whole and below 2^53")]
+        Some(number) if number.fract() == 0.0 && number.abs() < 1e15 && text.contains(['e', 'E']) => {
+            (number as i64).into()
+        }
+        Some(number) => Number::from_f64(number).map_or_else(|| text.into(), Value::Number),
+        None => text.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn options_are_told_apart_by_their_names() {
+        for (option, told) in [
+            ("--seed", Kind::Seed),
+            ("+exp.random_seed", Kind::Seed),
+            ("--env-id", Kind::Task),
+            ("algo.env", Kind::Task),
+            ("--log-dir", Kind::Stays),
+            ("--out", Kind::Stays),
+            ("--wandb-mode", Kind::Stays),
+            ("hydra.run.dir", Kind::Stays),
+            ("--lr", Kind::Parameter),
+            ("--num-steps", Kind::Parameter),
+            ("--log-std-init", Kind::Parameter),
+        ] {
+            assert_eq!(kind(option), told, "{option}");
+        }
+        assert!(matches!(kind("--total-timesteps"), Kind::Steps(0)));
+        assert!(rank_of_steps("--epochs") > rank_of_steps("--max_steps"));
+    }
+
+    #[test]
+    fn values_are_what_a_program_would_read() {
+        for (text, read) in [
+            ("3e-4", json!(0.0003)),
+            ("1e6", json!(1_000_000)),
+            ("-1", json!(-1)),
+            ("0.50", json!(0.5)),
+            ("1.0", json!(1.0)),
+            ("True", json!("True")),
+            ("nan", json!("nan")),
+            ("1e999", json!("1e999")),
+            ("1,2", json!("1,2")),
+            ("-", json!("-")),
+        ] {
+            assert_eq!(value(text), read, "{text}");
+        }
+    }
+
+    #[test]
+    fn names_of_parameters_are_none_of_the_keys_of_a_program() {
+        assert_eq!(parameter_name("--learning-rate"), "learning_rate");
+        assert_eq!(parameter_name("+optim.lr"), "optim_lr");
+        assert_eq!(parameter_name("--stop"), "stop_");
+        assert_eq!(parameter_name("--steps"), "steps_");
+        assert_eq!(parameter_name("-2"), "p_2");
+    }
+}

@@ -1,0 +1,76 @@
+//! A command line in words, as a shell would read it that replaces nothing.
+
+use super::error::NoStudy;
+
+/// Signs that mean something to a shell alone.
+const SIGNS: [char; 9] = ['|', '&', ';', '<', '>', '$', '`', '*', '('];
+
+/// The words of a command line.
+///
+/// # Errors
+/// [`NoStudy::OpenQuote`], [`NoStudy::Shell`] for what only a shell understands, and [`NoStudy::Nothing`].
+pub fn words(command: &str) -> Result<Vec<String>, NoStudy> {
+    let (mut words, mut word) = (Vec::new(), None::<String>);
+    let mut letters = command.chars();
+    while let Some(letter) = letters.next() {
+        match letter {
+            '\'' | '"' => {
+                let word = word.get_or_insert_default();
+                quoted(&mut letters, letter, word).ok_or_else(|| NoStudy::OpenQuote(command.into()))?;
+            }
+            '\\' => word.get_or_insert_default().extend(letters.next()),
+            _ if letter.is_whitespace() => words.extend(word.take()),
+            sign if SIGNS.contains(&sign) => {
+                return Err(NoStudy::Shell {
+                    command: command.into(),
+                    sign,
+                });
+            }
+            _ => word.get_or_insert_default().push(letter),
+        }
+    }
+    words.extend(word);
+    if words.is_empty() {
+        return Err(NoStudy::Nothing);
+    }
+    Ok(words)
+}
+
+/// Reads up to the quote that ends it; `None` where none does.
+fn quoted(letters: &mut std::str::Chars<'_>, quote: char, word: &mut String) -> Option<()> {
+    loop {
+        match letters.next()? {
+            letter if letter == quote => return Some(()),
+            '\\' if quote == '"' => word.push(letters.next()?),
+            letter => word.push(letter),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_those_of_a_shell() {
+        let read = |text| words(text).unwrap();
+        assert_eq!(
+            read("python train.py  --lr 3e-4"),
+            ["python", "train.py", "--lr", "3e-4"]
+        );
+        assert_eq!(
+            read(r#"a 'b c' "d\"e" f\ g --x='' h"i"j"#),
+            ["a", "b c", "d\"e", "f g", "--x=", "hij"]
+        );
+        assert_eq!(read("a 'choice(1,2)' '$HOME'"), ["a", "choice(1,2)", "$HOME"]);
+    }
+
+    #[test]
+    fn what_needs_a_shell_is_refused_by_its_sign() {
+        let told = |text| words(text).unwrap_err().to_string();
+        assert!(told("a | tee log").contains("`|` in `a | tee log`"));
+        assert!(told("a --out $HOME").contains("`$`"));
+        assert!(told("a 'b").contains("a quote without an end"));
+        assert!(told("  ").contains("names no program"));
+    }
+}

@@ -1,0 +1,218 @@
+//! Sweeps of other tools: their command, the values of each option, how these are gone through, and what a study has no
+//! counterpart for.
+
+use super::{
+    error::NoStudy,
+    hydra,
+    options::{self, Kind},
+    wandb, yaml,
+};
+use serde_json::Value;
+use std::path::Path;
+
+/// Most values that a list of whole numbers or of steps is written out to.
+const MOST_LISTED: usize = 64;
+/// Settings that are tried where a sweep has no end.
+pub const SETTINGS: u64 = 20;
+
+/// The values of an option.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Range {
+    /// Listed ones.
+    List(Vec<Value>),
+    /// Numbers between two limits.
+    Uniform(f64, f64),
+    /// Numbers between two limits, by their logarithms.
+    LogUniform(f64, f64),
+}
+
+impl Range {
+    /// Listed texts.
+    pub fn texts(&self) -> impl Iterator<Item = &str> {
+        let listed = match self {
+            Self::List(values) => &values[..],
+            _ => &[],
+        };
+        listed.iter().filter_map(Value::as_str)
+    }
+}
+
+/// How settings are come by, where not all of them are tried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Search {
+    /// The method, as a study writes it.
+    pub method: &'static str,
+    /// How many are tried.
+    pub settings: u64,
+}
+
+/// A sweep of another tool.
+#[derive(Debug, Default, PartialEq)]
+pub struct Sweep {
+    /// What it is, in a word or two.
+    pub what: &'static str,
+    /// The command, with one value of each option.
+    pub words: Vec<String>,
+    /// Options with several values.
+    pub swept: Vec<(String, Range)>,
+    /// How settings are come by; `None` where all are tried.
+    pub search: Option<Search>,
+    /// The metric that it goes by.
+    pub metric: Option<String>,
+    /// Whether small values of that are better, where it says so.
+    pub lower_is_better: Option<bool>,
+    /// How many seeds it names.
+    pub seeds: Option<usize>,
+    /// What has no counterpart, in sentences.
+    pub notes: Vec<String>,
+}
+
+impl Sweep {
+    /// Reads the file of a sweep, seen from the folder of the study.
+    ///
+    /// # Errors
+    /// [`NoStudy`] for a file that is none, and for what it lacks.
+    pub fn read(folder: &Path, file: &Path) -> Result<Self, NoStudy> {
+        let path = folder.join(file);
+        let text = std::fs::read_to_string(&path).map_err(engine::Error::file("read", &path))?;
+        let value = yaml::read(&file.display().to_string(), &text)?;
+        let mut sweep = if value.get("hydra").is_some() {
+            hydra::read(folder, file, &value)?
+        } else if value.get("parameters").is_some_and(Value::is_object) {
+            wandb::read(file, &value)?
+        } else {
+            return Err(NoStudy::NoSweep(file.to_owned()));
+        };
+        sweep.count_seeds();
+        if sweep.search.is_none()
+            && sweep
+                .swept
+                .iter()
+                .any(|(_, range)| !matches!(range, Range::List(_)))
+        {
+            sweep.search = Some(Search {
+                method: "{ random: {} }",
+                settings: SETTINGS,
+            });
+            sweep
+                .notes
+                .push(format!("a range is sampled {SETTINGS} times: look at `settings`"));
+        }
+        Ok(sweep)
+    }
+
+    /// Seeds are no values of a sweep, but replicates.
+    fn count_seeds(&mut self) {
+        let Some(place) = self
+            .swept
+            .iter()
+            .position(|(option, _)| options::kind(option) == Kind::Seed)
+        else {
+            return;
+        };
+        let (option, range) = self.swept.remove(place);
+        if let Range::List(values) = range {
+            self.seeds = Some(values.len());
+            let n = values.len();
+            self.notes.push(format!(
+                "the {n} values of `{option}` are {n} seeds of the study, which count from 0"
+            ));
+        }
+    }
+}
+
+/// Whole numbers from one to another, both included: all of them, or as many as are written out.
+pub fn integers(low: i64, high: i64) -> Range {
+    let count = usize::try_from(high.saturating_sub(low))
+        .unwrap_or(0)
+        .saturating_add(1);
+    let stride = count.div_ceil(MOST_LISTED).max(1);
+    Range::List((low..=high).step_by(stride).map(Value::from).collect())
+}
+
+/// Multiples of a step from one number to another; `None` where they are too many to be written out.
+pub fn multiples(low: f64, high: f64, step: f64) -> Option<Range> {
+    let count = ((high - low) / step + 1e-9).floor();
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "a count of values that are written out"
+    )]
+    let is_few = step > 0.0 && count >= 0.0 && count < MOST_LISTED as f64;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "it is a small count"
+    )]
+    let count = if is_few { count as u32 } else { return None };
+    let value = |place: u32| {
+        // As many digits as a person would write.
+        let text = format!("{:.10}", f64::from(place).mul_add(step, low));
+        options::value(text.trim_end_matches('0').trim_end_matches('.'))
+    };
+    Some(Range::List((0..=count).map(value).collect()))
+}
+
+/// One value of a range, with which the program is looked at.
+pub fn example(range: &Range) -> Value {
+    let round = |value: f64| options::value(&format!("{value:.2e}"));
+    match range {
+        Range::List(values) => values.first().cloned().unwrap_or_default(),
+        Range::Uniform(low, high) => round(f64::midpoint(*low, *high)),
+        Range::LogUniform(low, high) => round((low.ln().midpoint(high.ln())).exp()),
+    }
+}
+
+/// A value as a word of a command, as Python writes it.
+pub fn spelled(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Bool(true) => "True".into(),
+        Value::Bool(false) => "False".into(),
+        Value::Null => "None".into(),
+        other => other.to_string(),
+    }
+}
+
+/// A value as it is in the parameters of a study.
+pub fn as_parameter(value: &Value) -> Value {
+    match value {
+        Value::Number(_) => value.clone(),
+        other => options::value(&spelled(other)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn ranges_are_written_out_where_they_are_short() {
+        assert_eq!(integers(1, 3), Range::List(vec![json!(1), json!(2), json!(3)]));
+        let Range::List(many) = integers(0, 1000) else {
+            panic!()
+        };
+        assert!(many.len() <= MOST_LISTED && many[0] == json!(0));
+        assert_eq!(
+            multiples(0.1, 0.35, 0.1),
+            Some(Range::List(vec![json!(0.1), json!(0.2), json!(0.3)]))
+        );
+        assert_eq!(
+            multiples(16.0, 64.0, 16.0),
+            Some(Range::List([16, 32, 48, 64].map(Value::from).to_vec()))
+        );
+        assert_eq!(multiples(0.0, 1e6, 0.5), None);
+        assert_eq!(multiples(0.0, 1.0, 0.0), None);
+    }
+
+    #[test]
+    fn one_value_is_taken_of_each_range() {
+        assert_eq!(example(&Range::LogUniform(1e-5, 1e-1)), json!(0.001));
+        assert_eq!(example(&Range::Uniform(0.0, 1.0)), json!(0.5));
+        assert_eq!(example(&Range::List(vec![json!("a")])), json!("a"));
+        assert_eq!(
+            (spelled(&json!(true)), spelled(&json!(null))),
+            ("True".into(), "None".into())
+        );
+    }
+}
