@@ -4,8 +4,10 @@
 mod consent;
 mod ends;
 mod identity;
+mod measured;
 mod reading;
 mod resuming;
+mod trial;
 
 use crate::{
     book::blocks,

@@ -8,11 +8,14 @@
 //! runs it is not.
 
 mod agent;
+mod checks;
 mod config;
 mod lines;
+mod link;
 mod metrics;
 mod named;
 mod output;
+mod policy;
 mod process;
 mod variables;
 mod words;
