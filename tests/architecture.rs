@@ -66,7 +66,10 @@ fn programs_and_the_other_plugins_do_not_know_each_other() {
         "python",
     ] {
         assert!(!depends_on(&format!("plugins/{folder}"), "programs"), "{folder}");
-        assert!(!depends_on("plugins/programs", folder), "{folder}");
+        assert!(
+            folder == "numerics" || !depends_on("plugins/programs", folder),
+            "{folder}"
+        );
     }
 }
 

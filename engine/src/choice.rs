@@ -26,6 +26,23 @@ impl Choice {
             options: options.iter().map(ToString::to_string).collect(),
         }
     }
+
+    /// The option at a position that is written as a number.
+    ///
+    /// # Errors
+    /// [`Error::Action`] for a number that is no position.
+    pub fn at(&self, position: f64) -> Result<usize, Error> {
+        #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
+        let found = (0..self.options.len()).find(|option| *option as f64 == position);
+        found.ok_or_else(|| Error::Action {
+            problem: format!(
+                "`{}` is {position}; its options are 0 to {}: {}",
+                self.name,
+                self.options.len().saturating_sub(1),
+                self.options.join(", ")
+            ),
+        })
+    }
 }
 
 /// How many values a vector over these choices has.
@@ -108,6 +125,24 @@ mod tests {
     fn the_largest_value_decides_and_the_first_of_equals() {
         assert_eq!(taken(&choices(), &[0.2, 0.1, -0.3, -0.1, -0.1]).unwrap(), [0, 1]);
         assert_eq!(taken(&choices(), &[0.0; 5]).unwrap(), [0, 0]);
+    }
+
+    #[test]
+    fn other_programs_write_positions() {
+        let space = crate::Space::Choices(choices());
+        assert_eq!(space.n_asked(), 2);
+        assert_eq!(space.asked(&[1.0, 2.0]).unwrap(), [-1.0, 1.0, -1.0, -1.0, 1.0]);
+        for (entries, why) in [
+            (&[1.0][..], "1 entries, and 2 are asked for"),
+            (
+                &[1.0, 3.0],
+                "`norm` is 3; its options are 0 to 2: none, batch, instance",
+            ),
+            (&[0.5, 0.0], "`conv` is 0.5"),
+        ] {
+            let told = space.asked(entries).unwrap_err().to_string();
+            assert!(told.contains(why), "{told}");
+        }
     }
 
     #[test]

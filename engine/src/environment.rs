@@ -90,6 +90,38 @@ impl Space {
         self.len() == 0
     }
 
+    /// Number of entries of an action as other programs write it: of each choice the position of its option.
+    #[must_use]
+    pub fn n_asked(&self) -> usize {
+        match self {
+            Space::Choices(choices) => choices.len(),
+            space => space.len(),
+        }
+    }
+
+    /// The action that another program writes so.
+    ///
+    /// # Errors
+    /// [`Error::Action`] for another number of entries, and for a number that is no position of an option; what else
+    /// lies outside the space is refused by the environment.
+    pub fn asked(&self, entries: &[f64]) -> Result<Vec<f64>, Error> {
+        if entries.len() != self.n_asked() {
+            let problem = format!(
+                "it has {} entries, and {} are asked for",
+                entries.len(),
+                self.n_asked()
+            );
+            return Err(Error::Action { problem });
+        }
+        match self {
+            Space::Choices(choices) => {
+                let taken = choices.iter().zip(entries).map(|(choice, at)| choice.at(*at));
+                Ok(choice::vector(choices, &taken.collect::<Result<Vec<_>, _>>()?))
+            }
+            _ => Ok(entries.to_vec()),
+        }
+    }
+
     /// Column names of a vector in this space.
     #[must_use]
     pub fn names(&self) -> Vec<String> {

@@ -2,8 +2,24 @@
 //! what they measure, and steps no environment.
 
 use crate::{Error, Metric};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{path::PathBuf, time::Duration};
+use std::{collections::BTreeMap, path::PathBuf, time::Duration};
+
+/// The key of an agent that says how the protocol measures it. It counts as the agent's own config writes it: no sweep,
+/// search or override can change it.
+pub const MEASURED: &str = "measured";
+
+/// How the protocol measures an agent that trains itself, on the episodes of the agents that it trains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Measured {
+    /// When the training asks for it, which is then asked for actions.
+    Calls,
+    /// Once the training has ended, by the policy that it left.
+    Policy,
+}
 
 /// The task that an agent trains for.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -18,6 +34,19 @@ pub struct Assignment {
     pub evaluate_every: u64,
     /// The complete config of the environment, with what the environment is called elsewhere.
     pub environment: Value,
+    /// The environment as others can make it.
+    pub simulator: Simulator,
+}
+
+/// An environment for those who make it themselves.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Simulator {
+    /// Name of the plugin.
+    pub plugin: String,
+    /// Its config; paths of files are absolute.
+    pub config: Value,
+    /// What keys its random streams.
+    pub stream_id: String,
 }
 
 /// Where a training has its files, and how long it has.
@@ -27,6 +56,8 @@ pub struct Place {
     pub folder: PathBuf,
     /// The step at which the trial pauses, once that is measured.
     pub until: Option<u64>,
+    /// The time for which nothing may be heard of it; `None` for any.
+    pub patience: Option<Duration>,
 }
 
 /// The values of a metric so far, each at its step, in the order of the training.
@@ -48,8 +79,19 @@ pub enum Advance {
         /// True for output, or a file that grew.
         heard: bool,
     },
+    /// It asks to be measured.
+    Asks(Asked),
     /// It has ended well.
     Ended,
+}
+
+/// Which measurement a training asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// The one during the training that is due at this step, if any.
+    At(u64),
+    /// The last one.
+    Last,
 }
 
 /// The training of an agent that trains itself.
@@ -88,6 +130,27 @@ pub trait OwnTraining {
     /// # Errors
     /// Where what was written cannot be read; while the training runs nothing is refused that may become whole.
     fn curves(&mut self, last: bool) -> Result<&[Curve], Error>;
+
+    /// How the protocol measures it; `None` where the training alone says what is measured.
+    fn measured(&self) -> Option<Measured> {
+        None
+    }
+
+    /// Told what the measurement came to that was asked for: the mean of each metric; `None` where none was due.
+    ///
+    /// # Errors
+    /// Where the training cannot be told.
+    fn answer(&mut self, _means: Option<&BTreeMap<String, f64>>) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Takes up the policy that the training left, once it has ended.
+    ///
+    /// # Errors
+    /// Where there is none, or it does not fit the environment.
+    fn take_up(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// Tells the training to end, and waits until it has.
     fn stop(&mut self);

@@ -30,11 +30,15 @@ pub(crate) const CHECKPOINT_ROWS: &str = "metrics.parquet";
 /// The folder of what the agent goes on from, in it.
 pub(crate) const CHECKPOINT_AGENT: &str = "agent";
 
+/// The policy of an agent that trains itself, in a trial's folder.
+pub const ONNX_FILE: &str = "policy.onnx";
+
 /// What a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProductKind {
-    /// What acts: `policy.safetensors`, in folders by seat where there is one policy per seat.
+    /// What acts: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
+    /// agent that trains itself.
     Policy,
     /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
     /// seat where each has its own.
@@ -82,7 +86,7 @@ impl ProductKind {
     pub fn about(self) -> &'static str {
         match self {
             Self::Policy => {
-                "What acts: `policy.safetensors`, in folders by seat where there is one policy per seat."
+                "What acts: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`."
             }
             Self::Networks => {
                 "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \
@@ -109,7 +113,7 @@ impl ProductKind {
                     .any(|entry| fs::is_file(&entry.path().join(name)))
         };
         match self {
-            Self::Policy => beside_or_below("policy.safetensors"),
+            Self::Policy => beside_or_below("policy.safetensors") || fs::is_file(&folder.join(ONNX_FILE)),
             Self::Networks => beside_or_below("networks.safetensors"),
             Self::Checkpoint => fs::is_file(&folder.join(CHECKPOINT).join(CHECKPOINT_STATE)),
             Self::Dataset => fs::is_folder(&folder.join("dataset")),
@@ -126,7 +130,9 @@ impl ProductKind {
         match self {
             _ if is_of_checkpoint(path) => self == Self::Checkpoint,
             Self::Checkpoint => false,
-            Self::Policy => last.ends_with(".safetensors") && !Self::Networks.has_file(path),
+            Self::Policy => {
+                path == ONNX_FILE || last.ends_with(".safetensors") && !Self::Networks.has_file(path)
+            }
             Self::Networks => last == "networks.safetensors",
             Self::Dataset => path.starts_with("dataset/"),
             Self::Choice => path == "choice.json",
@@ -453,6 +459,7 @@ mod tests {
         let kinds = ProductKind::ALL;
         let paths = [
             "policy.safetensors",
+            "policy.onnx",
             "good_0/policy.safetensors",
             "networks.safetensors",
             "checkpoint/state.json",

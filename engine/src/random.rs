@@ -52,6 +52,12 @@ impl Streams {
         }
     }
 
+    /// What keys the environment's streams.
+    #[must_use]
+    pub fn environment_id(&self) -> &str {
+        &self.environment_id
+    }
+
     /// What the environment draws in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth
     /// measurement, `final`.
     #[must_use]

@@ -116,6 +116,38 @@ impl Recorder {
         });
     }
 
+    /// The rows from a place on as a record of their own.
+    #[must_use]
+    pub(crate) fn since(&self, place: usize) -> Self {
+        let mut record = Self::default();
+        record.add_rows(self.rows.get(place..).unwrap_or_default(), &self.names);
+        record
+    }
+
+    /// Adds the rows of another record.
+    pub(crate) fn append(&mut self, other: &Self) {
+        self.add_rows(&other.rows, &other.names);
+    }
+
+    /// Takes over how long decisions took in another record.
+    pub(crate) fn decided_as(&mut self, other: &Self) {
+        self.deciding = other.deciding;
+    }
+
+    fn add_rows(&mut self, rows: &[Row], names: &[String]) {
+        for row in rows {
+            let name = &names[usize::from(row.metric)];
+            self.add(
+                row.phase,
+                row.step,
+                row.episode,
+                usize::from(row.seat),
+                name,
+                row.value,
+            );
+        }
+    }
+
     /// Adds to the running mean of a training metric; the protocol records all means at its next measurement.
     pub fn mean(&mut self, metric: &str, value: f64) {
         if let Some(mean) = self.running.means.get_mut(metric) {
@@ -238,6 +270,25 @@ mod tests {
         let record = |count| Recorder::resumed(names(count), Vec::new(), Running::default());
         assert_eq!(reason(&record(MOST_METRICS)), "");
         assert!(reason(&record(MOST_METRICS + 1)).contains("at most 65535 metrics"));
+    }
+
+    #[test]
+    fn a_part_of_a_record_can_be_added_to_another() {
+        let (mut whole, mut other) = (Recorder::default(), Recorder::default());
+        whole.add(Phase::Train, 1, 0, 0, "loss", 1.0);
+        whole.add(Phase::Final, 5, 2, 1, "return", f64::NAN);
+        whole.decided(4, Duration::from_secs(2));
+        other.add(Phase::Final, 5, 0, 0, "length", 3.0);
+        other.append(&whole.since(1));
+        other.decided_as(&whole);
+        assert_eq!(other.names(), ["length", "return"]);
+        let row = other.rows()[1];
+        assert_eq!(
+            (row.phase, row.step, row.episode, row.seat, row.metric),
+            (Phase::Final, 5, 2, 1, 1)
+        );
+        assert_eq!((other.rows().len(), other.decision_s()), (2, Some(0.5)));
+        assert!(reason(&other).contains("return (phase final)"));
     }
 
     #[test]

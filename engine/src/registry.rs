@@ -7,6 +7,7 @@
 use crate::{
     Agent, Environment, Error, Interface, Metric, Protocol, Rng,
     export::{PolicyForm, ReadPolicies},
+    own_training::Measured,
 };
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
@@ -89,6 +90,8 @@ impl About {
 
 /// Fills in the defaults of a config and refuses what does not fit.
 pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
+/// The same for an agent that trains itself, by how it is measured.
+pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
 type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
 type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
 
@@ -133,7 +136,7 @@ pub struct ProtocolEntry {
     pub without_training: Resolve,
     /// The config for an agent that trains itself: how long, and how often measurements are taken in. `None` where the
     /// protocol has nothing for such agents.
-    pub own_training: Option<Resolve>,
+    pub own_training: Option<ResolveOwn>,
 }
 
 /// Raised whenever a change in the engine changes the numbers of trials, whichever protocol runs them.
@@ -302,9 +305,12 @@ impl Registry {
     }
 
     /// Says that a registered protocol lets agents train themselves, and the config that such an agent gets.
-    pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C) -> C) {
+    pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C, Option<Measured>) -> C) {
+        let resolve = move |raw: &Value, measured| {
+            serde_json::to_value(own_training(serde_json::from_value(raw.clone())?, measured))
+        };
         if let Some(entry) = self.protocols.get_mut(name) {
-            entry.own_training = Some(changed(own_training));
+            entry.own_training = Some(Box::new(resolve));
         }
     }
 

@@ -6,7 +6,7 @@ use crate::{
     cast::{Seating, Team},
     complete_config::CompleteConfig,
     data_file,
-    own_training::Assignment,
+    own_training::{Assignment, Simulator},
     product::{FindProduct, Taken, no_product},
     protocol::Run,
     random::Streams,
@@ -382,7 +382,10 @@ impl TrialKey {
         let interface = first_environment.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();
-        let assignment = self.assignment((environment.names)(&config), &config);
+        let assignment = Assignment {
+            simulator: self.simulator(&streams),
+            ..self.assignment((environment.names)(&config), &config)
+        };
         let mut run = Run {
             make_environment: &make_environment,
             agent,
@@ -411,6 +414,23 @@ impl TrialKey {
             seed: self.seed,
             environment: with_names(environment, names),
             ..Assignment::default()
+        }
+    }
+
+    /// The environment as others can make it, who need not know where the study was started.
+    fn simulator(&self, streams: &Streams) -> Simulator {
+        let mut config = self.environment.config.whole().into_owned();
+        for key in self.environment.files.keys() {
+            if let Some(Value::String(path)) = config.pointer_mut(key)
+                && let Ok(absolute) = std::path::absolute(&*path)
+            {
+                *path = absolute.display().to_string();
+            }
+        }
+        Simulator {
+            plugin: self.environment.plugin.clone(),
+            config,
+            stream_id: streams.environment_id().to_owned(),
         }
     }
 

@@ -1,5 +1,5 @@
 //! Policies that are taken away act as they do here: ONNX files are computed by two runtimes of other people, `tract`
-//! and onnxruntime, and held against this program's own evaluation.
+//! and onnxruntime, and by this program that reads them back, and held against its own evaluation.
 
 mod agents;
 mod heads;
@@ -20,7 +20,7 @@ use engine::{
 };
 use numerics::{
     network::{Activation, Mlp, device},
-    onnx::Graph,
+    onnx::{Graph, Network},
     policy_file::{Head, Policy, Ports},
 };
 use plugins::registry;
@@ -63,6 +63,19 @@ impl Cases {
         let actions: Vec<Vec<f64>> = rows.iter().map(|row| own(row)).collect();
         let entries = actions.iter().flatten();
         let scale = entries.fold(1.0, |largest: f64, entry| largest.max(entry.abs()));
+        let network = Network::read(onnx).unwrap_or_else(|error| panic!("{name}: {error}"));
+        for (row, action) in rows.iter().zip(&actions) {
+            let found = network.run(row).unwrap();
+            let is_near = found.len() == action.len()
+                && found
+                    .iter()
+                    .zip(action)
+                    .all(|(a, b)| (a - b).abs() <= TOLERANCE * scale);
+            assert!(
+                is_near,
+                "{name} at {row:?}: {found:?} is read back, {action:?} is computed here"
+            );
+        }
         let case =
             json!({ "observations": rows, "actions": actions, "scale": scale, "tolerance": TOLERANCE });
         fs::write(self.0.path().join(format!("{name}.onnx")), onnx).unwrap();

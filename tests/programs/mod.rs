@@ -5,9 +5,11 @@ mod coming_from;
 mod consent;
 mod ends;
 mod identity;
+mod measured;
 mod new_from;
 mod reading;
 mod resuming;
+mod trial;
 
 use crate::{
     book::blocks,

@@ -3,7 +3,7 @@
 use super::*;
 
 /// The values of a metric in a phase, as `step:value`.
-fn values(place: &Place, phase: &str, metric: &str) -> Vec<String> {
+pub(super) fn values(place: &Place, phase: &str, metric: &str) -> Vec<String> {
     let rows = place.rows();
     let names: Vec<&str> = rows[0].split(',').collect();
     let column = |name: &str| names.iter().position(|it| *it == name).unwrap();
@@ -64,6 +64,14 @@ fn lines_without_a_step_are_numbered() {
 }
 
 #[test]
+fn lines_in_the_file_of_the_trial_are_read() {
+    let program = "echo '{\"step\": 100, \"ret\": 1}' >> $REGIMEN_LOG; echo '{\"step\": 200, \"ret\": 4}' >> $REGIMEN_LOG\n";
+    let place = ran(program, "{ return: ret }", "      reads: { from: log }");
+    assert_eq!(values(&place, "train", "return"), ["100:1", "200:4"]);
+    assert_eq!(values(&place, "evaluate", "return"), ["200:4"]);
+}
+
+#[test]
 fn files_are_read_as_imported_ones_are() {
     let program = "mkdir -p runs/a; printf '#{\"t_start\": 1.0, \"env_id\": \"x\"}\\nr,l,t\\n1,100,0.1\\n2,100,0.2\\n' > \
                    runs/a/0.monitor.csv\nprintf 'step,loss\\n10,0.5\\n20,0.25\\n' > progress.csv\n";
@@ -75,8 +83,8 @@ fn files_are_read_as_imported_ones_are() {
 
 #[test]
 fn what_a_program_is_given_is_what_the_study_says() {
-    let program = "echo r=1; printf '%s\\n' \"$PYTHONHASHSEED $OMP_NUM_THREADS $OWN ${PYTHONPATH:-none} $2\" > told; ls -A > \
-                   listed; cat \"$3\" >> told; [ \"$(cat told)\" = \"0 1 a b none 1000\ncases\" ] || { cat told listed >&2; exit 1; }\n";
+    let program = "echo r=1; printf '%s\\n' \"$PYTHONHASHSEED $OMP_NUM_THREADS $OWN ${PYTHONPATH#$PWD/} $2\" > told; ls -A > \
+                   listed; cat \"$3\" >> told; [ \"$(cat told)\" = \"0 1 a b .regimen/python 1000\ncases\" ] || { cat told listed >&2; exit 1; }\n";
     let bench = Bench::new();
     bench.write("a.sh", program);
     bench.write("cases.txt", "cases");

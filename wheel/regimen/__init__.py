@@ -6,6 +6,8 @@
     envs = regimen.make_vec("battery", {"cells": 4}, num_envs=64)   # gymnasium.vector.VectorEnv, one call for all
     game = regimen.make_parallel("particles")                       # pettingzoo.ParallelEnv
 
+    trial = regimen.trial()                                         # of a program that is an agent of a study
+
 Names and configs are those of a study. `gymnasium.make("regimen/battery-v2", config={"cells": 4})` makes the same; the
 version is that of the environment's numbers.
 """
@@ -17,6 +19,7 @@ from gymnasium.vector import AutoresetMode
 
 from ._native import ActionError, ConfigError, EpisodeError, SimulationError
 from ._native import environments as _environments
+from ._trial import Trial, trial
 from .single import SimulatedEnv
 from .spaces import Simplex, from_logits
 from .vector import SimulatedVectorEnv
@@ -29,11 +32,13 @@ __all__ = [
     "SimulatedEnv",
     "SimulatedVectorEnv",
     "SimulationError",
+    "Trial",
     "environments",
     "from_logits",
     "make",
     "make_parallel",
     "make_vec",
+    "trial",
 ]
 
 

@@ -31,7 +31,7 @@ class Simulation:
         self._total = int(ends[-1])
 
     def reset(self, starts):
-        """What all seats of each environment observe, a row each; `starts` has a seed and an episode, or `None`, for each."""
+        """What all seats of each environment observe, a row each; `starts` has for each what `start` gives."""
         observations = np.empty(self._sections[0][1])
         self.native.reset(starts, observations)
         return observations
@@ -78,7 +78,7 @@ def one_seat(simulation):
     return simulation.seats[0]
 
 
-def start(seed, options):
-    """A seed with the episode that `options` ask for."""
+def start(seed, options, slot=None):
+    """A seed with the episode that `options` ask for, or the slot in which a trial learns."""
     episode = (options or {}).get("episode")
-    return seed, None if episode is None else int(episode)
+    return seed, None if episode is None else int(episode), slot

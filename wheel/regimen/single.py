@@ -28,13 +28,17 @@ class SimulatedEnv(gymnasium.Env):
         self.observation_space = observed(self.seat["observation"])
         self.action_space = as_space(self.seat["action"])
         self._has_seed = False
+        # The seed of the trial in which it is learned, where it is that of a trial.
+        self._learns = None
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
+        slot = None
         if seed is None and not self._has_seed:
-            seed = int(self.np_random.integers(2**63))
+            slot = None if self._learns is None else 0
+            seed = int(self.np_random.integers(2**63)) if slot is None else self._learns
         self._has_seed = True
-        observations = self._simulation.reset([start(seed, options)])
+        observations = self._simulation.reset([start(seed, options, slot)])
         return as_value(self.observation_space, observations[0]), {}
 
     def step(self, action):

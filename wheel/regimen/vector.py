@@ -36,12 +36,16 @@ class SimulatedVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._names = [(name, f"_{name}") for name in self._simulation.metrics]
         self._has_seed = False
+        # The seed of the trial in which they are learned, where they are those of a trial.
+        self._learns = None
 
     def reset(self, *, seed=None, options=None):
-        seeds = self._seeds(seed)
+        learns = seed is None and not self._has_seed and self._learns is not None
+        seeds = self._seeds([self._learns] * self.num_envs if learns else seed)
+        slots = range(self.num_envs) if learns else [None] * self.num_envs
         episodes = (options or {}).get("episode")
         episodes = list(np.broadcast_to(episodes, self.num_envs)) if episodes is not None else [None] * self.num_envs
-        starts = [start(seed, {"episode": episode}) for seed, episode in zip(seeds, episodes, strict=True)]
+        starts = [start(*of_one) for of_one in zip(seeds, [{"episode": it} for it in episodes], slots, strict=True)]
         return as_value(self.single_observation_space, self._simulation.reset(starts)), {}
 
     def _seeds(self, seed):

@@ -27,6 +27,8 @@ pub struct Start {
     pub seed: Option<u64>,
     /// Which episode of the final measurement of a trial with that seed; without it the stream is that of a rollout.
     pub episode: Option<u64>,
+    /// Which of the environments that a trial with that seed learns in.
+    pub slot: Option<u64>,
 }
 
 /// Environments side by side.
@@ -97,6 +99,12 @@ impl Episodes {
         self.places.get(place).map(|place| &*place.environment)
     }
 
+    /// What keys the random streams of a trial.
+    #[must_use]
+    pub fn stream_id(&self) -> &str {
+        &self.configured.stream_id
+    }
+
     /// Where numbers stand in what a step comes to.
     #[must_use]
     pub fn layout(&self) -> Layout {
@@ -106,7 +114,7 @@ impl Episodes {
     /// Numbers of an environment's action.
     #[must_use]
     pub fn n_asked(&self) -> usize {
-        self.seats.iter().map(spaces::n_asked).sum()
+        self.seats.iter().map(|seat| seat.action.n_asked()).sum()
     }
 
     /// Begins an episode in every environment and returns what their seats observe.
@@ -207,13 +215,14 @@ impl Place {
     fn seek(&mut self, number: usize, start: Start, stream_id: &str) -> Result<(), Refusal> {
         self.seed = start.seed.or(self.seed);
         let seed = self.seed.ok_or(Refusal::NoSeed { place: number })?;
-        match (start.episode, start.seed) {
-            (Some(episode), _) => {
-                let streams = random::Streams::new("", stream_id, seed);
-                self.rng = Some(streams.environment(Phase::Final.name(), episode));
-            }
-            (None, Some(_)) => self.rng = Some(random::rollout(seed)),
-            (None, None) => {}
+        let of_trial = |phase: Phase, episode| {
+            random::Streams::new("", stream_id, seed).environment(phase.name(), episode)
+        };
+        match (start.episode, start.slot, start.seed) {
+            (Some(episode), _, _) => self.rng = Some(of_trial(Phase::Final, episode)),
+            (None, Some(slot), _) => self.rng = Some(of_trial(Phase::Train, slot)),
+            (None, None, Some(_)) => self.rng = Some(random::rollout(seed)),
+            (None, None, None) => {}
         }
         Ok(())
     }

@@ -80,17 +80,22 @@ impl Simulation {
         Ok(self.lock()?.layout().columns())
     }
 
-    /// Begins an episode everywhere; `starts` has a seed and the number of an episode for each environment, or
-    /// `None`.
+    /// What keys the random streams of a trial in this environment.
+    fn stream_id(&self) -> PyResult<String> {
+        Ok(self.lock()?.stream_id().to_owned())
+    }
+
+    /// Begins an episode everywhere; `starts` has for each environment a seed, the number of an episode of the final
+    /// measurement and the number of an environment to learn in, or `None`.
     fn reset(
         &self,
         py: Python<'_>,
-        starts: Vec<(Option<u64>, Option<u64>)>,
+        starts: Vec<(Option<u64>, Option<u64>, Option<u64>)>,
         observations: PyBuffer<f64>,
     ) -> PyResult<()> {
         let starts: Vec<Start> = starts
             .into_iter()
-            .map(|(seed, episode)| Start { seed, episode })
+            .map(|(seed, episode, slot)| Start { seed, episode, slot })
             .collect();
         let numbers = py.detach(|| self.lock()?.reset(&starts))?;
         observations.copy_from_slice(py, &numbers)

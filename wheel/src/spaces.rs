@@ -3,7 +3,7 @@
 //! A choice comes as the position of its option, everything else as it is. It is the inverse of what `plugins/python`
 //! does with environments that are written in Python.
 
-use engine::{Channel, Error, Metric, Seat, Space, choice};
+use engine::{Channel, Error, Metric, Seat, Space};
 use pyo3::prelude::*;
 
 /// A seat.
@@ -108,15 +108,6 @@ impl From<&Space> for SpaceForm {
     }
 }
 
-/// How many numbers of a seat's action come from Python.
-#[must_use]
-pub fn n_asked(seat: &Seat) -> usize {
-    match &seat.action {
-        Space::Choices(choices) => choices.len(),
-        space => space.len(),
-    }
-}
-
 /// The action of every seat from the numbers that came from Python, seat after seat.
 ///
 /// # Errors
@@ -125,31 +116,9 @@ pub fn n_asked(seat: &Seat) -> usize {
 pub fn actions(seats: &[Seat], asked: &[f64]) -> Result<Vec<Vec<f64>>, Error> {
     let mut rest = asked;
     let of_seat = |seat: &Seat| {
-        let (own, after) = rest.split_at(n_asked(seat));
+        let (own, after) = rest.split_at(seat.action.n_asked());
         rest = after;
-        match &seat.action {
-            Space::Choices(choices) => {
-                let taken: Result<Vec<usize>, Error> = choices
-                    .iter()
-                    .zip(own)
-                    .map(|(choice, position)| position_in(&choice.name, &choice.options, *position))
-                    .collect();
-                Ok(choice::vector(choices, &taken?))
-            }
-            _ => Ok(own.to_vec()),
-        }
+        seat.action.asked(own)
     };
     seats.iter().map(of_seat).collect()
-}
-
-fn position_in(name: &str, options: &[String], position: f64) -> Result<usize, Error> {
-    #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
-    let found = (0..options.len()).find(|option| *option as f64 == position);
-    found.ok_or_else(|| Error::Action {
-        problem: format!(
-            "`{name}` is {position}; its options are 0 to {}: {}",
-            options.len() - 1,
-            options.join(", ")
-        ),
-    })
 }

@@ -4,7 +4,9 @@
 //! [`PolicyForm`] that a plugin registered recognises the file and writes it.
 
 use super::json_list;
-use crate::{Channel, Error, Interface, Registry, Seat, Space, store::TrialFile, world::fs};
+use crate::{
+    Channel, Error, Interface, Registry, Seat, Space, product::ONNX_FILE, store::TrialFile, world::fs,
+};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -69,6 +71,12 @@ pub struct PolicySubject<'a> {
 /// [`Error::NoPortablePolicy`] where no form recognises what lies there, and whatever reading says.
 pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8>>, Error> {
     let mut files = BTreeMap::new();
+    let own = subject.folder.join(ONNX_FILE);
+    if fs::is_file(&own) {
+        // Another program wrote it: it is what it is.
+        let bytes = fs::read(&own).map_err(Error::file("read", &own))?;
+        return Ok([(ONNX_FILE.to_owned(), bytes)].into());
+    }
     for found in subject.found()? {
         let seat = &found.policy.seat;
         let name = if seat.is_empty() { "policy" } else { seat };

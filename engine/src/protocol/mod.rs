@@ -14,6 +14,7 @@ mod numbered;
 mod offline_fit;
 #[cfg(test)]
 mod offline_tests;
+mod own_measuring;
 mod own_training;
 mod position;
 mod search;
@@ -119,6 +120,13 @@ impl Run<'_> {
     /// that is no number, and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
+        if self.agent.own_training().is_some() {
+            // What it goes on from is its own.
+            if self.keeper.stopping() {
+                return Err(Error::Stopped);
+            }
+            return self.keeper.note(&self.record).map_err(Error::of_store);
+        }
         self.keeper.look(&self.record);
         if !self.keeper.due() {
             return self.keeper.note(&self.record).map_err(Error::of_store);

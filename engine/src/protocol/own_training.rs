@@ -8,8 +8,14 @@
 //! | `train` | every value at its own step |
 //! | `evaluate` | at each multiple of `evaluate_every`: the mean of the last values up to there |
 //! | `final` | the mean of the last values, at the last step of the protocol |
+//!
+//! What is measured on the protocol's own episodes ([`own_measuring`]) comes after them.
 
-use super::Run;
+use super::{
+    Run,
+    own_measuring::{self, Taken},
+    train_evaluate::TrainEvaluate,
+};
 use crate::{
     Error, OwnTraining, Phase, Recorder,
     own_training::{Advance, Assignment, Curve, Place},
@@ -24,8 +30,9 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Time between two times at which what it printed is kept.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
-/// Lets the agent train for these steps.
-pub(super) fn run(steps: u64, every: u64, run: &mut Run<'_>) -> Result<(), Error> {
+/// Lets the agent train for the steps of a protocol.
+pub(super) fn run(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
+    let (steps, every) = (of.steps, of.evaluate_every);
     let mut temporary = None;
     let place = place(run, &mut temporary)?;
     let assignment = Assignment {
@@ -35,21 +42,43 @@ pub(super) fn run(steps: u64, every: u64, run: &mut Run<'_>) -> Result<(), Error
     };
     let grid = Grid { steps, every };
     own(run)?.begin(&assignment, &place)?;
-    let until = until_it_ends(grid, &place, run);
+    let mut taken = Taken::default();
+    let until = until_it_ends(of, &place, &mut taken, run);
     keep_output(run)?;
     if let Some(until) = until? {
         return pause(grid, until, run);
     }
+    settle(grid, taken, run)?;
+    (run.progress)(steps, steps);
+    run.record.all_finite()?;
+    own_measuring::end(of, run)
+}
+
+/// The record of a training that has ended, in the place of what was shown while it ran.
+fn settle(grid: Grid, taken: Taken, run: &mut Run<'_>) -> Result<(), Error> {
     let training = own(run)?;
-    let record = settled(grid, training.curves(true)?, None);
+    taken.is_whole(training.measured())?;
+    let curves = training.curves(true)?;
+    let mut record = settled(grid, curves, None);
+    end(grid.steps, curves, taken.reached(), &mut record);
+    taken.into_record(&mut record);
+    record.decided_as(&run.record);
     run.keeper.begin_anew();
     run.record = record;
-    (run.progress)(steps, steps);
-    run.record.all_finite()
+    Ok(())
 }
 
 /// Takes in what is measured until the training ends, or until the step of a pause, which is given back.
-fn until_it_ends(grid: Grid, place: &Place, run: &mut Run<'_>) -> Result<Option<u64>, Error> {
+fn until_it_ends(
+    of: &TrainEvaluate,
+    place: &Place,
+    taken: &mut Taken,
+    run: &mut Run<'_>,
+) -> Result<Option<u64>, Error> {
+    let grid = Grid {
+        steps: of.steps,
+        every: of.evaluate_every,
+    };
     let (mut live, mut heard, mut kept) = (Live::new(grid), clock::now(), clock::now());
     loop {
         let advance = own(run)?.advance(LOOK)?;
@@ -57,7 +86,8 @@ fn until_it_ends(grid: Grid, place: &Place, run: &mut Run<'_>) -> Result<Option<
             return Err(no_training());
         };
         let has_grown = live.record(training.curves(false)?, &mut run.record);
-        (run.progress)(live.step.min(grid.steps), grid.steps);
+        let reached = live.step.max(taken.reached().unwrap_or(0));
+        (run.progress)(reached.min(grid.steps), grid.steps);
         run.keeper.note(&run.record).map_err(Error::of_store)?;
         run.record.all_finite()?;
         if advance == Advance::Ended {
@@ -70,7 +100,13 @@ fn until_it_ends(grid: Grid, place: &Place, run: &mut Run<'_>) -> Result<Option<
         if let Some(until) = place.until.filter(|until| live.step > *until) {
             return Ok(Some(until));
         }
-        if has_grown || advance == (Advance::Running { heard: true }) {
+        if let Advance::Asks(asked) = advance
+            && let Err(error) = taken.answer(of, asked, run)
+        {
+            own(run)?.stop();
+            return Err(error);
+        }
+        if has_grown || advance != (Advance::Running { heard: false }) {
             heard = clock::now();
         }
         // A process that is ended for a limit leaves what it kept.
@@ -119,10 +155,14 @@ fn place(run: &mut Run<'_>, temporary: &mut Option<tempfile::TempDir>) -> Result
     }
     let made = tempfile::tempdir().map_err(Error::file("create a folder in", &std::env::temp_dir()))?;
     let folder = temporary.insert(made).path().to_owned();
-    Ok(Place { folder, until: None })
+    Ok(Place {
+        folder,
+        until: None,
+        patience: None,
+    })
 }
 
-fn own<'a>(run: &'a mut Run<'_>) -> Result<&'a mut dyn OwnTraining, Error> {
+pub(super) fn own<'a>(run: &'a mut Run<'_>) -> Result<&'a mut dyn OwnTraining, Error> {
     run.agent.own_training().ok_or_else(no_training)
 }
 
@@ -189,9 +229,6 @@ fn settled(grid: Grid, curves: &[Curve], until: Option<u64>) -> Recorder {
     for (step, phase, place, episode, value) in rows {
         record.add(phase, step, episode, 0, &curves[place].metric.name, value);
     }
-    if until.is_none() {
-        end(grid.steps, curves, &mut record);
-    }
     record
 }
 
@@ -208,16 +245,18 @@ fn numbered(values: &[(u64, f64)]) -> impl Iterator<Item = (u64, u64, f64)> {
     })
 }
 
-/// The end of a training.
-fn end(steps: u64, curves: &[Curve], record: &mut Recorder) {
+/// The end of a training, which asked to be measured up to a step, if at all. Where nothing says how far it came,
+/// that is not recorded.
+fn end(steps: u64, curves: &[Curve], asked: Option<u64>, record: &mut Recorder) {
     for curve in curves {
         if let Some(value) = recent(curve, u64::MAX) {
             record.add(Phase::Final, steps, 0, 0, &curve.metric.name, value);
         }
     }
-    let done = curves.iter().filter_map(last_step).max().unwrap_or(0);
     #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-    record.add(Phase::Final, steps, 0, 0, OWN_STEPS, done as f64);
+    if let Some(done) = curves.iter().filter_map(last_step).chain(asked).max() {
+        record.add(Phase::Final, steps, 0, 0, OWN_STEPS, done as f64);
+    }
 }
 
 /// Rows while a training runs: values as they arrive, and measurements once nothing can be added to them.
@@ -285,10 +324,17 @@ mod tests {
 
     const GRID: Grid = Grid { steps: 30, every: 10 };
 
+    /// The record of a training that ended.
+    fn ended(grid: Grid, curves: &[Curve]) -> Recorder {
+        let mut record = settled(grid, curves, None);
+        end(grid.steps, curves, None, &mut record);
+        record
+    }
+
     #[test]
     fn a_measurement_is_the_mean_of_the_last_values_up_to_its_step() {
         let curves = [curve("return", 2, &[(5, 1.0), (10, 3.0), (10, 5.0), (27, 9.0)])];
-        let record = settled(GRID, &curves, None);
+        let record = ended(GRID, &curves);
         assert_eq!(rows(&record, Phase::Train, "return"), curves[0].values);
         assert_eq!(
             rows(&record, Phase::Evaluate, "return"),
@@ -302,14 +348,14 @@ mod tests {
     #[test]
     fn without_steps_between_measurements_there_is_the_last_one_alone() {
         let grid = Grid { every: 0, ..GRID };
-        let record = settled(grid, &[curve("loss", 1, &[(5, 1.0)])], None);
+        let record = ended(grid, &[curve("loss", 1, &[(5, 1.0)])]);
         assert_eq!(rows(&record, Phase::Evaluate, "loss"), []);
         assert_eq!(rows(&record, Phase::Final, "loss"), [(30, 1.0)]);
     }
 
     #[test]
     fn a_training_that_passes_the_last_step_is_measured_up_to_it() {
-        let record = settled(GRID, &[curve("return", 1, &[(10, 1.0), (41, 4.0)])], None);
+        let record = ended(GRID, &[curve("return", 1, &[(10, 1.0), (41, 4.0)])]);
         assert_eq!(
             rows(&record, Phase::Evaluate, "return"),
             [(10, 1.0), (20, 1.0), (30, 1.0)]
@@ -324,7 +370,7 @@ mod tests {
             values in proptest::collection::vec((0u64..40, -9.0..9.0), 1..20), until in 0u64..4, last in 1u64..4,
         ) {
             let curves = [curve("a", last, &values), curve("b", 1, &values[..values.len() / 2])];
-            let (part, whole) = (settled(GRID, &curves, Some(until * 10)), settled(GRID, &curves, None));
+            let (part, whole) = (settled(GRID, &curves, Some(until * 10)), ended(GRID, &curves));
             prop_assert_eq!(part.rows(), &whole.rows()[..part.rows().len()]);
             let next = &whole.rows()[part.rows().len()];
             prop_assert!(next.step > until * 10 || next.phase == Phase::Final);
@@ -341,7 +387,7 @@ mod tests {
                 let until = values.len() * piece / pieces;
                 live.record(&[curve("a", 2, &values[..until])], &mut seen);
             }
-            let whole = settled(GRID, &[curve("a", 2, &values)], None);
+            let whole = ended(GRID, &[curve("a", 2, &values)]);
             prop_assert_eq!(rows(&seen, Phase::Train, "a"), rows(&whole, Phase::Train, "a"));
             let (seen, all) = (rows(&seen, Phase::Evaluate, "a"), rows(&whole, Phase::Evaluate, "a"));
             prop_assert_eq!(&seen[..], &all[..seen.len()]);

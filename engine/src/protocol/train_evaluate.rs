@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     Checkpoint, Config, Environment, Error, Metric, Mode, Observation, Phase, Product, ProductKind, Registry,
-    Rng, agent::Transition, checkpoint::exact, trial::Part,
+    Rng, agent::Transition, checkpoint::exact, own_training::Measured, trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -94,15 +94,21 @@ pub(super) fn register(registry: &mut Registry) {
     registry.lets_train(NAME, for_own_training);
 }
 
-/// The part of the protocol for an agent that trains itself: how long, and how often its measurements are taken in.
-fn for_own_training(config: TrainEvaluate) -> TrainEvaluate {
+/// The part of the protocol for an agent that trains itself: how long, how often its measurements are taken in, and
+/// what is measured of it.
+fn for_own_training(config: TrainEvaluate, measured: Option<Measured>) -> TrainEvaluate {
+    let of_final = |given: u64, none: u64| if measured.is_some() { given } else { none };
     TrainEvaluate {
         steps: config.steps,
         environments: 1,
         evaluate_every: config.evaluate_every,
-        episodes: 0,
-        final_episodes: 1,
-        trace_episodes: 0,
+        episodes: if measured == Some(Measured::Calls) {
+            config.episodes
+        } else {
+            0
+        },
+        final_episodes: of_final(config.final_episodes, 1),
+        trace_episodes: of_final(config.trace_episodes, 0),
         go_on_from: None,
         leave_checkpoint: false,
         train: true,
@@ -180,7 +186,7 @@ impl Protocol for TrainEvaluate {
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         if run.agent.own_training().is_some() {
-            return own_training::run(self.steps, self.evaluate_every, run);
+            return own_training::run(self, run);
         }
         if self.train {
             let (learned, blocks) = self.learn_and_measure(run)?;
@@ -299,13 +305,13 @@ impl TrainEvaluate {
     }
 
     /// The measurement that is due when `step` is reached.
-    fn measurement(&self, step: u64) -> Measurement {
+    pub(super) fn measurement(&self, step: u64) -> Measurement {
         let index = step / self.evaluate_every;
         // The nominal step, so that curves of different seeds and environment counts share their points.
         Measurement::while_learning(index, index * self.evaluate_every, self.episodes)
     }
 
-    fn last(&self) -> Measurement {
+    pub(super) fn last(&self) -> Measurement {
         Measurement::at_the_end(self.steps, self.final_episodes, self.trace_episodes)
     }
 

@@ -3,7 +3,7 @@
 use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, sentence, verdicts::words};
 use crate::{
     results::Results,
-    table::{terminal, wrap},
+    table::{Grid, terminal, terminal_in_short, wrap},
 };
 use std::path::Path;
 

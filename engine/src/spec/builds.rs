@@ -7,7 +7,7 @@ use super::{
     config::locate,
     cross_play::Play,
     facts::Facts,
-    known::{self, Resolved},
+    known::{self, Form, Resolved},
     path::Target,
     specimens::Specimens,
 };
@@ -15,8 +15,8 @@ use crate::{
     Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     describe::fit,
     diagnostic::{Diagnostic, in_order, say_once},
-    own_training::Assignment,
-    panics, random,
+    own_training::{Assignment, MEASURED, Measured},
+    panics, protocol, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
@@ -212,8 +212,14 @@ fn ids(cell: &Cell) -> [String; 2] {
     [0, 2].map(|part| cell.parts[part].id().to_owned())
 }
 
-/// What the trials of a pair record and trace; `of_agent` is what its agent records.
-fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
+/// What the trials of a pair record and trace; `of_protocol` and `of_agent` are what these record.
+fn note(
+    pair: (usize, usize),
+    facts: &Facts,
+    measures: &Measures,
+    [of_protocol, of_agent]: [&[Metric]; 2],
+    world: &mut World,
+) {
     let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
     let of_interface = measures.protocol.metrics_of_interface(&facts.interface);
     let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
@@ -221,8 +227,7 @@ fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Me
     let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
     world.record(
         pair,
-        measures
-            .metrics
+        of_protocol
             .iter()
             .chain(&of_interface)
             .chain(&of_environment)
@@ -309,7 +314,7 @@ impl<'a> Builder<'a> {
     }
 
     /// What the registry has of the cell's agent; `None` for a policy of another trial.
-    fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
+    pub(super) fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
         let sections = self.sections;
         sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
     }
@@ -385,12 +390,32 @@ impl<'a> Builder<'a> {
             let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
             world.warnings.extend(doubts);
         }
+        let measured = built.own_training().and_then(|training| training.measured());
         let recorded = built.records();
-        if let Some(error) = self.is_taken(cell, &recorded) {
+        let refused = self.measured_otherwise(cell, measured);
+        if let Some(error) = refused.or_else(|| self.is_taken(cell, &recorded)) {
             return Err(Box::new(self.refused(agent, &error)));
         }
         let Some(pair) = cell.pair() else { return Ok(()) };
         self.note(cell, pair, || recorded, world)
+    }
+
+    /// An agent that trains itself cannot be measured as it says.
+    fn measured_otherwise(&self, cell: &Cell, measured: Option<Measured>) -> Option<Error> {
+        let facts = self.facts(cell)?;
+        let seats = facts.interface.seats.len();
+        let problem = if cell.parts[2].given.form != Form::Own(measured) {
+            "it is said in the agent itself: no sweep, search or override can change it".to_owned()
+        } else if measured.is_some() && seats == 0 {
+            "nothing can be measured in an environment that is only named: leave it out, so that the program says its \
+             own numbers"
+                .to_owned()
+        } else if measured.is_some() && seats != 1 {
+            format!("a program is measured where one agent acts, and this environment has seats for {seats}")
+        } else {
+            return None;
+        };
+        Some(Error::config(MEASURED, problem))
     }
 
     /// A metric with the name of one that means something else for the agents that the protocol trains: where an
@@ -441,7 +466,7 @@ impl<'a> Builder<'a> {
             && self.recorded.insert((pair, ids(cell)))
         {
             let of_agent = of_agent();
-            if self.entry(cell).is_some_and(|it| it.trains_itself) {
+            if cell.parts[2].given.form == Form::Own(None) {
                 world.record(pair, of_agent.iter().chain(&[wall_time_metric()]));
                 return Ok(());
             }
@@ -449,7 +474,13 @@ impl<'a> Builder<'a> {
             if metrics > MOST_METRICS {
                 return Err(Box::new(self.records_too_much(environment, metrics)));
             }
-            note(pair, &facts, measures, &of_agent, world);
+            let measured = protocol::measured();
+            let of_protocol = match cell.parts[2].given.form {
+                // It is measured, and the protocol does not see how it trains.
+                Form::Own(_) => &measured,
+                _ => &measures.metrics,
+            };
+            note(pair, &facts, measures, [of_protocol, &of_agent], world);
         }
         Ok(())
     }

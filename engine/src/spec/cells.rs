@@ -15,6 +15,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
     limits::Limits,
+    own_training::{MEASURED, Measured},
     schema_check::View,
     store::Announcements,
 };
@@ -243,18 +244,28 @@ impl Sections<'_> {
         let protocol = || &self.registry.protocols[plugin.name];
         let changed = match given.form {
             Form::Trained => None,
-            Form::Alone => Some(&protocol().without_training),
+            Form::Alone => Some((protocol().without_training)(&part.config)),
             // A protocol that has nothing for such an agent is refused with it.
-            Form::Own => protocol().own_training.as_ref(),
+            Form::Own(measured) => {
+                let own = protocol().own_training.as_ref();
+                own.map(|changed| changed(&part.config, measured))
+            }
         };
         if let Some(changed) = changed {
-            let config = changed(&part.config).map_err(|error| {
+            let config = changed.map_err(|error| {
                 let message = format!("`{}` has no form for this agent: {error}", plugin.name);
                 vec![self.sources.error(plugin.span, &plugin.at, message)]
             })?;
             part.config = config.into();
         }
         Ok(Resolved::new(part, given))
+    }
+
+    /// How an agent that trains itself is measured, as it is written.
+    pub(super) fn measured(&self, agent: Target) -> Option<Measured> {
+        let said = self.written.part(agent)?.config.get(MEASURED)?;
+        // Another word is refused where the agent's own config is read.
+        serde_json::from_value(said.to_value()).ok()
     }
 
     /// The setting that was chosen for an agent: the search and its place there.

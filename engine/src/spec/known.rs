@@ -11,7 +11,8 @@ use super::{
     search::Searched,
 };
 use crate::{
-    complete_config::CompleteConfig, diagnostic::Diagnostic, document::Node, setting::Setting, trial::Part,
+    complete_config::CompleteConfig, diagnostic::Diagnostic, document::Node, own_training::Measured,
+    setting::Setting, trial::Part,
 };
 use std::{
     collections::BTreeMap,
@@ -71,8 +72,8 @@ pub enum Form {
     Trained,
     /// It does not learn.
     Alone,
-    /// It trains itself.
-    Own,
+    /// It trains itself, and is measured in this way.
+    Own(Option<Measured>),
 }
 
 pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
@@ -203,7 +204,7 @@ impl<'a> Known<'a> {
         let plugin = self.sections.written.plugin(targets[1]);
         let form = match self.sections.registry.agents.get(plugin) {
             _ if place < 2 => Form::Trained,
-            Some(entry) if entry.trains_itself => Form::Own,
+            Some(entry) if entry.trains_itself => Form::Own(self.sections.measured(targets[1])),
             Some(entry) if entry.learns => Form::Trained,
             _ => Form::Alone,
         };

@@ -83,7 +83,8 @@ impl Builder<'_> {
         let protocol = &self.sections.registry.protocols[cell.parts[2].part.plugin.as_str()];
         let protocol = (protocol.build)(&self.config(cell, 2).ok()?).ok()?;
         let folder = self.specimens.new_folder(index).ok()?;
-        if !cell.is_policy() && agent.updates().is_some() {
+        let trains_itself = self.entry(cell).is_some_and(|entry| entry.trains_itself);
+        if !cell.is_policy() && (agent.updates().is_some() || trains_itself) {
             agent.export(&folder).ok()?;
         }
         if protocol.leaves().contains(&ProductKind::Checkpoint) {

@@ -500,7 +500,7 @@ fn is_hexadecimal(name: &str, length: usize) -> bool {
 }
 
 fn is_result(name: &str) -> bool {
-    [".parquet", ".safetensors", ".json"]
+    [".parquet", ".safetensors", ".json", ".onnx"]
         .iter()
         .any(|ending| name.ends_with(ending))
 }

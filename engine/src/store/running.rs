@@ -342,8 +342,11 @@ impl Keeper for RunningTrial {
         let work = self.folder.join(WORK);
         fs::create_dir_all(&work).map_err(Error::file("create", &work))?;
         let folder = fs::canonicalize(&work).map_err(Error::file("find", &work))?;
-        let until = self.until;
-        Ok(Some(Place { folder, until }))
+        Ok(Some(Place {
+            folder,
+            until: self.until,
+            patience: self.patience,
+        }))
     }
 
     fn patience(&self) -> Option<Duration> {

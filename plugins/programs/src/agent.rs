@@ -2,21 +2,29 @@
 
 use crate::{
     ProgramConfig,
+    link::Link,
     metrics::Metrics,
+    policy::Policy,
     process::{self, Process},
     words::{Known, OTHERS, Word, filled, parsed},
     workplace::Workplace,
 };
 use engine::{
-    Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng,
+    Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
     guard::end_leftover,
-    own_training::{Advance, Assignment, Curve, Place},
+    own_training::{Advance, Assignment, Curve, Measured, Place},
 };
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
     time::Duration,
 };
+
+/// Time between two looks at whether a program asks to be measured.
+const LOOK: Duration = Duration::from_millis(2);
+/// How long a program may take to leave that broke a measurement off.
+const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
 /// A program as an agent.
 #[derive(Debug)]
@@ -24,15 +32,22 @@ pub struct ProgramAgent {
     config: ProgramConfig,
     run: Vec<Word>,
     resume: Vec<Word>,
+    /// Whose actions it is asked for.
+    seat: Option<Seat>,
     training: Option<Training>,
+    /// The policy that it left, or that another trial of it left.
+    policy: Option<Policy>,
 }
 
 /// A training that was begun.
 #[derive(Debug)]
 struct Training {
+    folder: PathBuf,
     metrics: Metrics,
     /// `None` where it had ended before.
     process: Option<Process>,
+    /// Where it asks to be measured.
+    link: Option<Link>,
     has_ended: bool,
 }
 
@@ -40,7 +55,7 @@ struct Training {
 ///
 /// # Errors
 /// [`Error::Config`] for what the config lacks, and for words that cannot be read.
-pub fn build(config: ProgramConfig, _: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+pub fn build(config: ProgramConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     config.check()?;
     let run = parsed("run", &config.run)?;
     let resume = parsed("resume", &config.resume)?;
@@ -55,16 +70,44 @@ pub fn build(config: ProgramConfig, _: &Interface, _: &mut Rng) -> Result<Box<dy
         config,
         run,
         resume,
+        seat: interface.seats.first().cloned(),
         training: None,
+        policy: None,
     }))
 }
 
 impl Agent for ProgramAgent {
-    fn act(&mut self, _: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Err(Error::Mismatch {
-            agent: "program",
-            problem: "it trains and measures itself, and is not asked for actions".into(),
-        })
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        let rows: Vec<&[f64]> = observations.iter().map(|it| it.seats[0].as_slice()).collect();
+        if let Some(policy) = &self.policy {
+            return rows.iter().map(|row| Ok(vec![policy.act(row)?])).collect();
+        }
+        let space = &self.seat.as_ref().ok_or_else(not_asked)?.action;
+        let training = self.training.as_mut().ok_or_else(not_asked)?;
+        let asked = training.act(&rows, space.n_asked())?;
+        asked
+            .iter()
+            .map(|entries| Ok(vec![space.asked(entries)?]))
+            .collect()
+    }
+
+    fn export(&self, folder: &Path) -> Result<bool, Error> {
+        let (Some(Measured::Policy), Some(seat)) = (self.config.measured, &self.seat) else {
+            return Ok(false);
+        };
+        match &self.policy {
+            Some(policy) => Policy::leave(policy.bytes(), folder)?,
+            None => Policy::leave(&Policy::specimen(seat), folder)?,
+        }
+        Ok(true)
+    }
+
+    fn import(&mut self, folder: &Path) -> Result<bool, Error> {
+        let (Some(Measured::Policy), Some(seat)) = (self.config.measured, &self.seat) else {
+            return Ok(false);
+        };
+        self.policy = Some(Policy::taken_up(folder, seat)?);
+        Ok(true)
     }
 
     fn own_training(&mut self) -> Option<&mut dyn OwnTraining> {
@@ -113,20 +156,24 @@ impl OwnTraining for ProgramAgent {
         unused.map(doubt).collect()
     }
 
-    fn begin(&mut self, of: &Assignment, place: &Place) -> Result<(), Error> {
-        let place = Workplace::at(&place.folder, &self.config);
+    fn begin(&mut self, of: &Assignment, within: &Place) -> Result<(), Error> {
+        let place = Workplace::at(&within.folder, &self.config);
         end_leftover(&place.notes(), process::grace(&self.config));
-        let has_ended = process::has_ended_well(&place.notes());
+        // What was measured is in no file.
+        let is_asked = self.config.measured == Some(Measured::Calls);
+        let has_ended = process::has_ended_well(&place.notes()) && !is_asked;
         let goes_on = !self.resume.is_empty() && place.has_checkpoint();
         if !has_ended && !goes_on {
             place.empty()?;
         }
         let attempts = attempt(&place, has_ended)?;
         let metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
+        let link = is_asked.then(|| Link::open(within.patience)).transpose()?;
         let process = if has_ended {
             None
         } else {
             place.lay(&self.config)?;
+            place.tell(of, link.as_ref().map(Link::path).as_deref())?;
             let words = self.words(of, &place, goes_on)?;
             Some(Process::start(
                 &self.config,
@@ -135,27 +182,36 @@ impl OwnTraining for ProgramAgent {
             )?)
         };
         self.training = Some(Training {
+            folder: place.folder,
             metrics,
             process,
+            link,
             has_ended,
         });
         Ok(())
     }
 
-    fn advance(&mut self, wait: Duration) -> Result<Advance, Error> {
-        let training = self.training.as_mut().ok_or_else(unbegun)?;
-        let Some(process) = training.process.as_mut().filter(|_| !training.has_ended) else {
-            return Ok(Advance::Ended);
-        };
-        match process.ends_within(wait) {
-            None => Ok(Advance::Running {
-                heard: process.has_heard(),
-            }),
-            Some(ended) => {
-                training.has_ended = true;
-                ended.map(|()| Advance::Ended)
-            }
+    fn measured(&self) -> Option<Measured> {
+        self.config.measured
+    }
+
+    fn take_up(&mut self) -> Result<(), Error> {
+        let pattern = self.config.leaves.policy.as_deref().unwrap_or_default();
+        let training = self.training.as_ref().ok_or_else(unbegun)?;
+        let seat = self.seat.as_ref().ok_or_else(not_asked)?;
+        self.policy = Some(Policy::left(&training.folder, pattern, seat)?);
+        Ok(())
+    }
+
+    fn answer(&mut self, means: Option<&BTreeMap<String, f64>>) -> Result<(), Error> {
+        match self.training.as_mut().and_then(|it| it.link.as_mut()) {
+            Some(link) => link.answer(means),
+            None => Err(not_asked()),
         }
+    }
+
+    fn advance(&mut self, wait: Duration) -> Result<Advance, Error> {
+        self.training.as_mut().ok_or_else(unbegun)?.advance(wait)
     }
 
     fn curves(&mut self, last: bool) -> Result<&[Curve], Error> {
@@ -176,6 +232,42 @@ impl OwnTraining for ProgramAgent {
     fn output(&self) -> Option<Vec<u8>> {
         let process = self.training.as_ref()?.process.as_ref()?;
         Some(process.listening().said()).filter(|said| !said.is_empty())
+    }
+}
+
+impl Training {
+    fn advance(&mut self, wait: Duration) -> Result<Advance, Error> {
+        let Some(process) = self.process.as_mut().filter(|_| !self.has_ended) else {
+            return Ok(Advance::Ended);
+        };
+        let mut left = wait;
+        loop {
+            if let Some(asked) = self.link.as_mut().map(Link::asked).transpose()?.flatten() {
+                return Ok(Advance::Asks(asked));
+            }
+            let now = if self.link.is_some() { left.min(LOOK) } else { left };
+            if let Some(ended) = process.ends_within(now) {
+                self.has_ended = true;
+                return ended.map(|()| Advance::Ended);
+            }
+            left = left.saturating_sub(now);
+            if left.is_zero() {
+                let heard = process.has_heard();
+                return Ok(Advance::Running { heard });
+            }
+        }
+    }
+
+    /// What the program answers to these rows. Where it left instead, that says more.
+    fn act(&mut self, rows: &[&[f64]], columns: usize) -> Result<Vec<Vec<f64>>, Error> {
+        let link = self.link.as_mut().ok_or_else(not_asked)?;
+        let error = match link.act(rows, columns) {
+            Err(error @ Error::Model { .. }) => error,
+            answered => return answered,
+        };
+        let ended = self.process.as_mut().and_then(|it| it.ends_within(LEAVES_WITHIN));
+        self.has_ended |= ended.is_some();
+        Err(ended.and_then(Result::err).unwrap_or(error))
     }
 }
 
@@ -215,6 +307,13 @@ pub fn started(config: &ProgramConfig, mut words: Vec<String>) -> Result<Vec<Str
         *first = path.display().to_string();
     }
     Ok(words)
+}
+
+fn not_asked() -> Error {
+    Error::Mismatch {
+        agent: "program",
+        problem: "it trains and measures itself, and is not asked for actions".into(),
+    }
 }
 
 fn unbegun() -> Error {

@@ -1,15 +1,15 @@
 //! The keys of a program in a study.
 
 use engine::{
-    DataFile, Error, Metric,
+    DataFile, Metric,
     guard::StopSignal,
     imported::{Step, SumOf},
-    results::{OWN_STEPS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME},
+    own_training::Measured,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{borrow::Cow, collections::BTreeMap, path::Path};
+use std::{borrow::Cow, collections::BTreeMap};
 
 /// Settings of the `program` agent.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -40,6 +40,13 @@ pub struct ProgramConfig {
     pub reads: Reads,
     /// Its metrics by name: each with its key or column there, or as `{ key: .., from: .., step: .., last: .. }`.
     pub metrics: BTreeMap<String, MetricText>,
+    /// What it leaves for others, by patterns in the working folder.
+    #[serde(skip_serializing_if = "Leaves::is_empty")]
+    pub leaves: Leaves,
+    /// How the engine measures it, on the episodes of the other agents: by `calls` of `trial.measure` while it runs,
+    /// or by the `policy` that it `leaves`. Absent where the program alone says its numbers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured: Option<Measured>,
     /// Words that are added where it goes on from what lies in `{checkpoint}`. Without them it begins anew after every
     /// interruption.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -122,8 +129,9 @@ pub enum NoLock {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reads {
-    /// `stdout` or `stderr`, whose lines are JSON objects or words `KEY=VALUE`; or a file in the working folder or a
-    /// pattern of such: tables as CSV, Parquet or JSON, and TensorBoard's event files.
+    /// `stdout` or `stderr`, whose lines are JSON objects or words `KEY=VALUE`; `log`, the file of JSON objects that
+    /// the variable `REGIMEN_LOG` names and `trial.log` writes; or a file in the working folder or a pattern of such:
+    /// tables as CSV, Parquet or JSON, and TensorBoard's event files.
     pub from: String,
     /// The key or column with the step, or `{ sum: COLUMN }`. Absent: `step`; lines of output without it are numbered.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -206,6 +214,21 @@ pub struct Shown {
     pub lower_is_better: bool,
 }
 
+/// What a program leaves.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Leaves {
+    /// Its policy: one ONNX file from an observation to an action, as `"*.onnx"`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub policy: Option<String>,
+}
+
+impl Leaves {
+    fn is_empty(&self) -> bool {
+        self.policy.is_none()
+    }
+}
+
 /// How a program is told to end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -233,7 +256,7 @@ pub struct Reading {
     pub name: String,
     /// Its key, column or tag.
     pub key: String,
-    /// `stdout`, `stderr`, or a pattern.
+    /// `stdout`, `stderr`, `log`, or a pattern.
     pub from: String,
     /// Where steps stand, if the study says so.
     pub step: Option<StepText>,
@@ -275,93 +298,6 @@ impl ProgramConfig {
             metric
         }
     }
-
-    /// Refuses what cannot be run or read.
-    ///
-    /// # Errors
-    /// [`Error::Config`] with the key.
-    pub fn check(&self) -> Result<(), Error> {
-        if self.run.first().is_none_or(String::is_empty) {
-            let problem = "names no program: write it with its arguments as a list, as `[python, train.py, --seed, \"{seed}\"]`";
-            return Err(Error::config("run", problem));
-        }
-        if self.lock.is_none() {
-            let problem = "names no file, so that nothing says which packages compute the numbers: write `lock: { file: \
-                           uv.lock }` with the lock file of the program, or `lock: none` for one that needs no packages";
-            return Err(Error::config("lock", problem));
-        }
-        if self.metrics.is_empty() {
-            let problem = "names no metric, so that nothing would be known of a trial: write one with its key in the output \
-                           of the program, as `{ return: episodic_return }`";
-            return Err(Error::config("metrics", problem));
-        }
-        self.sources.0.keys().try_for_each(|name| within(name))?;
-        self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
-        let unknown = self.shown.keys().find(|name| !self.metrics.contains_key(*name));
-        if let Some(name) = unknown {
-            return Err(Error::config("shown", format!("no metric is named `{name}`")));
-        }
-        let readings = self.readings();
-        let keys = readings
-            .iter()
-            .find(|it| it.key.is_empty() || it.key.contains('*'));
-        if let Some(Reading { name, key, .. }) = keys {
-            let problem = format!("`{key}` of `{name}` is no key: one metric has one");
-            return Err(Error::config("metrics", problem));
-        }
-        readings.iter().try_for_each(|it| readable(&it.from))
-    }
-}
-
-/// Files lie in the working folder, and not among those of the engine.
-fn within(name: &str) -> Result<(), Error> {
-    let mut parts = Path::new(name).components();
-    let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
-    let problem = if !is_inside || name.is_empty() {
-        "leads out of the working folder: give it a name there, as `sources: { lib/a.py: { file: ../lib/a.py } }`"
-    } else if name.starts_with(crate::workplace::NOTES) {
-        "is a name of files that this program keeps there"
-    } else {
-        return Ok(());
-    };
-    Err(Error::config("sources", format!("`{name}` {problem}")))
-}
-
-fn readable(from: &str) -> Result<(), Error> {
-    if crate::output::STREAMS.contains(&from) {
-        return Ok(());
-    }
-    let is_inside = |part| {
-        matches!(
-            part,
-            std::path::Component::Normal(_) | std::path::Component::CurDir
-        )
-    };
-    if !from.is_empty() && Path::new(from).components().all(is_inside) {
-        return Ok(());
-    }
-    let problem = format!("`{from}` is neither `stdout` nor `stderr`, and no file in the working folder");
-    Err(Error::config("metrics", problem))
-}
-
-/// Refuses names that claims cannot say, and those of what is recorded anyhow.
-fn of_ones_own(name: &str) -> Result<(), Error> {
-    let taken = [
-        OWN_STEPS,
-        UPDATES,
-        WALL_TIME,
-        TIME_PER_UPDATE,
-        TIME_PER_DECISION,
-        "success",
-    ];
-    let problem = if taken.contains(&name) {
-        "is recorded of every trial; take another name"
-    } else if name.is_empty() || !name.chars().all(|it| it.is_alphanumeric() || it == '_') {
-        "is no name that a claim could say: letters, digits and `_` make one"
-    } else {
-        return Ok(());
-    };
-    Err(Error::config("metrics", format!("`{name}` {problem}")))
 }
 
 #[cfg(test)]
@@ -371,44 +307,6 @@ pub(crate) mod tests {
 
     pub(crate) fn config(value: Value) -> ProgramConfig {
         serde_json::from_value(value).unwrap()
-    }
-
-    fn refusal(key: &str, value: Value) -> String {
-        let mut whole = json!({ "run": ["sh", "a.sh"], "lock": "none", "metrics": { "loss": "l" } });
-        whole[key] = value;
-        config(whole).check().unwrap_err().to_string()
-    }
-
-    #[test]
-    fn what_is_missing_is_named_with_what_to_write() {
-        for (key, value, why) in [
-            ("run", json!([]), "`run`: names no program"),
-            ("run", json!([""]), "`run`: names no program"),
-            ("lock", json!(null), "`lock`: names no file"),
-            ("metrics", json!({}), "`metrics`: names no metric"),
-            ("metrics", json!({ "a-b": "x" }), "no name that a claim could say"),
-            ("metrics", json!({ "updates": "x" }), "is recorded of every trial"),
-            ("metrics", json!({ "a": "x*" }), "is no key"),
-            (
-                "metrics",
-                json!({ "a": { "key": "x", "from": "../log" } }),
-                "no file in the working folder",
-            ),
-            ("shown", json!({ "b": { "unit": "s" } }), "no metric is named `b`"),
-            (
-                "sources",
-                json!({ "../a.py": { "file": "a.py" } }),
-                "leads out of the working folder",
-            ),
-            (
-                "sources",
-                json!({ ".regimen/a": { "file": "a" } }),
-                "files that this program keeps",
-            ),
-        ] {
-            let told = refusal(key, value);
-            assert!(told.contains(why), "{told}");
-        }
     }
 
     #[test]

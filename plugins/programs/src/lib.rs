@@ -8,12 +8,15 @@
 //! runs it is not.
 
 mod agent;
+mod checks;
 mod config;
 mod first;
 mod lines;
+mod link;
 mod metrics;
 mod named;
 mod output;
+mod policy;
 mod process;
 mod variables;
 mod words;

@@ -6,7 +6,7 @@
 use crate::{
     ProgramConfig,
     config::{Reading, StepText},
-    output::{STREAMS, noted},
+    output::{LOG, STREAMS, is_noted, noted},
 };
 use engine::{
     Error,
@@ -130,7 +130,7 @@ impl Metrics {
 
     /// The files of a source, those that are there.
     fn files(&self, source: &Source) -> Result<Vec<PathBuf>, Error> {
-        if STREAMS.contains(&source.from.as_str()) {
+        if is_noted(&source.from) {
             let path = noted(&self.notes, &source.from);
             let has_lines = path.metadata().is_ok_and(|it| it.len() > 0);
             return Ok(has_lines.then_some(path).into_iter().collect());
@@ -194,6 +194,9 @@ impl Metrics {
         let there = match (is_stream, seen) {
             (true, []) => "no line of it is a JSON object or has words KEY=VALUE".into(),
             (true, seen) => format!("keys that were there: `{}`", seen.join("`, `")),
+            (false, _) if files.is_empty() && from == LOG => {
+                "the program wrote nothing to the file that `REGIMEN_LOG` names, as `trial.log` does".into()
+            }
             (false, _) if files.is_empty() => "the program wrote no such file".into(),
             (false, _) => match columns(&files) {
                 Ok(columns) => format!("columns that are there: {}", columns.for_a_question().0),

@@ -18,6 +18,8 @@ use std::{
 
 /// The streams of a program, as a study names them.
 pub const STREAMS: [&str; 2] = ["stdout", "stderr"];
+/// The file that a program is told of, as a study names it: what it says there needs no filter.
+pub const LOG: &str = "log";
 /// How much is kept of the beginning, and as much again of the end, bytes.
 const KEPT: usize = 1 << 20;
 /// How long the streams of a program that has ended may stay open.
@@ -25,7 +27,12 @@ const LONGEST_CLOSING: Duration = Duration::from_secs(2);
 /// How much of standard error is told where a program fails, bytes.
 const LAST_WORDS: usize = 2000;
 
-/// The file in which the lines of a stream are noted that hold metrics.
+/// True for what lies in [`noted`].
+pub fn is_noted(from: &str) -> bool {
+    from == LOG || STREAMS.contains(&from)
+}
+
+/// The file of lines with metrics: those of a stream, or of [`LOG`].
 pub fn noted(notes: &Path, stream: &str) -> PathBuf {
     notes.join(format!("{stream}.jsonl"))
 }

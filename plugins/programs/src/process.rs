@@ -53,7 +53,7 @@ impl Process {
             signal: config.stop.signal,
             grace_ms: u64::try_from(grace(config).as_millis()).unwrap_or(u64::MAX),
         };
-        let variables = variables::given(&config.inherit, &config.variables);
+        let variables = variables::given(config, place);
         let (guarded, streams) = Guarded::start(order, &variables)?;
         let listening = Listening::to(streams, filters, &place.notes())?;
         Ok(Self {

@@ -1,6 +1,7 @@
 //! The environment variables of the machine that a program sees: a list, since each of them is an input that nobody
 //! declared.
 
+use crate::{ProgramConfig, output, workplace::Workplace};
 use std::{collections::BTreeMap, ffi::OsString};
 
 /// Passed on as they are; a `*` at the end stands for any letters.
@@ -42,15 +43,30 @@ const SET: [(&str, &str); 6] = [
 /// Libraries that would take all processors of a machine; a trial has one.
 const THREADS: [&str; 4] = ["OMP", "OPENBLAS", "MKL", "NUMEXPR"];
 
-/// The variables of a program: those of the machine that are passed on, those that are set for every trial, and
-/// those of the study.
-pub fn given(inherit: &[String], own: &BTreeMap<String, String>) -> BTreeMap<String, String> {
+/// The variables of a program: those of the machine that are passed on, those that are set for every trial, those
+/// of the study, and those by which the program finds what is its trial's.
+pub fn given(config: &ProgramConfig, place: &Workplace) -> BTreeMap<String, String> {
     #[expect(
         clippy::disallowed_methods,
         reason = "a program is found by the variables of its machine; the study declares all others"
     )]
     let machine = std::env::vars_os();
-    chosen(machine, inherit, own)
+    let mut all = chosen(machine, &config.inherit, &config.variables);
+    all.extend(of_trial(place, all.get("PYTHONPATH")));
+    all
+}
+
+/// The variables of a trial. Modules of its own stand behind those of the study.
+fn of_trial(place: &Workplace, python_path: Option<&String>) -> [(String, String); 3] {
+    let log = output::noted(&place.notes(), output::LOG);
+    let trial = place.trial().display().to_string();
+    let modules = place.python().display().to_string();
+    let modules = python_path.map_or(modules.clone(), |before| format!("{before}:{modules}"));
+    [
+        ("REGIMEN_LOG".to_owned(), log.display().to_string()),
+        ("REGIMEN_TRIAL".to_owned(), trial),
+        ("PYTHONPATH".to_owned(), modules),
+    ]
 }
 
 fn chosen(
@@ -99,6 +115,12 @@ mod tests {
             (Some("/bin"), Some("C"), Some("s"))
         );
         assert_eq!((value("PYTHONPATH"), value("SLURM_NTASKS")), (None, None));
+        let place = Workplace::at(std::path::Path::new("/work"), &ProgramConfig::default());
+        let of_trial = |before: Option<&String>| BTreeMap::from(of_trial(&place, before));
+        let own = "/own".to_owned();
+        assert_eq!(of_trial(None)["PYTHONPATH"], "/work/.regimen/python");
+        assert_eq!(of_trial(Some(&own))["PYTHONPATH"], "/own:/work/.regimen/python");
+        assert_eq!(of_trial(None)["REGIMEN_LOG"], "/work/.regimen/log.jsonl");
         assert_eq!(
             (value("OMP_NUM_THREADS"), value("PYTHONHASHSEED")),
             (Some("1"), Some("5"))

@@ -6,13 +6,17 @@
 //!      .regimen/          of the engine: who runs, how it ended, its output
 //!               inputs/NAME/   copies of the inputs
 //!               parameters.json
+//!               trial.json      what `regimen_trial` is told
+//!               log.jsonl       what `trial.log` writes
+//!               python/         the module `regimen_trial`
 //! ```
 
 use crate::{
     ProgramConfig,
     config::{Lock, NamedFile},
 };
-use engine::{DataFile, Error};
+use engine::{DataFile, Error, own_training::Assignment};
+use serde_json::json;
 use std::{
     collections::BTreeMap,
     fs, io,
@@ -21,6 +25,9 @@ use std::{
 
 /// The folder of the engine's own files.
 pub const NOTES: &str = ".regimen";
+
+/// The module by which a program in Python speaks as a trial, which the package `regimen` has too.
+const MODULE: &str = include_str!("../../../wheel/regimen/_trial.py");
 
 /// A working folder.
 #[derive(Debug, Clone)]
@@ -55,9 +62,29 @@ impl Workplace {
         self.folder.join("checkpoint")
     }
 
+    /// The folder of the module `regimen_trial`.
+    pub fn python(&self) -> PathBuf {
+        self.notes().join("python")
+    }
+
     /// All parameters as JSON.
     pub fn parameters(&self) -> PathBuf {
         self.notes().join("parameters.json")
+    }
+
+    /// What `regimen_trial` is told.
+    pub fn trial(&self) -> PathBuf {
+        self.notes().join("trial.json")
+    }
+
+    /// Tells the program of its trial; it asks to be measured at `measured_at`.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be written.
+    pub fn tell(&self, of: &Assignment, measured_at: Option<&Path>) -> Result<(), Error> {
+        let told = json!({ "seed": of.seed, "simulator": of.simulator, "measured_at": measured_at });
+        let path = self.trial();
+        fs::write(&path, told.to_string()).map_err(Error::file("write", &path))
     }
 
     /// True where the program saved something.
@@ -89,7 +116,7 @@ impl Workplace {
     /// # Errors
     /// [`Error::DataFileChanged`] where a file holds not what the trial's id names, and [`Error::File`].
     pub fn lay(&self, config: &ProgramConfig) -> Result<(), Error> {
-        for folder in [self.notes(), self.checkpoint()] {
+        for folder in [self.python(), self.checkpoint()] {
             fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         }
         for (name, source) in &config.sources.0 {
@@ -102,6 +129,8 @@ impl Workplace {
         for (name, input) in &config.inputs {
             copy(&input.file, Path::new(&self.inputs[name]))?;
         }
+        let path = self.python().join("regimen_trial.py");
+        fs::write(&path, MODULE).map_err(Error::file("write", &path))?;
         let path = self.parameters();
         let text = serde_json::to_vec_pretty(&config.parameters).map_err(io::Error::from);
         text.and_then(|text| fs::write(&path, text))
@@ -140,7 +169,6 @@ fn copy(file: &DataFile, to: &Path) -> Result<(), Error> {
 mod tests {
     use super::*;
     use crate::config::tests::config;
-    use serde_json::json;
 
     #[test]
     fn a_working_folder_holds_what_is_declared_and_scripts_can_be_started() {

@@ -5,6 +5,12 @@ use prost::Message;
 
 /// `TensorProto.DataType.FLOAT`.
 pub(super) const FLOAT: i32 = 1;
+/// `TensorProto.DataType.INT32`.
+pub(super) const INT32: i32 = 6;
+/// `TensorProto.DataType.BOOL`.
+pub(super) const BOOL: i32 = 9;
+/// `TensorProto.DataType.DOUBLE`.
+pub(super) const DOUBLE: i32 = 11;
 /// `TensorProto.DataType.INT64`.
 pub(super) const INT64: i32 = 7;
 
@@ -69,6 +75,9 @@ pub(super) struct Node {
     pub(super) op_type: String,
     #[prost(message, repeated, tag = "5")]
     pub(super) attribute: Vec<Attribute>,
+    /// Whose operator it is; empty for ONNX itself.
+    #[prost(string, tag = "7")]
+    pub(super) domain: String,
 }
 
 /// A setting of an operation.
@@ -80,6 +89,10 @@ pub(super) struct Attribute {
     pub(super) f: Option<f32>,
     #[prost(int64, optional, tag = "3")]
     pub(super) i: Option<i64>,
+    #[prost(message, optional, tag = "5")]
+    pub(super) t: Option<Tensor>,
+    #[prost(float, repeated, packed = "false", tag = "7")]
+    pub(super) floats: Vec<f32>,
     #[prost(int64, repeated, packed = "false", tag = "8")]
     pub(super) ints: Vec<i64>,
     /// `AttributeType`: 1 for `f`, 2 for `i`, 7 for `ints`.
@@ -94,11 +107,22 @@ pub(super) struct Tensor {
     pub(super) dims: Vec<i64>,
     #[prost(int32, tag = "2")]
     pub(super) data_type: i32,
+    #[prost(float, repeated, tag = "4")]
+    pub(super) float_data: Vec<f32>,
+    #[prost(int32, repeated, tag = "5")]
+    pub(super) int32_data: Vec<i32>,
+    #[prost(int64, repeated, tag = "7")]
+    pub(super) int64_data: Vec<i64>,
     #[prost(string, tag = "8")]
     pub(super) name: String,
     /// The entries, low byte first.
     #[prost(bytes = "vec", tag = "9")]
     pub(super) raw_data: Vec<u8>,
+    #[prost(double, repeated, tag = "10")]
+    pub(super) double_data: Vec<f64>,
+    /// 1 where the entries lie in another file.
+    #[prost(int32, tag = "14")]
+    pub(super) data_location: i32,
 }
 
 /// An input or output with its type.

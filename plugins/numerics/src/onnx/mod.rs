@@ -1,4 +1,5 @@
-//! Policies as ONNX files, for runtimes that know nothing of this program.
+//! Policies as ONNX files, for runtimes that know nothing of this program; and those of other programs, read and
+//! computed ([`Network`]).
 //!
 //! A file is one graph from `observation` `[batch, n]` to `action` `[batch, m]`, both `float32`, in the operators of
 //! opset 17 (IR version 8). What a channel is called, and whose policy it is, stands in the file's properties.
@@ -15,12 +16,20 @@
 
 mod heads;
 mod layers;
+mod layouts;
 mod messages;
+#[cfg(test)]
+mod operator_tests;
+mod operators;
+mod read;
+mod sums;
+mod tensor;
 #[cfg(test)]
 mod tests;
 
 pub use heads::with_first_outputs;
 pub use layers::{Dense, dense_layers};
+pub use read::{Network, OnnxError};
 
 use crate::activation::Activation;
 use messages::{
@@ -107,6 +116,7 @@ impl Graph {
             data_type,
             name: name.clone(),
             raw_data,
+            ..Tensor::default()
         });
         Value(name)
     }
@@ -128,6 +138,7 @@ impl Graph {
                 .iter()
                 .map(|(name, setting)| attribute(name, setting))
                 .collect(),
+            domain: String::new(),
         });
     }
 

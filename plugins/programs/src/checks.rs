@@ -1,0 +1,201 @@
+//! What is refused in the keys of a program before anything runs.
+
+use crate::config::{ProgramConfig, Reading};
+use engine::{
+    Error,
+    own_training::Measured,
+    results::{OWN_STEPS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME},
+};
+use std::path::Path;
+
+impl ProgramConfig {
+    /// Refuses what cannot be run or read.
+    ///
+    /// # Errors
+    /// [`Error::Config`] with the key.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.run.first().is_none_or(String::is_empty) {
+            let problem = "names no program: write it with its arguments as a list, as `[python, train.py, --seed, \"{seed}\"]`";
+            return Err(Error::config("run", problem));
+        }
+        if self.lock.is_none() {
+            let problem = "names no file, so that nothing says which packages compute the numbers: write `lock: { file: \
+                           uv.lock }` with the lock file of the program, or `lock: none` for one that needs no packages";
+            return Err(Error::config("lock", problem));
+        }
+        if self.metrics.is_empty() && self.measured.is_none() {
+            let problem = "names no metric, so that nothing would be known of a trial: write one with its key in the output \
+                           of the program, as `{ return: episodic_return }`";
+            return Err(Error::config("metrics", problem));
+        }
+        self.measures()?;
+        self.sources.0.keys().try_for_each(|name| within(name))?;
+        self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
+        let unknown = self.shown.keys().find(|name| !self.metrics.contains_key(*name));
+        if let Some(name) = unknown {
+            return Err(Error::config("shown", format!("no metric is named `{name}`")));
+        }
+        let readings = self.readings();
+        let keys = readings
+            .iter()
+            .find(|it| it.key.is_empty() || it.key.contains('*'));
+        if let Some(Reading { name, key, .. }) = keys {
+            let problem = format!("`{key}` of `{name}` is no key: one metric has one");
+            return Err(Error::config("metrics", problem));
+        }
+        readings.iter().try_for_each(|it| readable(&it.from))
+    }
+
+    /// Refuses ways to measure that lack something.
+    fn measures(&self) -> Result<(), Error> {
+        let policy = self.leaves.policy.as_deref();
+        if self.measured == Some(Measured::Calls) && !self.resume.is_empty() {
+            let problem = "a program that is measured by its calls begins anew after an interruption, since what was \
+                           measured before would be measured twice: leave it out";
+            return Err(Error::config("resume", problem));
+        }
+        if (self.measured == Some(Measured::Policy)) != policy.is_some() {
+            let problem = "a policy that a program leaves is what it is measured by: write both `leaves: { policy: \
+                           \"*.onnx\" }` and `measured: policy`";
+            return Err(Error::config("measured", problem));
+        }
+        match policy {
+            Some(pattern) if !is_inside(pattern) => {
+                let problem = format!("`{pattern}` is no file in the working folder");
+                Err(Error::config("leaves.policy", problem))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Files lie in the working folder, and not among those of the engine.
+fn within(name: &str) -> Result<(), Error> {
+    let mut parts = Path::new(name).components();
+    let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
+    let problem = if !is_inside || name.is_empty() {
+        "leads out of the working folder: give it a name there, as `sources: { lib/a.py: { file: ../lib/a.py } }`"
+    } else if name.starts_with(crate::workplace::NOTES) {
+        "is a name of files that this program keeps there"
+    } else {
+        return Ok(());
+    };
+    Err(Error::config("sources", format!("`{name}` {problem}")))
+}
+
+fn readable(from: &str) -> Result<(), Error> {
+    if crate::output::is_noted(from) {
+        return Ok(());
+    }
+    if is_inside(from) {
+        return Ok(());
+    }
+    let problem =
+        format!("`{from}` is none of `stdout`, `stderr` and `log`, and no file in the working folder");
+    Err(Error::config("metrics", problem))
+}
+
+/// True for a name or a pattern in the working folder.
+fn is_inside(pattern: &str) -> bool {
+    let is_plain = |part| {
+        matches!(
+            part,
+            std::path::Component::Normal(_) | std::path::Component::CurDir
+        )
+    };
+    !pattern.is_empty() && Path::new(pattern).components().all(is_plain)
+}
+
+/// Refuses names that claims cannot say, and those of what is recorded anyhow.
+fn of_ones_own(name: &str) -> Result<(), Error> {
+    let taken = [
+        OWN_STEPS,
+        UPDATES,
+        WALL_TIME,
+        TIME_PER_UPDATE,
+        TIME_PER_DECISION,
+        "success",
+    ];
+    let problem = if taken.contains(&name) {
+        "is recorded of every trial; take another name"
+    } else if name.is_empty() || !name.chars().all(|it| it.is_alphanumeric() || it == '_') {
+        "is no name that a claim could say: letters, digits and `_` make one"
+    } else {
+        return Ok(());
+    };
+    Err(Error::config("metrics", format!("`{name}` {problem}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::tests::config;
+    use serde_json::{Value, json};
+
+    fn refusal(key: &str, value: Value) -> String {
+        let mut whole = json!({ "run": ["sh", "a.sh"], "lock": "none", "metrics": { "loss": "l" } });
+        whole[key] = value;
+        config(whole).check().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_missing_is_named_with_what_to_write() {
+        for (key, value, why) in [
+            ("run", json!([]), "`run`: names no program"),
+            ("run", json!([""]), "`run`: names no program"),
+            ("lock", json!(null), "`lock`: names no file"),
+            ("metrics", json!({}), "`metrics`: names no metric"),
+            ("measured", json!("policy"), "write both"),
+            ("leaves", json!({ "policy": "*.onnx" }), "write both"),
+            ("metrics", json!({ "a-b": "x" }), "no name that a claim could say"),
+            ("metrics", json!({ "updates": "x" }), "is recorded of every trial"),
+            ("metrics", json!({ "a": "x*" }), "is no key"),
+            (
+                "metrics",
+                json!({ "a": { "key": "x", "from": "../log" } }),
+                "no file in the working folder",
+            ),
+            ("shown", json!({ "b": { "unit": "s" } }), "no metric is named `b`"),
+            (
+                "sources",
+                json!({ "../a.py": { "file": "a.py" } }),
+                "leads out of the working folder",
+            ),
+            (
+                "sources",
+                json!({ ".regimen/a": { "file": "a" } }),
+                "files that this program keeps",
+            ),
+        ] {
+            let told = refusal(key, value);
+            assert!(told.contains(why), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_way_to_measure_has_what_it_needs() {
+        let told = |more: Value| {
+            let mut whole = json!({ "run": ["sh"], "lock": "none" });
+            let keys = more.as_object().unwrap().clone();
+            whole.as_object_mut().unwrap().extend(keys);
+            config(whole).check().map_err(|error| error.to_string())
+        };
+        assert_eq!(
+            told(json!({ "measured": "calls" })),
+            Ok(()),
+            "metrics of its own are not needed"
+        );
+        let policy = |pattern| json!({ "measured": "policy", "leaves": { "policy": pattern } });
+        assert_eq!(told(policy("runs/*.onnx")), Ok(()));
+        assert!(
+            told(policy("../a.onnx"))
+                .unwrap_err()
+                .contains("no file in the working folder")
+        );
+        let resumed = json!({ "measured": "calls", "resume": ["--resume"] });
+        assert!(
+            told(resumed)
+                .unwrap_err()
+                .contains("begins anew after an interruption")
+        );
+    }
+}

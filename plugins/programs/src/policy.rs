@@ -1,0 +1,282 @@
+//! The policy that a program left as an ONNX file, computed by the engine.
+
+use engine::{Error, Seat, Space, imported::matching, reach::Reach};
+use numerics::onnx::{Graph, Network};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// The file of a policy in a trial's folder.
+const FILE: &str = "policy.onnx";
+/// How far the sum of shares may be from 1 that are made to sum to it.
+const SHARES_WITHIN: f64 = 1e-3;
+
+/// A policy for a seat.
+#[derive(Debug)]
+pub struct Policy {
+    network: Network,
+    bytes: Vec<u8>,
+    path: PathBuf,
+    action: Space,
+}
+
+impl Policy {
+    /// The only file in a folder that a pattern names.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is none or several, and where the file is no policy for the seat.
+    pub fn left(folder: &Path, pattern: &str, seat: &Seat) -> Result<Self, Error> {
+        let found = matching(&Reach::of(folder), folder, pattern);
+        let found = found.map_err(|error| Error::config("leaves.policy", error.to_string()))?;
+        match &found[..] {
+            [only] => Self::read(only, seat),
+            [] => Err(wrong(Path::new(pattern), "the program left no such file".into())),
+            several => {
+                let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();
+                let names: Vec<String> = several.iter().map(name).collect();
+                let problem = format!(
+                    "a trial leaves one policy, and these are several: {}",
+                    names.join(", ")
+                );
+                Err(wrong(Path::new(pattern), problem))
+            }
+        }
+    }
+
+    /// What [`leave`](Self::leave) wrote.
+    ///
+    /// # Errors
+    /// As [`left`](Self::left).
+    pub fn taken_up(folder: &Path, seat: &Seat) -> Result<Self, Error> {
+        Self::read(&folder.join(FILE), seat)
+    }
+
+    fn read(path: &Path, seat: &Seat) -> Result<Self, Error> {
+        let bytes = fs::read(path).map_err(Error::file("read", path))?;
+        let network = Network::read(&bytes).map_err(|error| wrong(path, error.to_string()))?;
+        let n_seen = seat.observation.len();
+        if let Some(width) = network.width().filter(|width| *width != n_seen) {
+            let problem = format!("it takes {width} numbers, and the environment shows {n_seen}");
+            return Err(wrong(path, problem));
+        }
+        let policy = Self {
+            network,
+            bytes,
+            path: path.to_owned(),
+            action: seat.action.clone(),
+        };
+        // What does not fit is said before anything is measured.
+        let n_acted = policy.outputs(&vec![0.0; n_seen])?.len();
+        if !entries(&seat.action).contains(&n_acted) {
+            let expected: Vec<String> = entries(&seat.action).iter().map(usize::to_string).collect();
+            let problem = format!(
+                "it gives {n_acted} numbers, and an action has {}",
+                expected.join(" or ")
+            );
+            return Err(wrong(path, problem));
+        }
+        Ok(policy)
+    }
+
+    /// A policy that gives zeros, as `check` holds others against it.
+    pub fn specimen(seat: &Seat) -> Vec<u8> {
+        let (n_seen, n_acted) = (seat.observation.len(), seat.action.len());
+        let (mut graph, observation) = Graph::of_observation(n_seen);
+        let weights = graph.constant("weight", &[n_seen, n_acted], &vec![0.0; n_seen * n_acted]);
+        let action = graph.node("MatMul", &[&observation, &weights], &[]);
+        graph.acting(&action, n_acted).to_bytes(&[])
+    }
+
+    /// Writes a policy into a trial's folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] where that is not possible.
+    pub fn leave(bytes: &[u8], folder: &Path) -> Result<(), Error> {
+        let path = folder.join(FILE);
+        fs::write(&path, bytes).map_err(Error::file("write", &path))
+    }
+
+    /// The file.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The action at an observation: within the limits of a box, shares that sum to 1, and of choices the best.
+    ///
+    /// # Errors
+    /// [`Error::Action`] for what is no action, and [`Error::Input`] for what cannot be computed.
+    pub fn act(&self, observation: &[f64]) -> Result<Vec<f64>, Error> {
+        let outputs = self.outputs(observation)?;
+        match &self.action {
+            Space::Box(channels) => {
+                let limited = |(value, it): (&f64, &engine::Channel)| value.max(it.low).min(it.high);
+                Ok(outputs.iter().zip(channels).map(limited).collect())
+            }
+            Space::Simplex(_) => shares(&outputs),
+            Space::Discrete(names) if outputs.len() == names.len() && names.len() > 1 => {
+                Ok(vec![best(&outputs)])
+            }
+            Space::Choices(choices) if outputs.len() != choices.len() => Ok(outputs),
+            space => space.asked(&outputs),
+        }
+    }
+
+    fn outputs(&self, observation: &[f64]) -> Result<Vec<f64>, Error> {
+        let found = self.network.run(observation);
+        found.map_err(|error| wrong(&self.path, error.to_string()))
+    }
+}
+
+/// How many numbers an action may be written with.
+fn entries(space: &Space) -> Vec<usize> {
+    match space {
+        Space::Discrete(names) => vec![1, names.len()],
+        Space::Choices(choices) => vec![choices.len(), space.len()],
+        space => vec![space.len()],
+    }
+}
+
+/// Shares of single precision sum to 1 nearly.
+fn shares(outputs: &[f64]) -> Result<Vec<f64>, Error> {
+    let positive: Vec<f64> = outputs.iter().map(|share| share.max(0.0)).collect();
+    let total: f64 = positive.iter().sum();
+    if (total - 1.0).abs() <= SHARES_WITHIN {
+        return Ok(positive.iter().map(|share| share / total).collect());
+    }
+    let problem = format!("shares sum to {total}: let the policy end with a softmax");
+    Err(Error::Action { problem })
+}
+
+#[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
+fn best(values: &[f64]) -> f64 {
+    let larger = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
+    (0..values.len()).fold(0, larger) as f64
+}
+
+fn wrong(path: &Path, problem: String) -> Error {
+    Error::Input {
+        path: path.into(),
+        line: None,
+        column: None,
+        problem,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::{Channel, Choice};
+
+    fn seat(action: Space) -> Seat {
+        Seat {
+            name: String::new(),
+            observation: Space::Box(vec![Channel::new("a", ""), Channel::new("b", "")]),
+            action,
+        }
+    }
+
+    fn names(count: usize) -> Vec<String> {
+        (0..count).map(|at| at.to_string()).collect()
+    }
+
+    /// A file that gives these numbers for `[0, 0]`, and as much more as the observation is.
+    fn giving(numbers: &[f32], inputs: usize) -> Vec<u8> {
+        let (mut graph, observation) = Graph::of_observation(inputs);
+        let (n, weight) = (numbers.len(), vec![1.0; inputs * numbers.len()]);
+        let weight = graph.constant("weight", &[inputs, n], &weight);
+        let bias = graph.constant("bias", &[n], numbers);
+        let action = graph.node("Gemm", &[&observation, &weight, &bias], &[]);
+        graph.acting(&action, n).to_bytes(&[])
+    }
+
+    fn acted(numbers: &[f32], action: Space, observation: [f64; 2]) -> Result<Vec<f64>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        Policy::leave(&giving(numbers, 2), folder.path()).unwrap();
+        let policy = Policy::taken_up(folder.path(), &seat(action)).map_err(|error| error.to_string())?;
+        policy.act(&observation).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn actions_lie_in_their_space() {
+        let channel = |low, high| Channel {
+            low,
+            high,
+            ..Channel::new("x", "")
+        };
+        let limited = Space::Box(vec![channel(-1.0, 1.0), channel(f64::NEG_INFINITY, 2.0)]);
+        assert_eq!(
+            acted(&[0.5, -7.0], limited.clone(), [1.0, 1.0]).unwrap(),
+            [1.0, -5.0]
+        );
+        let simplex = Space::Simplex(names(2));
+        assert_eq!(
+            acted(&[1.0, -1e-9], simplex.clone(), [0.0, 0.0]).unwrap(),
+            [1.0, 0.0]
+        );
+        assert!(
+            acted(&[1.0, 1.0], simplex, [0.0, 0.0])
+                .unwrap_err()
+                .contains("end with a softmax")
+        );
+        let discrete = Space::Discrete(names(3));
+        assert_eq!(
+            acted(&[0.1, 0.3, 0.3], discrete.clone(), [0.0, 0.0]).unwrap(),
+            [1.0]
+        );
+        assert_eq!(acted(&[0.0], discrete, [1.0, 1.0]).unwrap(), [2.0]);
+        let choices = Space::Choices(vec![
+            Choice::new("c", &["x", "y"]),
+            Choice::new("d", &["x", "y", "z"]),
+        ]);
+        assert_eq!(
+            acted(&[1.0, 2.0], choices.clone(), [0.0, 0.0]).unwrap(),
+            [-1.0, 1.0, -1.0, -1.0, 1.0]
+        );
+        assert_eq!(acted(&[0.5; 5], choices, [0.0, 0.0]).unwrap(), [0.5; 5]);
+        assert!(
+            acted(&[1.0; 3], limited, [0.0, 0.0])
+                .unwrap_err()
+                .contains("gives 3 numbers, and an action has 2")
+        );
+    }
+
+    #[test]
+    fn a_trial_leaves_one_policy_for_its_environment() {
+        let folder = tempfile::tempdir().unwrap();
+        let seat = seat(Space::Simplex(names(2)));
+        let told = || {
+            Policy::left(folder.path(), "runs/*.onnx", &seat)
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(told().contains("left no such file"), "{}", told());
+        fs::create_dir(folder.path().join("runs")).unwrap();
+        let write =
+            |name: &str, bytes: &[u8]| fs::write(folder.path().join("runs").join(name), bytes).unwrap();
+        write("a.onnx", b"no model");
+        assert!(told().contains("it is no ONNX model"), "{}", told());
+        write("a.onnx", &giving(&[0.0; 2], 3));
+        assert!(
+            told().contains("takes 3 numbers, and the environment shows 2"),
+            "{}",
+            told()
+        );
+        write("b.onnx", b"");
+        assert!(told().contains("several: runs/a.onnx, runs/b.onnx"), "{}", told());
+    }
+
+    #[test]
+    fn a_specimen_fits_its_seat() {
+        let folder = tempfile::tempdir().unwrap();
+        let seat = seat(Space::Discrete(names(3)));
+        Policy::leave(&Policy::specimen(&seat), folder.path()).unwrap();
+        assert_eq!(
+            Policy::taken_up(folder.path(), &seat)
+                .unwrap()
+                .act(&[1.0, 2.0])
+                .unwrap(),
+            [0.0]
+        );
+    }
+}
