@@ -26,26 +26,25 @@ pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, S
     Ok(Tensor::new(a.kind, product.shape, product.values))
 }
 
-/// The product of two matrices; a vector is one of one row, or of one column behind.
+/// The product of two matrices; a vector is one of one row, or of one column behind. Several matrices in front are one
+/// with all their rows.
 pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
-    let [row, column] = [a.shape.len() == 1, b.shape.len() == 1];
-    let a = if row {
-        a.reshaped(vec![1, a.values.len()])?
-    } else {
-        a.clone()
+    let is_column = b.shape.len() == 1;
+    let (before, inner) = match a.shape.split_last() {
+        Some((inner, before)) => (before, *inner),
+        None => return Err("a single number is no matrix".into()),
     };
-    let b = if column {
+    let rows = before.iter().product();
+    let matrix = a.reshaped(vec![rows, inner])?;
+    let b = if is_column {
         b.reshaped(vec![b.values.len(), 1])?
     } else {
         b.clone()
     };
-    let found = product(&a, &b)?;
-    let mut shape = found.shape.clone();
-    if column {
-        shape.pop();
-    }
-    if row {
-        shape.remove(0);
+    let found = product(&matrix, &b)?;
+    let mut shape = before.to_vec();
+    if !is_column {
+        shape.push(found.shape[1]);
     }
     Ok(Tensor::new(a.kind, shape, found.values))
 }
