@@ -88,8 +88,8 @@ fn read(bench: &Bench, name: &str) -> String {
 
 /// The value of `equal` in the table of a report.
 fn value_of_equal(report: &str) -> &str {
-    let rows = report.lines().filter_map(|line| line.strip_prefix("| equal | "));
-    let row = rows.filter(|row| row.contains('[')).next().unwrap();
+    let mut rows = report.lines().filter_map(|line| line.strip_prefix("| equal | "));
+    let row = rows.find(|row| row.contains('[')).unwrap();
     row.split(' ').next().unwrap()
 }
 

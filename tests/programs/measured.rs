@@ -107,7 +107,7 @@ fn observed(seed: u64) -> Vec<f64> {
         let mut environment = (entry.build)(&part.loaded(&no_product).unwrap()).unwrap();
         let mut rng = streams.environment("train", slot);
         let began = environment.reset(&mut rng).unwrap().concat();
-        let step = environment.step(&vec![vec![0.5]], &mut rng).unwrap();
+        let step = environment.step(&[vec![0.5]], &mut rng).unwrap();
         [began, step.observations.concat()]
     };
     let [one, two] = [0, 1].map(of_slot);

@@ -159,8 +159,7 @@ pub(super) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<Strin
         "; it was changed since"
     };
     Some(format!(
-        "`{name}` was fixed on {day}, {before} (hash {:.12}){changed}.",
-        digest
+        "`{name}` was fixed on {day}, {before} (hash {digest:.12}){changed}."
     ))
 }
 

@@ -148,7 +148,7 @@ pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
     }
     families.retain(|_, lines| !lines.is_empty());
     let sheet = |(family, mut lines): (String, Vec<Line<'_>>)| {
-        lines.sort_by(|one, other| natural(&one.answered.item).cmp(&natural(&other.answered.item)));
+        lines.sort_by_key(|line| natural(&line.answered.item));
         (family, sheet(&lines))
     };
     families.into_iter().map(sheet).collect()
