@@ -72,7 +72,7 @@ fn a_difference_too_small_to_matter_is_decided_and_costs_no_more_seeds() {
 fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
     let bench = Bench::new();
     bench.write("looks.yaml", STUDY);
-    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
+    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one", "--verbose"]);
     let expected =
         [("equal", 3), ("known", 3), ("observed", 9), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
     assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));

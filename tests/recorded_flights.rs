@@ -39,7 +39,7 @@ fn bench_with(name: &str) -> Bench {
 #[test]
 fn an_engine_is_followed_through_its_recorded_flights() {
     let bench = bench_with("recorded.h5");
-    let run = bench.run(&["run", "recorded.yaml", "-j", "1"]);
+    let run = bench.run(&["run", "recorded.yaml", "-j", "1", "--verbose"]);
     assert_eq!(run.code, 0, "{}{}", run.out, run.err);
     let row = |table: &str, agent: &str| -> f64 {
         let rows = run.out.split(table).nth(1).unwrap_or_default().lines();

@@ -145,19 +145,20 @@ fn the_simulator_of_a_trial_begins_as_it_does_for_the_agents_of_the_engine() {
     );
     bench.ok(&["export", "study.yaml", "--to", "taken", "--as", "csv"]);
     let text = fs::read_to_string(bench.path("taken/training.csv")).unwrap();
-    for seed in 0..2 {
-        for (step, expected) in observed(seed).into_iter().enumerate() {
-            let row = text.lines().find(|row| {
-                let cells: Vec<&str> = row.split(',').collect();
-                cells.contains(&"seen")
-                    && cells.contains(&step.to_string().as_str())
-                    && row.contains(&format!(",{seed},"))
-            });
-            assert!(
-                row.is_some_and(|row| row.ends_with(&format!(",{expected}"))),
-                "seed {seed}, {step}: {row:?}, {expected}"
-            );
-        }
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| head.iter().position(|it| *it == name).unwrap();
+    let [seed, step, metric, value] = ["seed", "step", "metric", "value"].map(column);
+    let rows = lines.map(|row| row.split(',').collect::<Vec<_>>());
+    let seen: Vec<Vec<&str>> = rows.filter(|row| row[metric] == "seen").collect();
+    for (number, expected) in
+        (0..2).flat_map(|seed| observed(seed).into_iter().enumerate().map(move |it| (seed, it)))
+    {
+        let (at, expected) = expected;
+        let is_meant = |row: &&Vec<&str>| row[seed] == number.to_string() && row[step] == at.to_string();
+        let row = seen.iter().find(is_meant);
+        let found = row.and_then(|row| row[value].parse::<f64>().ok());
+        assert_eq!(found, Some(expected), "seed {number}, {at}: {row:?}");
     }
 }
 
