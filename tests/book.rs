@@ -238,7 +238,7 @@ for path in sys.argv[1:]:
     bench.write("reader.py", &format!("{reader}{main}"))
 }
 
-/// What the reader of the book says of policies: observations with actions, policy by policy; `None`, after a
+/// Policies by the reader of the book: observations with actions, policy by policy; `None`, after a
 /// line, where there is no Python with NumPy.
 fn read_by_the_book(bench: &Bench, files: &[PathBuf]) -> Option<Vec<Vec<[Vec<f64>; 2]>>> {
     let output = Command::new(needs::python("numpy")?)

@@ -109,18 +109,22 @@ fn a_study_says_in_a_sentence_what_it_came_to() {
     assert!(report.contains("DIFFERS, in spite of calibration"), "{report}");
 }
 
-#[test]
-fn the_answers_of_studies_stand_in_the_overview_and_in_the_blocks_of_a_document() {
+/// A study with answers below `experiments`, run.
+fn answered() -> Bench {
     let bench = Bench::new();
     let answers = "family: chapter 1\nanswers:\n  - { item: table 2, printed: an equal split lives, here: \"{lengths: equal}\", by: \
                    [claim 1] }\n  - { item: table 10, printed: it does not, by: [claim 2, \"lengths: equal\"], system: another }\n  \
                    - { item: figure 1, printed: drawn }\n";
     std::fs::create_dir_all(bench.path("experiments/first")).unwrap();
-    bench.write(
-        "experiments/first/one.yaml",
-        &format!("{}{answers}", with_sentence("one")),
-    );
+    let study = format!("{}{answers}", with_sentence("one"));
+    bench.write("experiments/first/one.yaml", &study);
     bench.ok(&["run", "experiments/first/one.yaml"]);
+    bench
+}
+
+#[test]
+fn the_answers_of_studies_stand_in_the_overview_and_in_the_blocks_of_a_document() {
+    let bench = answered();
     let report = read(&bench, "results/first/one/report.md");
     let value = value_of_equal(&report);
     let rows = |folder: &str| {
@@ -142,20 +146,27 @@ fn the_answers_of_studies_stand_in_the_overview_and_in_the_blocks_of_a_document(
     bench.ok(&["overview", "results", "--into", "results/README.md"]);
     let text = read(&bench, "results/README.md");
     assert!(
-        text.starts_with("before\n") && text.ends_with("-->\nafter\n") && text.contains(&rows("")),
+        text.starts_with("before\n") && text.ends_with("-->\nafter\n"),
         "{text}"
     );
-    let item = "| table 10 | [one](../experiments/first/one.yaml) |";
+    let items = [
+        "| table 10 | [one](../experiments/first/one.yaml) |",
+        "| figure 1 |",
+    ];
     assert!(
-        text.contains(item) && text.contains("| figure 1 |") && !text.contains("old"),
+        text.contains(&rows("")) && items.iter().all(|item| text.contains(item)),
         "{text}"
     );
+    assert!(!text.contains("old"), "{text}");
+}
+
+#[test]
+fn an_overview_of_nothing_and_a_document_without_a_block_are_refused() {
+    let bench = answered();
+    let unknown = "<!-- overview: answers chapter 2 -->\n<!-- overview: end -->\n";
     for (document, message) in [
         ("before\n", "it has no block"),
-        (
-            "<!-- overview: answers chapter 2 -->\n<!-- overview: end -->\n",
-            "write one of `chapter 1`",
-        ),
+        (unknown, "write one of `chapter 1`"),
     ] {
         bench.write("README.md", document);
         let refused = bench.run(&["overview", "results", "--into", "README.md"]);

@@ -1,4 +1,4 @@
-//! What a search chooses follows from its study and the bits of its trials alone: whatever else the store holds,
+//! The choice of a search follows from its study and the bits of its trials alone: whatever else the store holds,
 //! whichever trials failed and were run again, wherever it was stopped, split, merged or packed. And where it
 //! could not see a setting it says so, beside its choice and by its exit code.
 

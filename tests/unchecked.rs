@@ -129,7 +129,7 @@ fn programs_are_told_what_is_lacking_and_whatever_runs_trials_refuses_it() {
     }
 }
 
-/// What a Python lacks of a lock file is not checked; what is wrong with the code of an environment is wrong,
+/// Packages that a Python lacks of a lock file are not checked; a fault in the code of an environment is one,
 /// also where another package is missing.
 #[test]
 fn what_a_python_lacks_is_told_from_what_is_wrong_in_the_code() {

@@ -84,7 +84,9 @@ pub fn taken(choices: &[Choice], vector: &[f64]) -> Result<Vec<usize>, Error> {
     Ok(choices.iter().map(largest).collect())
 }
 
-fn first_largest(values: &[f64]) -> usize {
+/// The place of the first of the largest values; 0 of none.
+#[must_use]
+pub fn first_largest(values: &[f64]) -> usize {
     let better = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
     (0..values.len()).fold(0, better)
 }

@@ -240,6 +240,13 @@ impl Metric {
         }
     }
 
+    /// Says why a name cannot stand in a claim; `None` where it can: letters, digits and `_`.
+    #[must_use]
+    pub fn name_problem(name: &str) -> Option<&'static str> {
+        let is_name = !name.is_empty() && name.chars().all(|it| it.is_alphanumeric() || it == '_');
+        (!is_name).then_some("is no name that a claim could say: letters, digits and `_` make one")
+    }
+
     /// The same metric with less being better.
     #[must_use]
     pub fn lower_is_better(self) -> Self {

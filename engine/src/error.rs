@@ -1,7 +1,7 @@
 //! Every way in which the engine can fail below the spec, as one enum.
 
 use crate::{
-    reach,
+    plain_text, reach,
     world::process::{self, Ending},
 };
 use std::{
@@ -259,7 +259,7 @@ fn last_words(said: &str) -> String {
     if said.is_empty() {
         "; it said nothing on standard error".into()
     } else {
-        format!("; it said last: {said}")
+        format!("; it said last: {}", plain_text::last_words(said))
     }
 }
 

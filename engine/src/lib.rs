@@ -78,7 +78,7 @@ mod world;
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
-pub use choice::Choice;
+pub use choice::{Choice, first_largest};
 pub use data_file::{DataFile, FileFormat};
 pub use dataset::Dataset;
 pub use design::{Design, Designs};

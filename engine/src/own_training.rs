@@ -45,7 +45,7 @@ pub struct Simulator {
     pub plugin: String,
     /// Its config; paths of files are absolute.
     pub config: Value,
-    /// What keys its random streams.
+    /// The key of its random streams.
     pub stream_id: String,
 }
 

@@ -39,6 +39,8 @@ const LONGEST_LINE: usize = 4000;
 const MOST_LINES: usize = 2000;
 /// Longest text that others say of a failure, in characters.
 const LONGEST_BRIEF: usize = 1000;
+/// Longest end of an output that a failure quotes, in characters: less than [`LONGEST_BRIEF`] by a long sentence.
+const LONGEST_LAST_WORDS: usize = 600;
 
 /// A message for a terminal: printable, and of a length that somebody reads.
 #[must_use]
@@ -74,6 +76,16 @@ fn cut(line: &str, longest: usize) -> Cow<'_, str> {
 pub fn brief(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     cut(&printable(&line), LONGEST_BRIEF).into_owned()
+}
+
+/// The end of an output on one line, short enough that [`brief`] keeps the end of a sentence that quotes it.
+#[must_use]
+pub fn last_words(output: &str) -> String {
+    let line = output.split_whitespace().collect::<Vec<_>>().join(" ");
+    match line.char_indices().rev().nth(LONGEST_LAST_WORDS - 1) {
+        Some((start @ 1.., _)) => format!("…{}", &line[start..]),
+        _ => line,
+    }
 }
 
 /// Reads a text as [`brief`] keeps it: who stored it may have been another program.
@@ -150,6 +162,24 @@ mod tests {
         );
         assert_eq!(printable("a\u{202e}b\u{2066}c"), "a\u{fffd}b\u{fffd}c");
         assert_eq!(printable("שלום 1"), "שלום 1");
+    }
+
+    #[test]
+    fn the_end_of_an_output_stands_in_a_brief_sentence() {
+        let output = format!(
+            "{}\nZeroDivisionError: division by zero\n",
+            "a line of a traceback\n".repeat(100)
+        );
+        let quoted = last_words(&output);
+        let kept = brief(&format!(
+            "`python3 {}` left with exit code 1; it said last: {quoted}",
+            "a".repeat(200)
+        ));
+        assert!(
+            quoted.starts_with('…') && kept.ends_with("ZeroDivisionError: division by zero"),
+            "{kept}"
+        );
+        assert_eq!(last_words("it\n broke"), "it broke");
     }
 
     #[test]

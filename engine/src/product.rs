@@ -37,7 +37,7 @@ pub const ONNX_FILE: &str = "policy.onnx";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProductKind {
-    /// What acts: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
+    /// A policy: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
     /// agent that trains itself.
     Policy,
     /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
@@ -86,7 +86,7 @@ impl ProductKind {
     pub fn about(self) -> &'static str {
         match self {
             Self::Policy => {
-                "What acts: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`."
+                "A policy: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`."
             }
             Self::Networks => {
                 "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \

@@ -52,7 +52,7 @@ impl Streams {
         }
     }
 
-    /// What keys the environment's streams.
+    /// The key of the environment's streams.
     #[must_use]
     pub fn environment_id(&self) -> &str {
         &self.environment_id

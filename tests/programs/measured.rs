@@ -44,6 +44,13 @@ fn of_engine(bench: &Bench, own: &[&str], phases: &[Phase]) -> BTreeMap<(u64, Ph
     found
 }
 
+/// Runs the study, whose trials have to end well.
+fn ended_well(bench: &Bench) {
+    let answer = ended(bench);
+    let said = format!("{}\n{}\n{}", answer.out, answer.err, reason(bench));
+    assert!([0, 102].contains(&answer.code), "{said}");
+}
+
 fn ended(bench: &Bench) -> Answer {
     bench.run(&["run", "study.yaml", "-j", "2", "--yes"])
 }
@@ -80,14 +87,7 @@ fn a_program_that_acts_by_a_constant_has_the_bits_of_a_constant_agent() {
     let Some(bench) = in_python(program, more) else {
         return;
     };
-    let answer = ended(&bench);
-    assert!(
-        [0, 102].contains(&answer.code),
-        "{}\n{}\n{}",
-        answer.out,
-        answer.err,
-        reason(&bench)
-    );
+    ended_well(&bench);
     let phases = [Phase::Evaluate, Phase::Final];
     let still = measured(&bench, "zero_action", &phases);
     assert!(still.len() > 2 * 300 * 4, "{}", still.len());
@@ -96,7 +96,7 @@ fn a_program_that_acts_by_a_constant_has_the_bits_of_a_constant_agent() {
     assert_eq!(said.len(), 2 * 3, "what it says itself stands beside: {said:?}");
 }
 
-/// What the environments observe in which agents of the engine learn: their first two, when they begin and after a step.
+/// Observations of the first two training environments of agents of the engine, when they begin and after a step.
 fn observed(seed: u64) -> Vec<f64> {
     let registry = plugins::registry();
     let entry = &registry.environments["pendulum"];
@@ -135,14 +135,7 @@ fn the_simulator_of_a_trial_begins_as_it_does_for_the_agents_of_the_engine() {
         "study.yaml",
         &format!("{}interpreter: {python}{}", &text[..from], &text[to..]),
     );
-    let answer = ended(&bench);
-    assert!(
-        [0, 102].contains(&answer.code),
-        "{}\n{}\n{}",
-        answer.out,
-        answer.err,
-        reason(&bench)
-    );
+    ended_well(&bench);
     bench.ok(&["export", "study.yaml", "--to", "taken", "--as", "csv"]);
     let text = fs::read_to_string(bench.path("taken/training.csv")).unwrap();
     let mut lines = text.lines();
@@ -221,14 +214,7 @@ fn leaving(operator: &str) -> Bench {
 #[test]
 fn a_policy_that_a_program_leaves_is_measured_and_kept() {
     let bench = leaving("Tanh");
-    let answer = ended(&bench);
-    assert!(
-        [0, 102].contains(&answer.code),
-        "{}\n{}\n{}",
-        answer.out,
-        answer.err,
-        reason(&bench)
-    );
+    ended_well(&bench);
     let still = measured(&bench, "zero_action", &[Phase::Final]);
     assert!(of_engine(&bench, &["loss"], &[Phase::Final]) == still && still.len() > 2 * 300);
     bench.ok(&["export", "study.yaml", "--to", "policies", "--as", "onnx"]);
@@ -246,14 +232,7 @@ fn a_policy_is_taken_elsewhere() {
     let text = fs::read_to_string(bench.path("study.yaml")).unwrap();
     let text = text.replace("agents:\n", "agents:\n  taken: { policy: { from: mine } }\n");
     bench.write("study.yaml", &text);
-    let answer = ended(&bench);
-    assert!(
-        [0, 102].contains(&answer.code),
-        "{}\n{}\n{}",
-        answer.out,
-        answer.err,
-        reason(&bench)
-    );
+    ended_well(&bench);
     let still = measured(&bench, "zero_action", &[Phase::Final]);
     assert!(measured(&bench, "", &[Phase::Final]) == still);
 }

@@ -188,35 +188,25 @@ fn what_cannot_become_a_study_is_said_with_what_can() {
         let error = refused(from);
         assert!(error.contains(told), "{from}: {error}");
     }
-    let answer = bench.run(&[
-        "new",
-        "first",
-        "--from",
-        "sh failing.sh",
-        "--source",
-        "nothing*",
-        "--yes",
-    ]);
-    assert!(
-        answer
-            .err
-            .contains("`nothing*`, a source of the program, is not in this folder"),
-        "{}",
-        answer.err
-    );
+}
+
+#[test]
+fn sources_that_are_named_are_added_and_nothing_is_written_over() {
+    let bench = Bench::new();
+    bench.write("data.txt", "");
     bench.write("failing.sh", "cat data.txt; echo r=1\n");
-    bench.ok(&[
-        "new",
-        "first",
-        "--from",
-        "sh failing.sh",
-        "--source",
-        "data.txt",
-        "--yes",
-    ]);
+    let new = |name: &str, more: &[&str]| {
+        let command = ["new", name, "--from", "sh failing.sh", "--yes"];
+        bench.run(&[&command, more].concat())
+    };
+    let unknown = new("first", &["--source", "nothing*"]);
+    let message = "`nothing*`, a source of the program, is not in this folder";
+    assert!(unknown.err.contains(message), "{}", unknown.err);
+    let made = new("first", &["--source", "data.txt"]);
+    assert_eq!(made.code, 0, "{}", made.err);
     assert!(read(&bench, "first.yaml").contains("sources: [failing.sh, data.txt]"));
-    let again = bench.run(&["new", "first", "--from", "sh failing.sh", "--yes"]);
+    let again = new("first", &[]);
     assert!(again.err.contains("is there already"), "{}", again.err);
-    let named = bench.run(&["new", "Two", "--from", "sh failing.sh", "--yes"]);
+    let named = new("Two", &[]);
     assert!(named.err.contains("cannot name a study"), "{}", named.err);
 }

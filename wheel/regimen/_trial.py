@@ -1,4 +1,4 @@
-"""What a program says and asks as a trial of regimen.
+"""The calls by which a program is a trial of regimen.
 
     trial = regimen.trial()
     env = trial.environment()                            # what the trial learns in
@@ -108,9 +108,8 @@ class Trial:
 def _answer(act, observed, rows, columns):
     """The actions for observations, both as bytes."""
     numbers = array("d", observed)
-    try:
-        numpy = importlib.import_module("numpy")
-    except ImportError:
+    numpy = _numpy()
+    if numpy is None:
         observations = [list(numbers[row * columns : (row + 1) * columns]) for row in range(rows)]
         actions = [list(it) if hasattr(it, "__iter__") else [it] for it in act(observations)]
         actions = array("d", _flat(actions, rows))
@@ -121,6 +120,14 @@ def _answer(act, observed, rows, columns):
             raise ValueError(f"`act` was given {rows} rows and gave back an array of shape {actions.shape}")
         actions = actions.reshape(-1)
     return _HEAD.pack(rows, len(actions) // rows) + actions.tobytes()
+
+
+def _numpy():
+    """The module `numpy`, or `None` where there is none."""
+    try:
+        return importlib.import_module("numpy")
+    except ImportError:
+        return None
 
 
 def _flat(actions, rows):

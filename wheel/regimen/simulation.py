@@ -31,7 +31,7 @@ class Simulation:
         self._total = int(ends[-1])
 
     def reset(self, starts):
-        """What all seats of each environment observe, a row each; `starts` has for each what `start` gives."""
+        """Observations of all seats of each environment, a row each; `starts` has the result of `start` for each."""
         observations = np.empty(self._sections[0][1])
         self.native.reset(starts, observations)
         return observations

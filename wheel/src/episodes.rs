@@ -99,7 +99,7 @@ impl Episodes {
         self.places.get(place).map(|place| &*place.environment)
     }
 
-    /// What keys the random streams of a trial.
+    /// The key of the random streams of a trial.
     #[must_use]
     pub fn stream_id(&self) -> &str {
         &self.configured.stream_id

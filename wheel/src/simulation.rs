@@ -80,7 +80,7 @@ impl Simulation {
         Ok(self.lock()?.layout().columns())
     }
 
-    /// What keys the random streams of a trial in this environment.
+    /// The key of the random streams of a trial in this environment.
     fn stream_id(&self) -> PyResult<String> {
         Ok(self.lock()?.stream_id().to_owned())
     }

@@ -53,20 +53,7 @@ pub(super) fn of_trial(
         trial: id.clone(),
         kind: ProductKind::Dataset,
     };
-    let is_gathered = store.product_if_left(&gathered)?.is_some();
-    match (is_gathered, play.episodes) {
-        (true, Some(_)) => {
-            return Err(refused(format!(
-                "trial {id} gathered a dataset, which is taken as it is; leave out `--episodes`"
-            )));
-        }
-        (false, None) => {
-            return Err(refused(format!(
-                "trial {id} gathered no dataset; say with `--episodes` how many its agent shall play"
-            )));
-        }
-        _ => {}
-    }
+    check_source(&id, store.product_if_left(&gathered)?.is_some(), play)?;
     let whole = Whole::begin(to)?;
     match play.episodes {
         None => store.copy_product(&gathered, &format!("{}/", dataset::FOLDER), whole.folder())?,
@@ -85,6 +72,24 @@ pub(super) fn of_trial(
     let name = id_of(to, play.minari_root.as_deref());
     dataset::name(whole.folder(), name.as_deref())?;
     whole.end()?;
+    say_taken(&id, &dataset, to, name);
+    Ok(OK)
+}
+
+/// Refuses to play episodes where a dataset was gathered, and to take none where none was.
+fn check_source(id: &str, is_gathered: bool, play: &Play) -> Result<(), Failure> {
+    match (is_gathered, play.episodes) {
+        (true, Some(_)) => Err(refused(format!(
+            "trial {id} gathered a dataset, which is taken as it is; leave out `--episodes`"
+        ))),
+        (false, None) => Err(refused(format!(
+            "trial {id} gathered no dataset; say with `--episodes` how many its agent shall play"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn say_taken(id: &str, dataset: &Dataset, to: &Path, name: Option<String>) {
     let decisions: usize = dataset.episodes.iter().map(|episode| episode.actions.len()).sum();
     say(&format!(
         "trial {id}: {} of {} in `{}`",
@@ -102,7 +107,6 @@ pub(super) fn of_trial(
                 .into()
         }
     });
-    Ok(OK)
 }
 
 /// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there

@@ -297,6 +297,28 @@ fn end_state(word: &str) -> Result<crate::results::EndState, String> {
         .ok_or_else(|| format!("known: {}", known()))
 }
 
+/// The trials that `worker` runs, and its limits.
+#[derive(Debug, Args)]
+struct WorkerOptions {
+    #[command(flatten)]
+    selection: Selection,
+    /// Only every Nth trial, beginning with the Ith (from 0).
+    #[arg(long, value_name = "I/N")]
+    index: Option<String>,
+    /// Worker processes.
+    #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
+    jobs: usize,
+    /// The submission that it belongs to: nothing runs once nobody waits for it.
+    #[arg(long, value_name = "ID", hide = true)]
+    submission: Option<String>,
+    #[command(flatten)]
+    limits: LimitOptions,
+    #[command(flatten)]
+    consent: consent::Consent,
+    #[command(flatten)]
+    summaries: summaries::Summaries,
+}
+
 #[derive(Debug, Clone, Args)]
 struct ReportOptions {
     /// Folder for tables, figures and the report, or for those of several studies, each in a folder of its name;
@@ -352,28 +374,10 @@ enum Verb {
         #[arg(long)]
         recorded: bool,
     },
-    /// Print the results of all studies as one table: the rows of those that have a `summary`; or what is open.
+    /// Print the answers of all studies by family; or what is open.
     Overview(overview::OverviewOptions),
     /// Run missing trials from the store until none is left, without a report.
-    Worker {
-        #[command(flatten)]
-        selection: Selection,
-        /// Only every Nth trial, beginning with the Ith (from 0).
-        #[arg(long, value_name = "I/N")]
-        index: Option<String>,
-        /// Worker processes.
-        #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
-        jobs: usize,
-        /// The submission that it belongs to: nothing runs once nobody waits for it.
-        #[arg(long, value_name = "ID", hide = true)]
-        submission: Option<String>,
-        #[command(flatten)]
-        limits: LimitOptions,
-        #[command(flatten)]
-        consent: consent::Consent,
-        #[command(flatten)]
-        summaries: summaries::Summaries,
-    },
+    Worker(WorkerOptions),
     /// Check every file of a store and set aside what is wrong; what it held runs again.
     Fsck {
         /// Folder of the store.
@@ -522,21 +526,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Import(options) => import::import(&options, common),
         Verb::Verify(options) => verify::verify(registry, &options, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
-        Verb::Worker {
-            selection,
-            index,
-            jobs,
-            submission,
-            limits,
-            consent,
-            summaries,
-        } => summaries.after(registry, &selection, common, || {
-            let (index, how) = (index.as_deref(), (&limits, &consent));
-            match submitted::is_wanted(submission.as_deref(), common)? {
-                true => run::worker(registry, &selection, index, jobs, how, common),
-                false => Ok(OK),
-            }
-        }),
+        Verb::Worker(options) => worker(registry, &options, common),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
@@ -553,6 +543,16 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             lease_expiry_s,
         } => relay(registry, &folder, lease_expiry_s),
     }
+}
+
+fn worker(registry: &Registry, options: &WorkerOptions, common: &Common) -> Result<u8, Failure> {
+    let selection = &options.selection;
+    options.summaries.after(registry, selection, common, || {
+        match submitted::is_wanted(options.submission.as_deref(), common)? {
+            true => run::worker(registry, options, common),
+            false => Ok(OK),
+        }
+    })
 }
 
 fn serve(registry: &Registry) -> Result<u8, Failure> {

@@ -1,12 +1,10 @@
 //! `run`, `worker`: compute what is missing, then show what is there; and what is known of a study's results.
 
 use super::{
-    BAD_SPEC, Common, Failure, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
-    TRIALS_FAILED, complain,
+    BAD_SPEC, Common, Failure, INCOMPLETE, OK, ReportOptions, RunOptions, Selection, TRIALS_FAILED,
+    WorkerOptions, complain,
     compute::Compute,
-    confirmations,
-    consent::Consent,
-    folders, hosts, looks, overview, pack, reports, searches, settings, stages,
+    confirmations, folders, hosts, looks, overview, pack, reports, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -171,26 +169,19 @@ fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> Resu
 }
 
 /// `worker`: the missing trials, or every Nth of them, without a report.
-pub(super) fn worker(
-    registry: &Registry,
-    selection: &Selection,
-    index: Option<&str>,
-    jobs: usize,
-    (limits, consent): (&LimitOptions, &Consent),
-    common: &Common,
-) -> Result<u8, Failure> {
+pub(super) fn worker(registry: &Registry, options: &WorkerOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
+    let selection = &options.selection;
+    let (part, parts) = options.index.as_deref().map_or(Ok((0, 1)), parse_index)?;
     let store = settings.open()?;
     let mut planned = study::load_with_looks(registry, selection, &store)?;
-    consent.ask(registry, &planned, &store)?;
-    let (asked, workers) = ((selection, common), jobs);
+    options.consent.ask(registry, &planned, &store)?;
     let how = Compute {
         registry,
-        asked,
+        asked: (selection, common),
         settings: &settings,
-        limits,
-        workers,
+        limits: &options.limits,
+        workers: options.jobs,
         hosts: Default::default(),
         retry_failed: false,
         whole: false,

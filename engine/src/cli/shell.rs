@@ -1,4 +1,4 @@
-//! What a shell and `man` are told of the program, made of its own command line.
+//! Completions for shells and the manual page, made of the command line itself.
 
 use super::{Command, Failure, OK, say};
 use clap::CommandFactory as _;

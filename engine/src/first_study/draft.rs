@@ -5,7 +5,7 @@ use std::{path::Path, time::Duration};
 /// Why no study is made of it; it says what would be one.
 pub type DraftError = Box<dyn std::error::Error + Send + Sync>;
 
-/// What a study is made from.
+/// The command or sweep that a study is made from.
 #[derive(Debug, Clone, Copy)]
 pub struct Given<'a> {
     /// A command line, or the name of a file.
@@ -32,7 +32,7 @@ pub trait Draft {
     /// The study, in YAML with comments.
     fn text(&self, name: &str) -> String;
 
-    /// What the person should look at, in sentences.
+    /// Sentences on the parts that the person should look at.
     fn told(&self) -> Vec<String>;
 }
 

@@ -82,9 +82,8 @@ impl StopSignal {
     }
 }
 
-/// What a program notes before it begins: the process id of its guard and its own, each with the time of its start,
-/// and the machine and boot in which they mean something. So no guard can be killed before somebody knows what it
-/// leaves.
+/// The note of a program before it begins: the process id of its guard and its own, each with the time of its start,
+/// and the machine and boot in which they mean something. So no guard can be killed before its program is known.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Standing {
     place: [String; 2],

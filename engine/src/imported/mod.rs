@@ -186,7 +186,7 @@ impl Found {
     }
 }
 
-/// What a run recorded: every value as a measurement while learning, values of one step as episodes of one, and
+/// The rows of a run: every value as a measurement while learning, values of one step as episodes of one, and
 /// the mean of the last ones as what was measured at the end.
 fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
     let (mut names, mut rows) = (Vec::new(), Vec::new());

@@ -3,7 +3,7 @@
 //! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its decisions,
 //! the others stay, and it is asked again: its *influence* is how far actions move, in the mean. Where every
 //! quantity is exchanged at once (`whole_influence`), the policy is shown another decision's observation; that is
-//! the scale on which the others are read. What moves together in the world is torn apart by an exchange, so an
+//! the scale on which the others are read. An exchange tears apart quantities that move together in the world, so an
 //! influence says what the policy reads and not what the quantity is worth.
 //!
 //! An explanation that is the same for a policy which has learned nothing explains nothing. So the same agent without

@@ -121,7 +121,7 @@ impl Run<'_> {
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
         if self.agent.own_training().is_some() {
-            // What it goes on from is its own.
+            // Its checkpoint is its own business.
             if self.keeper.stopping() {
                 return Err(Error::Stopped);
             }

@@ -13,7 +13,7 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// What was measured while a training asked for it.
+/// The measurements that a training asked for.
 #[derive(Debug, Default)]
 pub(super) struct Taken {
     record: Recorder,
@@ -102,7 +102,7 @@ fn means(record: &Recorder) -> BTreeMap<String, f64> {
     sums.into_iter().map(mean).collect()
 }
 
-/// What is left to measure once the training has ended and the record is that of all it said.
+/// Takes the measurements that are left once the training has ended and all that it said is in the record.
 pub(super) fn end(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
     let measured = own(run)?.measured();
     if measured == Some(Measured::Policy) {

@@ -9,7 +9,7 @@
 //! | `evaluate` | at each multiple of `evaluate_every`: the mean of the last values up to there |
 //! | `final` | the mean of the last values, at the last step of the protocol |
 //!
-//! What is measured on the protocol's own episodes ([`own_measuring`]) comes after them.
+//! Measurements on the protocol's own episodes ([`own_measuring`]) come after them.
 
 use super::{
     Run,

@@ -161,7 +161,7 @@ impl Contents {
     }
 
     /// Leaves to an earlier report what this one has nothing for: a table in which there is no number would take
-    /// the place of one with numbers. What it shows in its place says so.
+    /// the place of one with numbers. The text in its place says so.
     pub fn leave_to(&mut self, earlier: &Manifest) {
         let has = |files: &[String]| files.iter().any(|file| earlier.names(file));
         let are = "; its files are those of an earlier report";

@@ -54,7 +54,7 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
             parts.confirmed.iter().map(Sheet::markdown).collect(),
         ),
         (
-            "What the verdicts mean",
+            "Meaning of the verdicts",
             meanings
                 .map(|(word, meaning)| item(&format!("**{word}**"), meaning))
                 .collect(),

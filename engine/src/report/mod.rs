@@ -259,7 +259,7 @@ struct Parts<'a> {
     sentence: Option<String>,
     /// Seeds and what was exploratory.
     basis: String,
-    /// What its source prints, or it asks, with the answers.
+    /// The lines of its `answers`.
     answered: Option<Sheet>,
     /// Every published value and claim with its verdict.
     answers: Option<Sheet>,

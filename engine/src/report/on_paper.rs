@@ -1,7 +1,7 @@
 //! How a table comes to lie on a sheet of paper with all its columns: upright, on a turned sheet, or smaller. A
 //! style sheet cannot ask how wide a table is, so it is estimated from the texts.
 
-use crate::table::{Grid, Part};
+use crate::table::{Grid, Heading, Part, published_and_verdict};
 use unicode_width::UnicodeWidthStr;
 
 /// Size of text in tables on paper, in points.
@@ -43,16 +43,20 @@ fn longest_word(text: &str) -> usize {
         .unwrap_or(0)
 }
 
-/// The columns of a table as it is printed.
+/// The columns of a table as the page has it.
 pub(super) fn columns(grid: &Grid) -> Vec<Column> {
     let labels = grid.rows.iter().map(|row| row.label.as_str());
     let first = Column::of(grid.corner(), labels, true);
-    let of_part = |part: &Part| {
-        let texts: Vec<String> = (0..grid.rows.len()).map(|row| grid.text(row, *part)).collect();
-        Column::of(grid.heading(*part), texts.iter().map(String::as_str), false)
+    let of_column = |(column, heading): (usize, &Heading)| {
+        let texts = |row| {
+            let under = published_and_verdict(grid, row, column).join(" ");
+            [grid.text(row, Part::Value(column)), under]
+        };
+        let texts: Vec<String> = (0..grid.rows.len()).flat_map(texts).collect();
+        Column::of(&heading.label, texts.iter().map(String::as_str), false)
     };
     std::iter::once(first)
-        .chain(grid.parts().iter().map(of_part))
+        .chain(grid.columns.iter().enumerate().map(of_column))
         .collect()
 }
 

@@ -29,7 +29,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
         ("Confirmations", parts.confirmed.iter().map(Sheet::html).collect()),
         ("Departures", list(&parts.study.departures)),
-        ("What the verdicts mean", definitions(meanings(parts))),
+        ("Meaning of the verdicts", definitions(meanings(parts))),
         ("Stages", graph(parts)),
         ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
         ("Settings that differ", settings(parts)),

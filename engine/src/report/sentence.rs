@@ -12,7 +12,7 @@ use crate::{
 /// What stands for what is missing.
 const MISSING: &str = "–";
 
-/// What the study came to, in its own words; `None` where it has no sentence, and where it is only tried out.
+/// The summary of a study, in its own words; `None` where it has no sentence, and where it is only tried out.
 #[must_use]
 pub fn sentence(study: &StudyInfo, contents: &Contents) -> Option<String> {
     let summary = study.summary.as_ref().filter(|_| !study.is_rehearsal)?;

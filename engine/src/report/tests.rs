@@ -448,7 +448,7 @@ fn the_sections_of_the_page_stand_in_their_order() {
         "figures",
         "claims",
         "departures",
-        "what-the-verdicts-mean",
+        "meaning-of-the-verdicts",
         "budgets",
         "settings-that-differ",
         "values-by-seed",

@@ -1,4 +1,4 @@
-//! What a search chooses is a function of its study and of the bits of its trials: the same whatever else is
+//! The choice of a search is a function of its study and of the bits of its trials: the same whatever else is
 //! known of them, whichever of them failed and were tried again, and in which pieces and in which order they ran.
 
 use super::*;

@@ -8,7 +8,7 @@
 //! 4. Nobody takes a trial from a process that lives and renews its lease.
 //! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
 //! 6. Nothing outside the store is touched.
-//! 7. What a trial measured at a pause is there from when that was said, and a search that pauses its trials
+//! 7. Measurements of a trial at a pause are there from when that was said, and a search that pauses its trials
 //!    chooses the same, whatever failed meanwhile.
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.

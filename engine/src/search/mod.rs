@@ -125,7 +125,7 @@ pub enum Method {
         Halving,
     ),
     /// Random settings that learn side by side; after every pause the worst take up what the best have learned
-    /// and go on with a setting like theirs: population based training. What is found is a schedule of settings.
+    /// and go on with a setting like theirs: population based training. The result is a schedule of settings.
     Population(
         /// Where members are compared, and how many are replaced.
         Population,

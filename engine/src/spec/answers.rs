@@ -14,12 +14,12 @@ pub struct AnswerText {
     /// The item of the source, such as `table 3.2`; absent for a question that no source prints.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub item: String,
-    /// What the source says there, in its values or its words, or the question.
+    /// The source's statement there, in its values or its words, or the question.
     pub printed: String,
-    /// What was found, with placeholders as in `summary`.
+    /// The finding, with placeholders as in `summary`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub here: String,
-    /// What decides: claims and published values, as in `[claim 1, "table-3.2: four, learner"]`. A line that rests on
+    /// Claims and published values that decide, as in `[claim 1, "table-3.2: four, learner"]`. A line that rests on
     /// nothing has no answer, such as that of a drawing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by: Vec<String>,
@@ -33,7 +33,7 @@ pub struct AnswerText {
 pub struct Answer {
     /// The line as it is written.
     pub text: AnswerText,
-    /// What was found, with its placeholders.
+    /// The finding, with its placeholders.
     pub here: Summary,
     /// The claims and values that it rests on.
     pub by: Vec<Asks>,

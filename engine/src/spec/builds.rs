@@ -212,7 +212,7 @@ fn ids(cell: &Cell) -> [String; 2] {
     [0, 2].map(|part| cell.parts[part].id().to_owned())
 }
 
-/// What the trials of a pair record and trace; `of_protocol` and `of_agent` are what these record.
+/// Notes the metrics and traces of the trials of a pair; `of_protocol` and `of_agent` are those of these two.
 fn note(
     pair: (usize, usize),
     facts: &Facts,

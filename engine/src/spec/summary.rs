@@ -99,7 +99,7 @@ impl Summary {
         Ok(Self { text, pieces })
     }
 
-    /// What a placeholder without its braces asks for.
+    /// Reads a placeholder without its braces.
     ///
     /// # Errors
     /// A sentence on what it is instead.

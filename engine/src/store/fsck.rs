@@ -440,7 +440,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// What a trial had recorded at a pause, or before a number was not finite. One that is damaged runs again,
+    /// The record of a trial at a pause, or before a number was not finite. A trial whose record is damaged runs again,
     /// also where it has ended so.
     fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();

@@ -4,31 +4,25 @@ use super::{Grid, Intervals, Part, prose};
 use crate::plain_text::printable;
 use std::fmt::Write as _;
 
-/// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and
-/// `notes`.
+/// A `table` element with caption and head, followed by its notes. A published value and its verdict stand under the
+/// value that they belong to. It uses the classes `value`, `under` and `notes`.
 #[must_use]
 pub fn html(grid: &Grid) -> String {
-    let parts = grid.parts();
+    let heading = |label: &str| format!("<th scope=\"col\" class=\"value\">{}</th>", escape(label));
+    let headings: String = grid.columns.iter().map(|column| heading(&column.label)).collect();
     let mut out = format!(
-        "<table>\n<caption>{}</caption>\n<thead><tr><th scope=\"col\">{}</th>",
+        "<table>\n<caption>{}</caption>\n<thead><tr><th scope=\"col\">{}</th>{headings}</tr></thead>\n<tbody>\n",
         prose::html(&grid.caption),
         escape(grid.corner())
     );
-    for part in &parts {
-        let _ = write!(
-            out,
-            "<th scope=\"col\" class=\"{}\">{}</th>",
-            class(*part),
-            escape(grid.heading(*part))
-        );
-    }
-    out += "</tr></thead>\n<tbody>\n";
-    for row in 0..grid.rows.len() {
+    for (row, heading) in grid.rows.iter().enumerate() {
+        let cells: String = (0..grid.columns.len())
+            .map(|column| cell(grid, row, column))
+            .collect();
         let _ = writeln!(
             out,
-            "<tr><th scope=\"row\">{}</th>{}</tr>",
-            escape(&grid.rows[row].label),
-            cells(grid, row, &parts)
+            "<tr><th scope=\"row\">{}</th>{cells}</tr>",
+            escape(&heading.label)
         );
     }
     out += "</tbody>\n</table>\n";
@@ -40,37 +34,36 @@ pub fn html(grid: &Grid) -> String {
     format!("{out}<div class=\"notes\">\n{notes}</div>\n")
 }
 
-fn cells(grid: &Grid, row: usize, parts: &[Part]) -> String {
-    let cell = |part: &Part| match part {
-        Part::Verdict(column) => {
-            let verdict = grid.cells[row][*column]
-                .verdict()
-                .map(|verdict| word(verdict.word(), &grid.text(row, *part)));
-            format!("<td class=\"verdict\">{}</td>", verdict.unwrap_or_default())
-        }
-        Part::Value(column) => {
-            let seeds: Vec<String> = grid.cells[row][*column]
-                .seeds
-                .iter()
-                .map(|(seed, value)| format!("{seed}: {value}"))
-                .collect();
-            format!(
-                "<td class=\"value\" title=\"by seed: {}\">{}</td>",
-                escape(&seeds.join(", ")),
-                escape(&grid.text(row, *part))
-            )
-        }
-        Part::Published(_) => format!("<td class=\"value\">{}</td>", escape(&grid.text(row, *part))),
-    };
-    parts.iter().map(cell).collect()
+fn cell(grid: &Grid, row: usize, column: usize) -> String {
+    let seeds = grid.cells[row][column].seeds.iter();
+    let seeds: Vec<String> = seeds.map(|(seed, value)| format!("{seed}: {value}")).collect();
+    format!(
+        "<td class=\"value\" title=\"by seed: {}\">{}{}</td>",
+        escape(&seeds.join(", ")),
+        escape(&grid.text(row, Part::Value(column))),
+        under(grid, row, column)
+    )
 }
 
-fn class(part: Part) -> &'static str {
-    if matches!(part, Part::Verdict(_)) {
-        "verdict"
-    } else {
-        "value"
+/// The published value and the verdict of a cell; empty where there is neither.
+fn under(grid: &Grid, row: usize, column: usize) -> String {
+    let [published, words] = published_and_verdict(grid, row, column);
+    let verdict = grid.cells[row][column].verdict();
+    let verdict = verdict.map_or(String::new(), |verdict| word(verdict.word(), &words));
+    match escape(&published) + &verdict {
+        nothing if nothing.is_empty() => nothing,
+        _ => format!("<div class=\"under\">{} {verdict}</div>", escape(&published)),
     }
+}
+
+/// What stands under a value: the published one, and the verdict.
+#[must_use]
+pub fn published_and_verdict(grid: &Grid, row: usize, column: usize) -> [String; 2] {
+    let published = match grid.text(row, Part::Published(column)) {
+        nothing if nothing.is_empty() => nothing,
+        value => format!("published {value}"),
+    };
+    [published, grid.text(row, Part::Verdict(column))]
 }
 
 /// A text with the class of the word of a verdict, which carries its colour.

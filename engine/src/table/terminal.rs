@@ -62,7 +62,7 @@ fn long(grid: &Grid) -> Vec<Vec<String>> {
             .to_vec(),
     ];
     for row in 0..grid.rows.len() {
-        // What the study has no trials for is left out.
+        // Cells without a trial in the study are left out.
         let cells = grid.cells[row].iter().enumerate();
         let cells = cells
             .filter(|(_, cell)| cell.planned > 0 || cell.estimate.is_some() || cell.published().is_some());

@@ -159,7 +159,7 @@ impl OwnTraining for ProgramAgent {
     fn begin(&mut self, of: &Assignment, within: &Place) -> Result<(), Error> {
         let place = Workplace::at(&within.folder, &self.config);
         end_leftover(&place.notes(), process::grace(&self.config));
-        // What was measured is in no file.
+        // Measurements that were asked for are in no file.
         let is_asked = self.config.measured == Some(Measured::Calls);
         let has_ended = process::has_ended_well(&place.notes()) && !is_asked;
         let goes_on = !self.resume.is_empty() && place.has_checkpoint();
@@ -258,7 +258,7 @@ impl Training {
         }
     }
 
-    /// What the program answers to these rows. Where it left instead, that says more.
+    /// The program's actions for these rows. Where it left instead, its end is the error.
     fn act(&mut self, rows: &[&[f64]], columns: usize) -> Result<Vec<Vec<f64>>, Error> {
         let link = self.link.as_mut().ok_or_else(not_asked)?;
         let error = match link.act(rows, columns) {

@@ -1,8 +1,8 @@
-//! What is refused in the keys of a program before anything runs.
+//! Refusals of keys of a program before anything runs.
 
 use crate::config::{ProgramConfig, Reading};
 use engine::{
-    Error,
+    Error, Metric,
     own_training::Measured,
     results::{OWN_STEPS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME},
 };
@@ -117,13 +117,12 @@ fn of_ones_own(name: &str) -> Result<(), Error> {
         "success",
     ];
     let problem = if taken.contains(&name) {
-        "is recorded of every trial; take another name"
-    } else if name.is_empty() || !name.chars().all(|it| it.is_alphanumeric() || it == '_') {
-        "is no name that a claim could say: letters, digits and `_` make one"
+        Some("is recorded of every trial; take another name")
     } else {
-        return Ok(());
+        Metric::name_problem(name)
     };
-    Err(Error::config("metrics", format!("`{name}` {problem}")))
+    let refusal = |problem| Error::config("metrics", format!("`{name}` {problem}"));
+    problem.map_or(Ok(()), |problem| Err(refusal(problem)))
 }
 
 #[cfg(test)]

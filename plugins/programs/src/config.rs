@@ -40,7 +40,7 @@ pub struct ProgramConfig {
     pub reads: Reads,
     /// Its metrics by name: each with its key or column there, or as `{ key: .., from: .., step: .., last: .. }`.
     pub metrics: BTreeMap<String, MetricText>,
-    /// What it leaves for others, by patterns in the working folder.
+    /// The files that it leaves for others, by patterns in the working folder.
     #[serde(skip_serializing_if = "Leaves::is_empty")]
     pub leaves: Leaves,
     /// How the engine measures it, on the episodes of the other agents: by `calls` of `trial.measure` while it runs,
@@ -214,7 +214,7 @@ pub struct Shown {
     pub lower_is_better: bool,
 }
 
-/// What a program leaves.
+/// The artifacts of a program.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Leaves {

@@ -63,7 +63,7 @@ impl Link {
         at(&self.folder)
     }
 
-    /// What is asked for by now; `None` where nothing is.
+    /// The next request; `None` where there is none.
     ///
     /// # Errors
     /// [`Error::Model`] for words that ask for nothing.
@@ -189,7 +189,7 @@ fn lost(error: &io::Error) -> Error {
 mod tests {
     use super::*;
 
-    /// What the link says while another thread asks.
+    /// The link's replies while another thread asks.
     fn with(
         asks: impl FnOnce(UnixStream) + Send + 'static,
         patience: Option<Duration>,

@@ -1,6 +1,6 @@
 //! The policy that a program left as an ONNX file, computed by the engine.
 
-use engine::{Error, Seat, Space, imported::matching, reach::Reach};
+use engine::{Error, Seat, Space, first_largest, imported::matching, reach::Reach};
 use numerics::onnx::{Graph, Network};
 use std::{
     fs,
@@ -66,7 +66,7 @@ impl Policy {
             path: path.to_owned(),
             action: seat.action.clone(),
         };
-        // What does not fit is said before anything is measured.
+        // A policy of other sizes is refused before anything is measured.
         let n_acted = policy.outputs(&vec![0.0; n_seen])?.len();
         if !entries(&seat.action).contains(&n_acted) {
             let expected: Vec<String> = entries(&seat.action).iter().map(usize::to_string).collect();
@@ -114,8 +114,9 @@ impl Policy {
                 Ok(outputs.iter().zip(channels).map(limited).collect())
             }
             Space::Simplex(_) => shares(&outputs),
+            #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
             Space::Discrete(names) if outputs.len() == names.len() && names.len() > 1 => {
-                Ok(vec![best(&outputs)])
+                Ok(vec![first_largest(&outputs) as f64])
             }
             Space::Choices(choices) if outputs.len() != choices.len() => Ok(outputs),
             space => space.asked(&outputs),
@@ -146,12 +147,6 @@ fn shares(outputs: &[f64]) -> Result<Vec<f64>, Error> {
     }
     let problem = format!("shares sum to {total}: let the policy end with a softmax");
     Err(Error::Action { problem })
-}
-
-#[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
-fn best(values: &[f64]) -> f64 {
-    let larger = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
-    (0..values.len()).fold(0, larger) as f64
 }
 
 fn wrong(path: &Path, problem: String) -> Error {

@@ -115,12 +115,12 @@ mod tests {
             (Some("/bin"), Some("C"), Some("s"))
         );
         assert_eq!((value("PYTHONPATH"), value("SLURM_NTASKS")), (None, None));
-        let place = Workplace::at(std::path::Path::new("/work"), &ProgramConfig::default());
+        let place = Workplace::at(std::path::Path::new("folder"), &ProgramConfig::default());
         let of_trial = |before: Option<&String>| BTreeMap::from(of_trial(&place, before));
-        let own = "/own".to_owned();
-        assert_eq!(of_trial(None)["PYTHONPATH"], "/work/.regimen/python");
-        assert_eq!(of_trial(Some(&own))["PYTHONPATH"], "/own:/work/.regimen/python");
-        assert_eq!(of_trial(None)["REGIMEN_LOG"], "/work/.regimen/log.jsonl");
+        let own = "own".to_owned();
+        assert_eq!(of_trial(None)["PYTHONPATH"], "folder/.regimen/python");
+        assert_eq!(of_trial(Some(&own))["PYTHONPATH"], "own:folder/.regimen/python");
+        assert_eq!(of_trial(None)["REGIMEN_LOG"], "folder/.regimen/log.jsonl");
         assert_eq!(
             (value("OMP_NUM_THREADS"), value("PYTHONHASHSEED")),
             (Some("1"), Some("5"))

@@ -318,13 +318,12 @@ fn passed(argument: &Value, place: &str, files: &mut Vec<(String, DataFile)>) ->
 /// Refuses names that claims cannot say, and those of what is recorded anyhow.
 fn of_ones_own(name: &str) -> Result<(), Error> {
     let problem = if ["return", "episode_length", "success"].contains(&name) {
-        "is recorded of every environment; take an entry of `info` with another name"
-    } else if name.is_empty() || !name.chars().all(|it| it.is_alphanumeric() || it == '_') {
-        "is no name that a claim could say: letters, digits and `_` make one"
+        Some("is recorded of every environment; take an entry of `info` with another name")
     } else {
-        return Ok(());
+        Metric::name_problem(name)
     };
-    Err(Error::config("metrics", format!("`{name}` {problem}")))
+    let refusal = |problem| Error::config("metrics", format!("`{name}` {problem}"));
+    problem.map_or(Ok(()), |problem| Err(refusal(problem)))
 }
 
 #[cfg(test)]

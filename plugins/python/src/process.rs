@@ -281,7 +281,7 @@ fn ended(status: Option<ExitStatus>, last_words: &str) -> Error {
     let said = if last_words.is_empty() {
         String::new()
     } else {
-        format!("; it said last: {last_words}")
+        format!("; it said last: {}", engine::plain_text::last_words(last_words))
     };
     failed(format!("the Python process {how}{said}"))
 }

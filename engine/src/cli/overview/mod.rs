@@ -23,7 +23,10 @@ use std::{
 /// The file of a folder of results in which its verdicts stand.
 const VERDICTS: &str = "verdicts.json";
 
-/// What `overview` is asked for.
+/// So deep lie folders of results below the one that is named.
+const DEEPEST: usize = 3;
+
+/// The options of `overview`.
 #[derive(Debug, clap::Args)]
 pub(super) struct OverviewOptions {
     /// Folder with the folders of results in it.
@@ -71,6 +74,7 @@ pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8,
 /// A study with its folder of results.
 struct Studied {
     place: PathBuf,
+    manifest: Manifest,
     verdicts: Verdicts,
 }
 
@@ -83,7 +87,7 @@ fn put_into(path: &Path, studies: &[Studied]) -> Result<(), Failure> {
             let verdicts: Vec<Verdicts> = studies.iter().map(|it| it.verdicts.clone()).collect();
             Ok(report::families_as_markdown(&report::families(&verdicts)))
         }
-        Block::Summary => Ok(report::counts_as_markdown(&ways(studies, &|it| it.place.clone()))),
+        Block::Summary => Ok(report::counts_as_markdown(studies.iter().map(|it| &it.verdicts))),
         Block::Items => Ok(report::items_as_markdown(&ways(studies, &|it| {
             way(folder, &it.file())
         }))),
@@ -114,10 +118,7 @@ impl Studied {
 
     /// The study file.
     fn file(&self) -> PathBuf {
-        let spec = Manifest::read(&self.place)
-            .map(|manifest| manifest.spec)
-            .unwrap_or_default();
-        along(&self.place, Path::new(&spec))
+        along(&self.place, Path::new(&self.manifest.spec))
     }
 }
 
@@ -159,19 +160,35 @@ fn as_json(studies: &[Verdicts]) -> serde_json::Value {
     })
 }
 
-/// The studies whose results lie in a folder, with the verdicts of each family taken together.
+/// The studies as they are written whose results lie in a folder.
 fn studies_within(folder: &Path) -> Result<Vec<Studied>, Error> {
-    let mut studies = Vec::new();
-    for place in places(folder)?.into_iter().filter(|place| is_as_written(place)) {
-        let verdicts = verdicts(&place)?;
-        studies.extend(verdicts.map(|verdicts| Studied { place, verdicts }));
+    Ok(asked_with(folder, &[])?.0)
+}
+
+/// The studies whose results lie in a folder and were asked for with these options, with the verdicts of each family
+/// taken together; and the folders whose reports left nothing to read.
+fn asked_with(folder: &Path, options: &[String]) -> Result<(Vec<Studied>, Vec<PathBuf>), Error> {
+    let (mut studies, mut unread) = (Vec::new(), Vec::new());
+    for place in places(folder, DEEPEST)? {
+        let manifest = Manifest::read(&place).unwrap_or_default();
+        if manifest.options != options {
+            continue;
+        }
+        match verdicts(&place)? {
+            Some(verdicts) => studies.push(Studied {
+                place,
+                manifest,
+                verdicts,
+            }),
+            None => unread.push(place),
+        }
     }
     let mut together: Vec<Verdicts> = studies.iter().map(|it| it.verdicts.clone()).collect();
     report::take_together(&mut together);
     for (study, verdicts) in studies.iter_mut().zip(together) {
         study.verdicts = verdicts;
     }
-    Ok(studies)
+    Ok((studies, unread))
 }
 
 fn verdicts_of(studies: Vec<Studied>) -> Vec<Verdicts> {
@@ -193,11 +210,6 @@ fn some_studies(folder: &Path) -> Result<Vec<Studied>, Failure> {
     Ok(studies)
 }
 
-/// False for results of a study under options of the command line, which are not those of the study as it is written.
-fn is_as_written(place: &Path) -> bool {
-    Manifest::read(place).is_none_or(|manifest| manifest.options.is_empty())
-}
-
 /// The verdicts of a folder of results; `None` where its report wrote none.
 fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
     let Some(text) = read(place, VERDICTS)? else {
@@ -210,14 +222,15 @@ fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
     Ok(Some(verdicts))
 }
 
-/// The folders of results in a folder and in its subfolders, by name.
-fn places(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+/// The folders of results in a folder and in its subfolders down to a depth, by name. Links are not followed.
+fn places(folder: &Path, depth: usize) -> Result<Vec<PathBuf>, Error> {
+    let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
     let mut places = Vec::new();
-    for path in within(folder)?.into_iter().filter(|path| fs::is_folder(path)) {
+    for path in within(folder)?.into_iter().filter(is_folder) {
         if fs::is_file(&path.join(VERDICTS)) || Manifest::read(&path).is_some() {
             places.push(path);
-        } else {
-            places.extend(self::places(&path)?);
+        } else if depth > 1 {
+            places.extend(self::places(&path, depth - 1)?);
         }
     }
     Ok(places)
@@ -270,40 +283,19 @@ pub(super) fn index(
 
 /// Writes `index<name>.html` over the reports in a folder that were asked for with these options.
 fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf, Error> {
-    let (mut entries, mut unread) = (Vec::new(), Vec::new());
-    for place in places(folder)? {
-        let Some(manifest) = Manifest::read(&place) else {
-            continue;
-        };
-        if manifest.options == options {
-            let name = place.strip_prefix(folder).unwrap_or(&place).display().to_string();
-            match entry(&place, &name, &manifest)? {
-                Some(entry) => entries.push(entry),
-                None => unread.push(name),
-            }
-        }
-    }
-    let mut verdicts: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
-    report::take_together(&mut verdicts);
-    for (entry, verdicts) in entries.iter_mut().zip(verdicts) {
-        entry.verdicts = verdicts;
-    }
+    let (studies, unread) = asked_with(folder, options)?;
+    let name_of = |place: &Path| place.strip_prefix(folder).unwrap_or(place).display().to_string();
+    let is_drawing = |file: &&String| file.starts_with("figures/") && file.ends_with(".svg");
+    let entry = |study: Studied| IndexEntry {
+        folder: name_of(&study.place),
+        drawings: study.manifest.files.keys().filter(is_drawing).cloned().collect(),
+        verdicts: study.verdicts,
+    };
+    let entries: Vec<IndexEntry> = studies.into_iter().map(entry).collect();
+    let unread: Vec<String> = unread.iter().map(|place| name_of(place)).collect();
     let path = folder.join(format!("index{name}.html"));
     write_durably(&path, report::index(&entries, options, &unread).as_bytes())?;
     Ok(path)
-}
-
-/// A study of the index; `None` where its report wrote no verdicts.
-fn entry(place: &Path, name: &str, manifest: &Manifest) -> Result<Option<IndexEntry>, Error> {
-    let Some(verdicts) = verdicts(place)? else {
-        return Ok(None);
-    };
-    let is_drawing = |file: &&String| file.starts_with("figures/") && file.ends_with(".svg");
-    Ok(Some(IndexEntry {
-        folder: name.into(),
-        verdicts,
-        drawings: manifest.files.keys().filter(is_drawing).cloned().collect(),
-    }))
 }
 
 fn is_absence(error: &io::Error) -> bool {

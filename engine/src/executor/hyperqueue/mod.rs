@@ -3,7 +3,7 @@
 //!
 //! The client of its package hands over and counts; it neither lists jobs by name nor cancels them. So the number that
 //! the server gave lies beside the record, with the server's own name, since a server without a journal begins again
-//! at 1. What is cancelled is found out by the tasks themselves: a worker that belongs to a submission reads its
+//! at 1. Tasks find out themselves that they are cancelled: a worker that belongs to a submission reads its
 //! record, does not begin where nobody waits for it any more, and leaves once it is cancelled.
 
 mod client;

@@ -107,7 +107,7 @@ impl Store {
         .collect()
     }
 
-    /// What acknowledges a trial that lies in a pack, which is whole and of this trial, and what it says; `None`
+    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None`
     /// where no pack has it.
     ///
     /// # Errors
@@ -182,8 +182,8 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
-/// What the first of these packs that has a trial says of its end, without a look at the trial itself where the
-/// pack has an outline of it: what lies there may be damaged, as its metrics may.
+/// The end of a trial by the first of these packs that has it, without a look at the trial itself where the
+/// pack has an outline of it: its bytes may be damaged, as its metrics may.
 ///
 /// # Errors
 /// Where a pack cannot be read.

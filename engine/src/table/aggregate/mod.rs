@@ -293,7 +293,7 @@ impl<'s> Suite<'s> {
         }
     }
 
-    /// What each seed of an agent came to in the mean, which alone may be published, when the seeds below a limit
+    /// The mean of each seed of an agent, which alone may be published, when the seeds below a limit
     /// were all there were: later seeds of the agents that stand for 0 and 1 move the scale.
     fn means_as_of(&self, agent: &str, limits: &[u64], all: &Scope<'_>) -> BTreeMap<u64, Vec<(u64, f64)>> {
         let environments: Vec<String> = self.scales.iter().map(|it| it.environment.clone()).collect();

@@ -1,4 +1,4 @@
-//! What is known of the health of a string: counted wear, and the extended Kalman filter that corrects it after a
+//! The known health of a string: counted wear, and the extended Kalman filter that corrects it after a
 //! flight.
 //!
 //! | symbol | here | unit |

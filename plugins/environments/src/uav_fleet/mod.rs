@@ -29,7 +29,7 @@
 //! | N_s, O | strings replaced (also after f), 1 on a day with a replacement by choice | |
 //!
 //! The counterpart of calibration is no guess of new cells: the charge that a string has passed is counted on every
-//! UAV, and a rule that ignored it would be a straw man. What calibration adds is what makes strings differ: each
+//! UAV, and a rule that ignored it would be a straw man. Calibration adds the differences between strings: each
 //! UAV wears its strings by a factor (`uav_spread`), each string by another one (`wear_spread`), and new ones
 //! differ (`new_spread`), which nobody is told.
 //!

@@ -6,7 +6,7 @@ use super::{
     tensor::{Kind, Tensor},
 };
 
-/// What an operator makes of tensors, with settings by name.
+/// The output of an operator on tensors, with settings by name.
 fn of(
     operator: &str,
     settings: &[(&str, &[i64])],

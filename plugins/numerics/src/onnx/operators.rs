@@ -142,17 +142,17 @@ impl Settings {
     }
 }
 
-/// What an operator takes.
+/// The inputs of an operator, by place.
 pub(super) struct Inputs<'a>(&'a [Option<&'a Tensor>]);
 
 impl<'a> Inputs<'a> {
-    /// What has to be there.
+    /// An input that has to be there.
     pub(super) fn at(&self, place: usize) -> Result<&'a Tensor, String> {
         self.maybe(place)
             .ok_or_else(|| format!("its input {place} is left out"))
     }
 
-    /// What may be left out.
+    /// An input that may be left out.
     pub(super) fn maybe(&self, place: usize) -> Option<&'a Tensor> {
         self.0.get(place).copied().flatten()
     }
@@ -163,7 +163,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// What an operation gives.
+/// The outputs of an operator.
 pub(super) fn computed(
     operator: &str,
     settings: &Settings,
@@ -174,7 +174,7 @@ pub(super) fn computed(
     if operator == "Split" {
         return layouts::split(settings, &inputs, n_outputs);
     }
-    // What these two give besides is for training; whoever takes it is told that it is not computed.
+    // Further outputs of these two are for training; an operator that takes one is told that it is not computed.
     if n_outputs != 1 && !["Dropout", "LayerNormalization"].contains(&operator) {
         return Err(format!(
             "it gives {n_outputs} things, and only its first one is known"

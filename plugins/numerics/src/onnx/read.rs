@@ -19,7 +19,7 @@ pub enum OnnxError {
     /// It holds no model.
     #[error("it is no ONNX model: {problem}")]
     Form {
-        /// What is wrong with it.
+        /// The fault, as a phrase.
         problem: String,
     },
     /// It needs operators that nothing here computes.
@@ -31,7 +31,7 @@ pub enum OnnxError {
     /// It does not take one row of numbers, or gives no action.
     #[error("{problem}")]
     Ports {
-        /// What it takes or gives, and what is expected.
+        /// Its inputs or outputs, and the expected ones.
         problem: String,
     },
     /// An operation cannot be computed.
@@ -39,7 +39,7 @@ pub enum OnnxError {
     Node {
         /// Its name.
         name: String,
-        /// What it computes.
+        /// The operator of the node.
         operator: String,
         /// Why not.
         problem: String,
@@ -55,7 +55,7 @@ fn quoted(names: &[String]) -> String {
 #[derive(Debug, Clone)]
 pub struct Network {
     nodes: Vec<Operation>,
-    /// What is known before anything is computed, by place.
+    /// Constants and weights, by place.
     known: Vec<Option<Arc<Tensor>>>,
     input: Port,
     output: usize,
@@ -143,7 +143,7 @@ impl Network {
         self.input.width
     }
 
-    /// What it gives for a row of numbers.
+    /// The outputs for a row of numbers.
     ///
     /// # Errors
     /// [`OnnxError::Node`] for an operation that does not take what it is given.

@@ -138,7 +138,7 @@ pub(super) fn shares(
     Ok(Tensor::new(tensor.kind, tensor.shape.clone(), values))
 }
 
-/// What becomes of all numbers along axes.
+/// A reduction of all numbers along axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reduction {
     Sum,

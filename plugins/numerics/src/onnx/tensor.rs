@@ -5,7 +5,7 @@
 
 use super::messages;
 
-/// What the numbers of a tensor are.
+/// The type of the numbers of a tensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// `float32`.

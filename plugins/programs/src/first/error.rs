@@ -47,7 +47,7 @@ pub enum NoStudy {
     Sweep {
         /// The file.
         file: PathBuf,
-        /// What it lacks, and what to do.
+        /// The lack, and the remedy.
         problem: String,
     },
     /// The program did not run.
@@ -71,7 +71,7 @@ pub enum NoStudy {
         program: String,
         /// How long it ran.
         how: String,
-        /// What was there.
+        /// The files that were there.
         there: String,
     },
     /// The engine could not do its part.

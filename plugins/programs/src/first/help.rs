@@ -25,7 +25,7 @@ impl HelpOption {
     }
 }
 
-/// What a program says of its options.
+/// The options of a program, by its help text.
 #[derive(Debug, Default, PartialEq)]
 pub struct Help {
     /// Its options.
@@ -124,7 +124,7 @@ fn names(line: &str) -> Option<Vec<String>> {
     if !line.starts_with('-') {
         return None;
     }
-    // What follows two spaces is the text about it.
+    // The text about it follows two spaces.
     let names = line.split("  ").next().unwrap_or_default();
     let is_name = |word: &&str| {
         let plain = word.trim_start_matches('-');

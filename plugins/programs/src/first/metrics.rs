@@ -1,4 +1,4 @@
-//! What a program wrote, as metrics of a study: which keys and columns have values, where their steps stand, and which of
+//! The files and lines of a program, as metrics of a study: which keys and columns have values, where their steps stand, and which of
 //! them is the return.
 
 use super::probe::Ran;

@@ -1,9 +1,9 @@
-//! What options are called: seeds, steps, tasks, and what stays as it is.
+//! Names of options: seeds, steps, tasks, and others that stay as they are.
 
 use crate::words::OTHERS;
 use serde_json::{Number, Value};
 
-/// What an option is for.
+/// The purpose of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// The seed.
@@ -102,7 +102,7 @@ fn plain(option: &str) -> String {
     name.to_ascii_lowercase().replace('-', "_")
 }
 
-/// What an option is for, by its name.
+/// The purpose of an option, by its name.
 pub fn kind(option: &str) -> Kind {
     let plain = plain(option);
     let last = plain.rsplit(['.', '/']).next().unwrap_or_default();

@@ -85,7 +85,7 @@ impl Probe {
         Workplace::at(self.folder.path(), &self.config)
     }
 
-    /// What the program says to a question for its options; how it ends says nothing.
+    /// The program's answer to a question for its options; how it ends says nothing.
     ///
     /// # Errors
     /// Where it cannot be started.

@@ -49,7 +49,7 @@ pub struct Search {
 /// A sweep of another tool.
 #[derive(Debug, Default, PartialEq)]
 pub struct Sweep {
-    /// What it is, in a word or two.
+    /// Its kind, in a word or two.
     pub what: &'static str,
     /// The command, with one value of each option.
     pub words: Vec<String>,
@@ -63,7 +63,7 @@ pub struct Sweep {
     pub lower_is_better: Option<bool>,
     /// How many seeds it names.
     pub seeds: Option<usize>,
-    /// What has no counterpart, in sentences.
+    /// Sentences on keys without a counterpart.
     pub notes: Vec<String>,
 }
 

@@ -17,7 +17,7 @@ const MOST_OPTIONS: usize = 20;
 /// Numbers of measurements of a training, those that are liked best first.
 const MEASUREMENTS: [u64; 12] = [10, 8, 12, 5, 20, 16, 6, 15, 4, 7, 3, 2];
 
-/// What is written of a program.
+/// The text of a study of a program.
 pub(super) struct Text<'a>(pub(super) &'a Made);
 
 impl Text<'_> {
