@@ -40,7 +40,7 @@ const MOST_LINES: usize = 2000;
 /// Longest text that others say of a failure, in characters.
 const LONGEST_BRIEF: usize = 1000;
 /// Longest end of an output that a failure quotes, in characters: less than [`LONGEST_BRIEF`] by a long sentence.
-const LONGEST_LAST_WORDS: usize = 600;
+const LONGEST_LAST_WORDS: usize = 800;
 
 /// A message for a terminal: printable, and of a length that somebody reads.
 #[must_use]
@@ -81,7 +81,10 @@ pub fn brief(text: &str) -> String {
 /// The end of an output on one line, short enough that [`brief`] keeps the end of a sentence that quotes it.
 #[must_use]
 pub fn last_words(output: &str) -> String {
-    let line = output.split_whitespace().collect::<Vec<_>>().join(" ");
+    // Python marks the place in a line by a line of its own, which means nothing on one line.
+    let is_mark = |word: &&str| word.trim_matches(['^', '~']).is_empty();
+    let words = output.split_whitespace().filter(|word| !is_mark(word));
+    let line = words.collect::<Vec<_>>().join(" ");
     match line.char_indices().rev().nth(LONGEST_LAST_WORDS - 1) {
         Some((start @ 1.., _)) => format!("…{}", &line[start..]),
         _ => line,
@@ -173,13 +176,13 @@ mod tests {
         let quoted = last_words(&output);
         let kept = brief(&format!(
             "`python3 {}` left with exit code 1; it said last: {quoted}",
-            "a".repeat(200)
+            "a".repeat(100)
         ));
         assert!(
             quoted.starts_with('…') && kept.ends_with("ZeroDivisionError: division by zero"),
             "{kept}"
         );
-        assert_eq!(last_words("it\n broke"), "it broke");
+        assert_eq!(last_words("it\n ~~^^\n broke"), "it broke");
     }
 
     #[test]

@@ -215,36 +215,12 @@ impl Entry {
     fn words_in_html(&self) -> String {
         let text = escape_html(&self.text);
         match self.tone {
-            Tone::Plain => with_whole_numbers(&text),
+            Tone::Plain => prose::with_whole_numbers(&text),
             Tone::Quiet => format!("<span class=\"quiet\">{text}</span>"),
             Tone::Alarm => format!("<b class=\"problem\">{text}</b>"),
             Tone::Code => format!("<code>{text}</code>"),
             Tone::Verdict(word) => verdict_word(word, &self.text),
             Tone::Sentence => prose::html(&self.text),
         }
-    }
-}
-
-/// The same HTML, in which no number is broken over lines at its sign or the sign of its exponent.
-fn with_whole_numbers(text: &str) -> String {
-    let is_of_number = |letter: char| letter.is_ascii_digit() || "eE.,;:+-()[]%".contains(letter);
-    let is_broken = |word: &&str| word.contains('-') && word.len() > 1 && word.chars().all(is_of_number);
-    let words = text.split(' ').map(|word| match Some(word).filter(is_broken) {
-        Some(number) => format!("<span class=\"number\">{number}</span>"),
-        None => word.to_owned(),
-    });
-    words.collect::<Vec<_>>().join(" ")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_stay_whole_and_names_are_broken() {
-        assert_eq!(
-            with_whole_numbers("e2e of a-1: (2.5e-3 against 4)"),
-            "e2e of a-1: <span class=\"number\">(2.5e-3</span> against 4)"
-        );
     }
 }

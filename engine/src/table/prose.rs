@@ -9,9 +9,20 @@ use crate::plain_text::printable;
 /// The sentence in HTML.
 #[must_use]
 pub fn html(text: &str) -> String {
-    render(text, escape_html, |code| {
-        format!("<code>{}</code>", escape_html(code))
-    })
+    let plain = |words: &str| with_whole_numbers(&escape_html(words));
+    render(text, plain, |code| format!("<code>{}</code>", escape_html(code)))
+}
+
+/// HTML in which no number is broken over lines at its sign or at that of its exponent.
+#[must_use]
+pub fn with_whole_numbers(text: &str) -> String {
+    let is_of_number = |letter: char| letter.is_ascii_digit() || "eE.,;:+-()[]%".contains(letter);
+    let is_broken = |word: &&str| word.contains('-') && word.len() > 1 && word.chars().all(is_of_number);
+    let words = text.split(' ').map(|word| match Some(word).filter(is_broken) {
+        Some(number) => format!("<span class=\"number\">{number}</span>"),
+        None => word.to_owned(),
+    });
+    words.collect::<Vec<_>>().join(" ")
 }
 
 /// The sentence in Markdown.
@@ -44,6 +55,14 @@ fn render(text: &str, plain: fn(&str) -> String, name: fn(&str) -> String) -> St
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_stay_whole_and_names_are_broken() {
+        assert_eq!(
+            html("e2e of a-1: (2.5e-3 against 4)"),
+            "e2e of a-1: <span class=\"number\">(2.5e-3</span> against 4)"
+        );
+    }
 
     #[test]
     fn names_are_marked_and_all_else_is_plain() {
