@@ -94,14 +94,14 @@ fn environments_do_not_depend_on_networks() {
 }
 
 #[test]
-fn one_file_names_polars() {
-    let mut naming = Vec::new();
+fn one_folder_names_the_library_for_parquet() {
     visit(&repository().join("engine/src"), &mut |path, text| {
-        if text.contains("polars::") || text.contains("polars_io::") {
-            naming.push(path.file_name().unwrap().to_string_lossy().into_owned());
-        }
+        let names_it = text.contains("use parquet::") || text.contains("use ::parquet::");
+        assert!(
+            !names_it || path.parent().unwrap().ends_with("engine/src/parquet"),
+            "{path:?}"
+        );
     });
-    assert_eq!(naming, ["parquet.rs"]);
 }
 
 /// What two agents need lies in `shared`; one agent alone is about another, whose gradients it takes apart.

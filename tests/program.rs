@@ -137,6 +137,25 @@ pub(crate) fn reseal(text: &str) -> String {
     )
 }
 
+/// Changes the values that a trial recorded a little, with a `trial.json` that fits: `file` is that of the trial.
+pub(crate) fn forge(file: &Path) {
+    let path = file.with_file_name("metrics.parquet");
+    let table = engine::store::read_metrics(&path).unwrap();
+    let mut record = engine::Recorder::default();
+    for row in &table.rows {
+        let (metric, seat) = (&table.names[usize::from(row.metric)], row.seat.into());
+        record.add(row.phase, row.step, row.episode, seat, metric, row.value + 1e-12);
+    }
+    let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
+    let bytes = engine::store::encode_metrics(&record, id).unwrap();
+    let text = std::fs::read_to_string(file).unwrap();
+    let before: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let digest = before["end"]["digest"].as_str().unwrap();
+    let text = text.replace(digest, &engine::store::digest(&bytes));
+    std::fs::write(path, &bytes).unwrap();
+    std::fs::write(file, reseal(&text)).unwrap();
+}
+
 /// What a finished command answered.
 pub(crate) fn answer(output: &Output) -> Answer {
     Answer {

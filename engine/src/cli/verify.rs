@@ -307,7 +307,7 @@ impl Found {
                 continue;
             };
             if let Some(trial) = absent.get(&id_here(&file.key, registry)) {
-                let stored = Some(Imprint::of(&file));
+                let stored = Some(Imprint::of(&file, store));
                 let outcome = Outcome::CannotVerify { problem };
                 self.others.push(Entry {
                     trial: id,
@@ -393,7 +393,7 @@ fn one_round(
     }
     for (entry, member) in entries.iter_mut().zip(members) {
         if is_open(entry) {
-            *entry = ended(entry.clone(), stored_of(member, beside)?);
+            *entry = ended(entry.clone(), stored_of(member, beside)?, beside);
         }
     }
     Ok(entries)
@@ -424,7 +424,7 @@ fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
         },
     );
     let stored = match stored_of(member, store) {
-        Ok(Some(file)) => Imprint::of(&file),
+        Ok(Some(file)) => Imprint::of(&file, store),
         Ok(None) => {
             let problem = "it was stored a moment ago, and is gone".into();
             let outcome = Outcome::Damaged { problem };
@@ -476,15 +476,15 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
     members.iter().zip(costs).map(task).collect()
 }
 
-fn ended(entry: Entry, file: Option<TrialFile>) -> Entry {
+fn ended(entry: Entry, file: Option<TrialFile>, store: &Store) -> Entry {
     match file {
         Some(file) if matches!(file.end.state, EndState::Ok | EndState::Paused) => {
-            entry.compared(Imprint::of(&file))
+            entry.compared(Imprint::of(&file, store))
         }
         Some(file) => {
             let problem = format!("it ended as {} now: {}", file.end.state.name(), file.end.reason);
             Entry {
-                now: Some(Imprint::of(&file)),
+                now: Some(Imprint::of(&file, store)),
                 outcome: Outcome::NotComputed { problem },
                 ..entry
             }

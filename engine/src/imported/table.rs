@@ -211,7 +211,7 @@ pub(super) fn commas(text: &str) -> Option<bool> {
 
 fn from_parquet(file: &Content) -> Result<Table, Error> {
     let read = ParquetTable::decode(file.bytes.clone(), &file.path)?;
-    let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts()?.into_iter().unzip();
+    let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts().into_iter().unzip();
     let rows = columns.first().map_or(0, Vec::len);
     let line = |row: usize| Line {
         number: row as u64 + 1,

@@ -1,6 +1,6 @@
-//! What the bytes of a stored trial are known by, so that two copies of it can be held against each other.
+//! What a stored trial is known by, so that two copies of it can be held against each other.
 
-use super::TrialFile;
+use super::{METRICS, Store, TrialFile};
 use crate::{Build, results::EndState};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,9 +10,10 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Imprint {
     /// How it ended.
     pub state: EndState,
-    /// Digest of the metrics file; empty where there is none.
+    /// Digest of the values in the metrics file; empty where there is none.
     pub digest: String,
-    /// Digests of its products, by path inside the trial's folder.
+    /// Digests of its products by path inside the trial's folder: of tables of their values, of others of their
+    /// bytes.
     pub files: BTreeMap<String, String>,
     /// The source code of the program that computed it, where it said.
     pub build: Option<Build>,
@@ -35,20 +36,27 @@ pub struct Difference {
 }
 
 impl Imprint {
-    /// The imprint of an acknowledgement.
+    /// The imprint of an acknowledgement in a store.
     #[must_use]
-    pub fn of(file: &TrialFile) -> Self {
+    pub fn of(file: &TrialFile, store: &Store) -> Self {
+        let (mut digest, mut files) = (file.end.digest.clone(), file.files.clone());
+        for (name, values) in store.values_of(file) {
+            match name.as_str() {
+                METRICS => digest = values,
+                _ => drop(files.insert(name, values)),
+            }
+        }
         Self {
             state: file.end.state,
-            digest: file.end.digest.clone(),
-            files: file.files.clone(),
+            digest,
+            files,
             build: file.build.clone(),
             ended_at: file.ended_at.clone(),
             trained_itself: file.trained_itself,
         }
     }
 
-    /// In what this copy differs from `other`; nothing where both hold the same bytes. Who computed them, when,
+    /// In what this copy differs from `other`; nothing where both hold the same values. Who computed them, when,
     /// and in what time are measurements and do not count.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<Difference> {
@@ -63,7 +71,7 @@ impl Imprint {
             }
         };
         hold("state", self.state.name(), other.state.name());
-        hold("metrics.parquet", &self.digest, &other.digest);
+        hold(METRICS, &self.digest, &other.digest);
         let names: BTreeSet<&String> = self.files.keys().chain(other.files.keys()).collect();
         for name in names {
             let digest = |it: &Self| it.files.get(name).cloned().unwrap_or_default();

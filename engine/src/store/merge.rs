@@ -93,8 +93,8 @@ pub struct Merge<'a> {
     into: &'a Store,
     /// `None` where it is only said what would happen.
     leases: Option<&'a Leases>,
-    /// What would have been taken before, by id.
-    would_have: BTreeMap<String, Imprint>,
+    /// What would have been taken before, by id, and from where.
+    would_have: BTreeMap<String, (TrialFile, Store)>,
 }
 
 /// What a look at a copy shows: its acknowledgement, `None` where it has none, or what is wrong with it.
@@ -153,25 +153,28 @@ impl<'a> Merge<'a> {
             return Ok(fate);
         }
         match self.leases {
-            None => Ok(self.imagine(id, &file)),
+            None => Ok(self.imagine(id, &file, source)),
             Some(leases) => self.under_lease(id, source, &file, leases),
         }
     }
 
     /// The fate of a trial that the destination has already; `None` where it is missing there.
     fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
-        let here = match self.would_have.get(id) {
-            Some(imprint) => imprint.clone(),
+        let (here, store) = match self.would_have.get(id) {
+            Some((file, store)) => (file.clone(), store),
             None => match look(self.into, id)? {
                 Err(findings) => {
                     let side = Side::Destination;
                     return Ok(Some(Fate::Damaged { side, findings }));
                 }
-                Ok(Some(here)) if !is_missing(Some(&here.end)) => Imprint::of(&here),
+                Ok(Some(here)) if !is_missing(Some(&here.end)) => (here, self.into),
                 Ok(_) => return self.held_against_pause(id, file, source),
             },
         };
-        let there = Imprint::of(file);
+        if file.names_same_bytes(&here) {
+            return Ok(Some(Fate::Same));
+        }
+        let (there, here) = (Imprint::of(file, source), Imprint::of(&here, store));
         if there.differences(&here).is_empty() {
             return Ok(Some(Fate::Same));
         }
@@ -185,12 +188,13 @@ impl<'a> Merge<'a> {
     }
 
     /// What would happen.
-    fn imagine(&mut self, id: &str, file: &TrialFile) -> Fate {
+    fn imagine(&mut self, id: &str, file: &TrialFile, source: &Store) -> Fate {
         if let Some(owner) = self.into.running(id) {
             let side = Side::Destination;
             return Fate::Running { side, owner };
         }
-        self.would_have.insert(id.to_owned(), Imprint::of(file));
+        self.would_have
+            .insert(id.to_owned(), (file.clone(), source.clone()));
         Fate::Taken
     }
 
@@ -255,7 +259,7 @@ impl<'a> Merge<'a> {
         flush_way_to(&to)?;
         if file.end.state != EndState::Ok
             && let Some((bytes, there)) = source.partial_bytes(id)?
-            && self.known_of(id, &there)?.is_none()
+            && self.known_of(id, &there, source)?.is_none()
         {
             self.into.write_partial(id, &bytes, &there)?;
         }

@@ -45,6 +45,7 @@ mod sealed_folder;
 mod seen;
 #[cfg(test)]
 mod specimen;
+mod values;
 
 pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
@@ -128,6 +129,9 @@ pub struct TrialFile {
     pub trained_itself: bool,
 }
 
+/// The file of what a trial recorded.
+const METRICS: &str = "metrics.parquet";
+
 /// The file in which is kept what a trial printed, packed by gzip.
 pub const OUTPUT: &str = "output.gz";
 
@@ -147,6 +151,12 @@ impl TrialFile {
             output: None,
             trained_itself: false,
         }
+    }
+
+    /// Whether it acknowledges the same bytes as another one: then the values are the same.
+    fn names_same_bytes(&self, other: &Self) -> bool {
+        let named = |it: &Self| (it.end.state, it.end.digest.clone(), it.files.clone());
+        named(self) == named(other)
     }
 
     /// The text of the file.
@@ -216,7 +226,7 @@ impl Store {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let bytes = metrics_file::encode(record, &trial.id)?;
-        write_durably(&folder.join("metrics.parquet"), &bytes)?;
+        write_durably(&folder.join(METRICS), &bytes)?;
         let end = TrialEnd {
             state: EndState::Ok,
             reason: String::new(),
@@ -354,7 +364,7 @@ impl Store {
         metrics: impl FnOnce() -> Result<Vec<u8>, Error>,
     ) -> Result<MetricsTable, Error> {
         match end.state {
-            EndState::Ok => metrics_file::decode(metrics()?, &self.folder(id).join("metrics.parquet")),
+            EndState::Ok => metrics_file::decode(metrics()?, &self.folder(id).join(METRICS)),
             _ => Ok(MetricsTable::default()),
         }
     }
@@ -397,7 +407,7 @@ impl Store {
 
     /// The metrics file of a trial, held against its acknowledged hash.
     fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
-        let path = self.folder(id).join("metrics.parquet");
+        let path = self.folder(id).join(METRICS);
         match inside::read(&path)? {
             Some(bytes) if seal::hash(&bytes) == digest => Ok(bytes),
             Some(_) => Err(Error::Damaged {
@@ -617,7 +627,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
         store.finish(&trial(1), &record(), 1.0).unwrap();
-        let path = store.folder(&trial(1).id).join("metrics.parquet");
+        let path = store.folder(&trial(1).id).join(METRICS);
         let mut bytes = fs::read(&path).unwrap();
         let middle = bytes.len() / 2;
         bytes[middle] ^= 1;

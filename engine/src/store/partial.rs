@@ -9,8 +9,8 @@
 //! what ended is.
 
 use super::{
-    MetricsTable, Store, TrialFile, boundary, date, index, inside, metrics_file, pack, parcel, remove, seal,
-    sealed_folder::flush_way_to, write_durably,
+    METRICS, MetricsTable, Store, TrialFile, boundary, date, index, inside, metrics_file, pack, parcel,
+    remove, seal, sealed_folder::flush_way_to, write_durably,
 };
 use crate::{
     Error, Phase, Recorder,
@@ -27,7 +27,7 @@ use std::{
 /// The file's name where it travels alone, whatever its step.
 pub(super) const NAME: &str = "partial.parcel";
 /// What it holds, in this order.
-const FILES: [&str; 2] = ["metrics.parquet", "trial.json"];
+const FILES: [&str; 2] = [METRICS, "trial.json"];
 
 /// What a trial recorded before it paused, or before its numbers were not finite.
 #[derive(Debug, Clone, PartialEq)]

@@ -18,6 +18,7 @@ mod lease;
 mod objects;
 #[cfg(test)]
 mod pretended;
+#[cfg(feature = "bucket")]
 mod service;
 
 pub(crate) use lease::BucketLeases;
@@ -46,15 +47,13 @@ impl Bucket {
     /// # Errors
     /// [`Error::Bucket`] for an address that is none, and where keys are missing.
     pub fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, Error> {
-        let service = service::Service::at(address, variable).map_err(|problem| Error::Bucket {
+        let objects = objects_at(address, variable).map_err(|problem| Error::Bucket {
             doing: "use".into(),
             address: address.to_owned(),
             problem,
         })?;
-        Ok(Self {
-            address: address.to_owned(),
-            objects: Arc::new(service),
-        })
+        let address = address.to_owned();
+        Ok(Self { address, objects })
     }
 
     /// Ids of the trials in it.
@@ -225,6 +224,16 @@ impl Store {
     fn lacks(&self, id: &str) -> bool {
         self.end(id).is_ok_and(|end| is_missing(end.as_ref()))
     }
+}
+
+#[cfg(feature = "bucket")]
+fn objects_at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String> {
+    service::Service::at(address, variable).map(|service| Arc::new(service) as Arc<dyn Objects>)
+}
+
+#[cfg(not(feature = "bucket"))]
+fn objects_at(_: &str, _: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String> {
+    Err("this program was built without its feature `bucket`; build it with the feature".into())
 }
 
 #[cfg(test)]

@@ -23,8 +23,8 @@ impl Merge<'_> {
             table: source.recorded(id, &file.end)?,
         };
         let conflict = || Fate::Conflict {
-            source: Imprint::of(file),
-            destination: Imprint::of(&here.file),
+            source: Imprint::of(file, source),
+            destination: Imprint::of(&here.file, self.into),
         };
         Ok((!here.begins(&there)).then(conflict))
     }
@@ -34,7 +34,7 @@ impl Merge<'_> {
         let Some((bytes, there)) = source.partial_bytes(id)? else {
             return Ok(Fate::Unfinished);
         };
-        if let Some(fate) = self.known_of(id, &there)? {
+        if let Some(fate) = self.known_of(id, &there, source)? {
             return Ok(fate);
         }
         let Some(leases) = self.leases else {
@@ -46,7 +46,7 @@ impl Merge<'_> {
             return Ok(Fate::Running { side, owner });
         }
         // Another program may have gone on with it before the lease was taken.
-        let fate = match self.known_of(id, &there) {
+        let fate = match self.known_of(id, &there, source) {
             Ok(None) => self.into.write_partial(id, &bytes, &there).map(|()| Fate::Taken),
             Ok(Some(fate)) => Ok(fate),
             Err(error) => Err(error),
@@ -57,7 +57,7 @@ impl Merge<'_> {
 
     /// The fate of a trial that has paused in the source, of which the destination knows as much or more, or something
     /// else; `None` where it knows less.
-    pub(super) fn known_of(&self, id: &str, there: &Partial) -> Result<Option<Fate>, Error> {
+    pub(super) fn known_of(&self, id: &str, there: &Partial, source: &Store) -> Result<Option<Fate>, Error> {
         let here = match look(self.into, id)? {
             Err(findings) => {
                 let side = Side::Destination;
@@ -74,8 +74,8 @@ impl Merge<'_> {
             return Ok(Some(Fate::Same));
         }
         let conflict = || Fate::Conflict {
-            source: Imprint::of(&there.file),
-            destination: Imprint::of(&here.file),
+            source: Imprint::of(&there.file, source),
+            destination: Imprint::of(&here.file, self.into),
         };
         Ok((!here.begins(there)).then(conflict))
     }
@@ -91,7 +91,8 @@ impl Merge<'_> {
         bytes: &[u8],
         there: &Partial,
     ) -> Result<bool, Error> {
-        match self.known_of(id, there)? {
+        // The store is asked for the words of a conflict alone, which are not used here.
+        match self.known_of(id, there, self.into)? {
             None => self.into.write_partial(id, bytes, there).map(|()| true),
             Some(Fate::Same) => Ok(false),
             Some(Fate::Damaged { findings, .. }) => Err(first_of(self.into, findings)),
