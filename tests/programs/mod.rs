@@ -8,6 +8,7 @@ mod identity;
 mod measured;
 mod new_from;
 mod reading;
+mod rehearsing;
 mod resuming;
 mod trial;
 

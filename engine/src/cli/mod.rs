@@ -26,6 +26,7 @@ mod profiles;
 mod progress;
 mod provenance;
 mod recorded;
+mod rehearse;
 mod reports;
 mod rollout;
 mod run;
@@ -338,7 +339,7 @@ struct ReportOptions {
 enum Verb {
     /// Check studies; nothing runs. A study whose environment this machine cannot make is named, and no error; 3 where
     /// nothing else is wrong.
-    Check(Selection),
+    Check(rehearse::CheckOptions),
     /// Say which trials a study has, which are done and what the rest will cost; nothing runs.
     Plan(Selection),
     /// Run what is missing, then write tables, figures and the report.
@@ -495,7 +496,7 @@ fn parse(registry: &Registry) -> Command {
 
 fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> Result<u8, Failure> {
     match verb {
-        Verb::Check(selection) => study::check(registry, &selection, common),
+        Verb::Check(options) => rehearse::check(registry, &options, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
         Verb::Run {
             selection,

@@ -1,0 +1,69 @@
+//! `check --rehearse`: programs that repeat, nearly repeat and do not repeat, and those that cannot be rehearsed.
+
+use super::*;
+
+/// A program that prints ten values, each with `more` added; `$1` is its seed.
+fn adding(more: &str) -> Place {
+    let program = format!(
+        "step=0\nwhile [ $step -lt 10 ]; do\n  step=$((step + 1))\n  echo \"step=${{step}}00 r=$(awk -v s=\"$1\" -v n=$step \
+         -v more=\"{more}\" 'BEGIN {{ printf \"%.12f\", 1 + s + n + more }}')\"\ndone\n"
+    );
+    Place::new(&program, "{ return: r }", "")
+}
+
+fn rehearse(place: &Place, options: &[&str]) -> Answer {
+    let words = [&["check", "study.yaml", "--rehearse", "--yes"], options].concat();
+    place.bench.run(&words)
+}
+
+#[test]
+fn a_program_that_repeats_is_told_from_those_that_nearly_do_and_do_not() {
+    // The number of a process is another one in each run.
+    let cases = [
+        ("0", "repeats to the bit"),
+        ("$(echo $$ | awk '{ print $1 * 1e-12 }')", "repeats to 1e-"),
+        ("$$", "does not repeat"),
+    ];
+    for (more, words) in cases {
+        let place = adding(more);
+        let answer = rehearse(&place, &[]);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        assert!(answer.out.contains(&format!("`mine` in `task` {words}")), "{more}: {}", answer.out);
+        assert!(answer.out.starts_with("one: ok, 1 trial"), "{}", answer.out);
+        assert!(!place.bench.path("store").exists(), "nothing is stored");
+    }
+}
+
+#[test]
+fn the_values_are_those_up_to_the_first_measurement() {
+    let answer = rehearse(&adding("0"), &[]);
+    // Two values of the training and the measurement at step 200.
+    assert!(answer.out.contains("repeats to the bit (3 values)"), "{}", answer.out);
+}
+
+#[test]
+fn a_program_that_fails_or_is_too_slow_is_named_with_the_reason() {
+    let failing = Place::new("echo broken >&2; exit 3\n", "{ return: r }", "");
+    let answer = rehearse(&failing, &[]);
+    assert_eq!(answer.code, 100, "{}", answer.out);
+    let words = ["`mine` in `task` was not rehearsed: it ended as failed", "broken"];
+    assert!(words.iter().all(|it| answer.out.contains(it)), "{}", answer.out);
+
+    let slow = Place::new("sleep 60\n", "{ return: r }", "");
+    let answer = rehearse(&slow, &["--rehearse-for", "1"]);
+    assert_eq!(answer.code, 100, "{}", answer.out);
+    let words = ["was not rehearsed", "`--rehearse-for` gives it longer"];
+    assert!(words.iter().all(|it| answer.out.contains(it)), "{}", answer.out);
+    until("nothing is left of it", || slow.processes().is_empty());
+}
+
+#[test]
+fn nobody_s_program_starts_without_consent_and_json_is_refused() {
+    let place = adding("0");
+    let answer = place.bench.run(&["check", "study.yaml", "--rehearse"]);
+    assert_eq!(answer.code, 2, "{}", answer.out);
+    assert!(answer.err.contains("--yes"), "{}", answer.err);
+    let answer = rehearse(&place, &["--format", "json"]);
+    assert_eq!(answer.code, 2);
+    assert!(answer.err.contains("leave out `--format json`"), "{}", answer.err);
+}
