@@ -376,3 +376,61 @@ fn several_studies_have_a_page_over_all_of_them() {
     let images = ask(browser, &index, 1400, script);
     assert_eq!(images.as_array().unwrap().len(), 4, "{images}");
 }
+
+/// A study with runs of nine settings of another program, the later ones better.
+fn crowd() -> Bench {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("runs")).unwrap();
+    let mut imported = String::new();
+    for setting in 0..9 {
+        let values = (0..=600)
+            .step_by(50)
+            .map(|step| format!("{step},{}\n", setting * step));
+        bench.write(
+            &format!("runs/{setting}.csv"),
+            &format!("step,return\n{}", values.collect::<String>()),
+        );
+        imported +=
+            &format!("  rate_{setting}: {{ from: runs/{setting}.csv, metrics: {{ return: return }} }}\n");
+    }
+    let head = "study: crowd\nenvironments: { env: { pendulum: {} } }\nagents: { rule: { zero_action: {} } }\n\
+        protocol: { train_evaluate: { steps: 200, evaluate_every: 100, episodes: 1, final_episodes: 1, environments: 2, trace_episodes: 0 } }\n";
+    let agents: Vec<String> = (0..9).map(|setting| format!("rate_{setting}")).collect();
+    let figure = format!(
+        "figures: {{ curve: {{ learning_curve: {{ metric: return, agents: [{}] }} }} }}\n",
+        agents.join(", ")
+    );
+    bench.write("crowd.yaml", &format!("{head}imported:\n{imported}{figure}"));
+    bench.ok(&["run", "crowd.yaml"]);
+    bench
+}
+
+/// The names of the legend, and how much is drawn in the last column of pixels of a plot, where nothing may be cut.
+const CROWDED: &str = "const canvas = document.querySelector('.plot canvas'), edge = canvas.width - 1;
+    const pixels = canvas.getContext('2d').getImageData(edge, 0, 1, canvas.height).data;
+    return { names: [...document.querySelectorAll('.legend label span')].map(it => it.textContent),
+        drawn: pixels.filter((_, index) => index % 4 === 3).reduce((sum, it) => sum + it, 0) };";
+
+#[test]
+fn of_many_lines_the_best_are_named_and_the_last_tick_is_whole() {
+    let Some(browser) = &browser() else { return };
+    let bench = crowd();
+    let html = std::fs::read_to_string(bench.path("results/crowd/index.html")).unwrap();
+    let wanted = ["rate_4", "rate_5", "rate_6", "rate_7", "rate_8"].map(|name| format!("{name} (imported)"));
+    for width in WIDTHS {
+        let told = ask(browser, &html, width, CROWDED);
+        let names: Vec<&str> = told["names"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(Value::as_str)
+            .collect();
+        assert_eq!(
+            (&names[..5], names[5]),
+            (&wanted.each_ref().map(String::as_str)[..], "4 others")
+        );
+        assert_eq!(told["drawn"], 0, "at {width} pixels");
+    }
+    let svg = std::fs::read_to_string(bench.path("results/crowd/figures/curve.svg")).unwrap();
+    assert!(svg.contains("4 others") && !svg.contains("rate_3"));
+}

@@ -326,7 +326,24 @@ fn what_a_search_saw_is_drawn() {
     let read = |name: &str| {
         std::fs::read_to_string(bench.path(&format!("results/tuned/figures/{name}.csv"))).unwrap()
     };
-    let (keys, tried) = (read("keys"), read("tried"));
+    let (keys, tried, way) = (read("keys"), read("tried"), read("rates-best-so-far"));
+    // A run of one value for each setting has its name, and the line never falls.
+    assert_eq!(
+        way.lines()
+            .filter(|line| line.contains("actor_learning_rate="))
+            .count(),
+        12,
+        "{way}"
+    );
+    let cells = way
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').collect::<Vec<_>>());
+    let line = cells.filter(|cells| cells[1] == "settings and the best so far" && cells[8].is_empty());
+    let line: Vec<f64> = line.map(|cells| cells[4].parse().unwrap()).collect();
+    assert!(line.len() >= 12 && line.is_sorted(), "{way}");
+    // The study names parallel coordinates itself, so that they are drawn once.
+    assert!(!bench.path("results/tuned/figures/rates-settings.csv").exists());
     // A bar for each of three keys, and twelve lines over three keys and the metric.
     assert_eq!(
         (keys.lines().count(), tried.lines().count()),
@@ -338,4 +355,49 @@ fn what_a_search_saw_is_drawn() {
     }
     let report = std::fs::read_to_string(bench.path("results/tuned/report.md")).unwrap();
     assert!(report.contains("% of the variance"), "{report}");
+}
+
+#[test]
+fn a_search_is_shown_without_being_asked_for_and_the_winner_beside_its_value_on_fresh_seeds() {
+    let bench = Bench::new();
+    let study = STUDY.split("tables:").next().unwrap();
+    let lengths = "tables: { lengths: { comparison: { rows: agent, value: cycle_length } } }";
+    bench.write("tuned.yaml", &format!("{study}{lengths}\n"));
+    bench.ok(&["run", "tuned.yaml", "-j", "2"]);
+    let read = |name: &str| std::fs::read_to_string(bench.path(&format!("results/tuned/{name}"))).unwrap();
+    let rows = |table: &str| -> Vec<Vec<String>> {
+        let cells = |line: &str| line.split(',').map(String::from).collect();
+        read(table).lines().skip(1).map(cells).collect()
+    };
+    let best = rows("tables/rates-best-settings.csv");
+    // Five settings in the search and on fresh seeds, where only the winner has a value: that of the agent.
+    let fresh: Vec<&Vec<String>> = best
+        .iter()
+        .filter(|cells| cells.iter().any(|it| it == "fresh"))
+        .collect();
+    assert_eq!((best.len(), fresh.len()), (10, 5), "{best:?}");
+    let lengths = rows("tables/lengths.csv");
+    let agent = lengths.iter().find(|cells| cells[0] == "dsac").unwrap();
+    assert!(
+        agent
+            .iter()
+            .filter(|it| it.contains('.'))
+            .all(|it| fresh[0].contains(it)),
+        "{agent:?} {fresh:?}"
+    );
+    assert!(
+        fresh[1..]
+            .iter()
+            .all(|cells| !cells.iter().any(|it| agent[5..].contains(it) && it.contains('.'))),
+        "{fresh:?}"
+    );
+    let page = read("index.html");
+    for part in [
+        "cycle length on fresh seeds",
+        "id=\"rates-best-so-far\"",
+        "id=\"rates-settings\"",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(read("resolved.yaml").contains("rates-best-settings"));
 }

@@ -7,8 +7,9 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Error, Registry,
+    Better, Error, Registry,
     figure::FigureKind,
+    search::Goal,
     store::{self, Store, write_durably},
     watch::{Choice, View, Watched, Watcher, draw, page, plain},
     world::{clock, fs},
@@ -16,6 +17,7 @@ use crate::{
 use clap::Args;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::{
+    collections::BTreeSet,
     io::IsTerminal,
     path::{Path, PathBuf},
     sync::{
@@ -73,7 +75,12 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
     let mut watching = Watching {
         registry,
         options,
-        watcher: Watcher::new(store.clone(), settings.workers, preferred),
+        watcher: Watcher::new(
+            store.clone(),
+            settings.workers,
+            preferred,
+            less_is_better(&planned),
+        ),
         store,
         planned,
         looks: 0,
@@ -110,7 +117,19 @@ fn broken(error: std::io::Error) -> Failure {
     }
 }
 
-/// Metrics that the learning curves of a study show, in order.
+/// Metrics of which less is better, by what studies say of them and by the goals of their searches.
+fn less_is_better(planned: &[Planned]) -> BTreeSet<String> {
+    let of_study = |one: &Planned| -> Vec<String> {
+        let metrics = one.study.metrics.iter().filter(|it| it.better == Better::Lower);
+        let searches = one.study.searches.iter().map(|(search, _)| search);
+        let goals = searches.filter(|search| search.goal == Goal::Least);
+        let goals = goals.map(|search| search.by.clone());
+        metrics.map(|it| it.name.clone()).chain(goals).collect()
+    };
+    planned.iter().flat_map(of_study).collect()
+}
+
+/// Metrics that a study shows in learning curves, compares settings by and has in tables, in this order.
 fn metrics(one: &Planned) -> Vec<String> {
     let curves = one
         .study
@@ -120,7 +139,10 @@ fn metrics(one: &Planned) -> Vec<String> {
             FigureKind::LearningCurve(curve) => Some(curve.metric.clone()),
             _ => None,
         });
-    curves.collect()
+    let searches = one.study.searches.iter().map(|(search, _)| search.by.clone());
+    let tables = one.study.tables.iter();
+    let tables = tables.filter_map(|(_, table)| table.kind.metric_of_unit().map(str::to_owned));
+    curves.chain(searches).chain(tables).collect()
 }
 
 struct Watching<'a> {

@@ -14,6 +14,8 @@ pub(super) const TEXT: f64 = 7.5;
 /// Width of the lines of axes and of their ticks.
 pub(super) const AXIS_WIDTH: f64 = 0.6;
 const TICK: f64 = 2.5;
+/// Room right of a panel, for the half of its last tick label that stands out.
+pub(super) const OVERHANG: f64 = 9.0;
 const LINE: f64 = 8.8;
 /// The smallest positive number.
 const SMALLEST: f64 = f64::from_bits(1);
@@ -202,11 +204,49 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
         };
         for (index, line) in lines.iter().enumerate() {
             let down = TICK + 2.0 + LINE * (count(index) + 0.5);
-            marks.push(text((x, frame.bottom + down), line, HPos::Center));
+            // A wide one stands as far to the left as it needs to be whole.
+            let most = frame.right + OVERHANG - text_width(line, TEXT) / 2.0;
+            marks.push(text((x.min(most), frame.bottom + down), line, HPos::Center));
         }
         lowest = lowest.max(count(lines.len()));
     }
     TICK + 2.0 + lowest * LINE
+}
+
+/// Upright axes over the names of the horizontal one, with ticks at places from 0 to 1 and their texts, which are
+/// readable over lines.
+pub(super) fn upright_scales(axes: &[Vec<Tick>], frame: &Frame, marks: &mut Vec<Mark>) {
+    for (index, ticks) in axes.iter().enumerate() {
+        let (foot, head) = (frame.at(count(index), 0.0), frame.at(count(index), 1.0));
+        let line = |points: Vec<Place>| Mark::Line {
+            points,
+            width: AXIS_WIDTH,
+            color: INK,
+        };
+        marks.push(line(vec![foot, head]));
+        for tick in ticks {
+            let (x, y) = frame.at(count(index), tick.value);
+            let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
+            marks.push(line(vec![(x - length, y), (x, y)]));
+            if !tick.text.is_empty() {
+                let (right, width) = (x - TICK - 1.5, text_width(&tick.text, TEXT));
+                marks.push(ground(
+                    (right - width - 0.8, y - LINE / 2.0),
+                    (right + 0.8, y + LINE / 2.0),
+                ));
+                marks.push(text((right, y), &tick.text, HPos::Right));
+            }
+        }
+    }
+}
+
+/// Paper that lets lines shine through a little.
+fn ground((left, top): Place, (right, bottom): Place) -> Mark {
+    Mark::Fill {
+        points: vec![(left, top), (right, top), (right, bottom), (left, bottom)],
+        color: (0xff, 0xff, 0xff),
+        opacity: 0.8,
+    }
 }
 
 /// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the
@@ -268,5 +308,31 @@ mod tests {
     fn long_names_are_broken_between_words() {
         assert_eq!(break_lines("four cells", 30.0), ["four", "cells"]);
         assert_eq!(break_lines("four cells", 300.0), ["four cells"]);
+    }
+
+    #[test]
+    fn the_last_tick_is_whole() {
+        let range = Range::around([0.0, 123_400.0].into_iter(), false, 0.0);
+        let frame = Frame {
+            left: 0.0,
+            right: 20.0,
+            top: 0.0,
+            bottom: 10.0,
+            x: range,
+            y: range,
+        };
+        let scale = Scale {
+            categories: vec!["a".into(), "unbreakable_and_wide".into()],
+            ..Scale::default()
+        };
+        for scale in [Scale::default(), scale] {
+            let mut marks = Vec::new();
+            horizontal(&frame, &scale, &mut marks);
+            let ends = marks.iter().filter_map(|mark| match mark {
+                Mark::Text { at, text, .. } => Some(at.0 + text_width(text, TEXT) / 2.0),
+                _ => None,
+            });
+            assert!(ends.fold(0.0, f64::max) <= frame.right + OVERHANG + 1e-9);
+        }
     }
 }

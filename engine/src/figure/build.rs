@@ -5,7 +5,7 @@ use super::{
     chart::{Chart, Hue, Paper, Scale, Series, Shape, Style},
 };
 use crate::{
-    Error,
+    Better, Error,
     results::Results,
     table::{Axis, Scope},
 };
@@ -20,6 +20,8 @@ pub struct Context<'a> {
     pub agents: &'a [String],
     /// Units by metric, for the labels of axes; a metric without one has no entry.
     pub units: &'a BTreeMap<String, String>,
+    /// The better direction by metric; more is better of a metric without an entry.
+    pub better: &'a BTreeMap<String, Better>,
 }
 
 /// Computes a figure.
@@ -90,6 +92,11 @@ impl Context<'_> {
             0 | 1 => own,
             _ => Style { variant: index, hue },
         }
+    }
+
+    /// Which values of a metric are better.
+    pub(super) fn better(&self, metric: &str) -> Better {
+        self.better.get(metric).copied().unwrap_or(Better::Higher)
     }
 
     /// Label of an axis that shows a metric: its name with spaces, and its unit.

@@ -1,5 +1,6 @@
 //! A computed figure: panels with series, as data.
 
+use super::ticks::Tick;
 use crate::drawing::{Graph, Image};
 
 /// A figure as data: what the drawing and the CSV file read.
@@ -87,6 +88,8 @@ pub enum Hue {
     Grey,
     /// Pale grey and wide, for what lines are held against: it shows behind a line that covers it.
     Behind,
+    /// Pale grey, for the lines of a crowded chart that are not among the best ones.
+    Other,
 }
 
 impl Default for Hue {
@@ -169,6 +172,9 @@ pub enum Shape {
     Images(Tiles),
     /// Boxes and arrows, without axes.
     Graph(Graph),
+    /// Upright axes in place of those of the panel: one over each name of the horizontal axis, with ticks at places from
+    /// 0 to 1.
+    Axes(Vec<Vec<Tick>>),
 }
 
 /// Images in rows.
@@ -232,7 +238,28 @@ impl Shape {
             | Shape::Across(points)
             | Shape::Path(points)
             | Shape::Crosses(points) => points,
-            Shape::Level(_) | Shape::Surface(_) | Shape::Cells(_) | Shape::Images(_) | Shape::Graph(_) => &[],
+            Shape::Level(_)
+            | Shape::Surface(_)
+            | Shape::Cells(_)
+            | Shape::Images(_)
+            | Shape::Graph(_)
+            | Shape::Axes(_) => &[],
+        }
+    }
+
+    /// The value at which a line, or a row of points, ends; `None` for other shapes.
+    #[must_use]
+    pub fn last_value(&self) -> Option<f64> {
+        let last = |points: &[Point]| {
+            points
+                .iter()
+                .map(|point| point.y)
+                .rfind(|value| value.is_finite())
+        };
+        match self {
+            Shape::Curve(curve) => curve.at_the_ends.or_else(|| last(&curve.points)),
+            Shape::Line(points) | Shape::MarkedLine(points) | Shape::Points(points) => last(points),
+            _ => None,
         }
     }
 
@@ -328,6 +355,11 @@ impl Series {
             None => self.label.clone(),
         }
     }
+
+    /// True for a line that a crowded chart shows in grey.
+    pub(super) fn is_other(&self) -> bool {
+        self.style.hue == Hue::Other
+    }
 }
 
 impl Panel {
@@ -338,6 +370,15 @@ impl Panel {
         } else {
             self.title.clone()
         }
+    }
+
+    /// The upright axes that stand in place of those of the panel; none where it has axes of its own.
+    pub(super) fn upright_axes(&self) -> &[Vec<Tick>] {
+        let axes = self.series.iter().find_map(|series| match &series.shape {
+            Shape::Axes(axes) => Some(axes.as_slice()),
+            _ => None,
+        });
+        axes.unwrap_or_default()
     }
 }
 

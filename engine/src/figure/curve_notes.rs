@@ -7,6 +7,9 @@ use super::{
 };
 use crate::statistics::thinning;
 
+/// Up to so many names stand in a sentence.
+const MOST_NAMED: usize = 5;
+
 /// What is drawn, and nothing that is not.
 pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
     let drawn = Drawn { kind, chart };
@@ -50,10 +53,13 @@ impl Drawn<'_> {
     /// How runs that were not measured at the same steps become a line.
     fn carried(&self) -> Option<String> {
         let names = self.names(|curve| !have_same_steps(curve));
+        let which = match names.len() {
+            n if n > MOST_NAMED => format!("{n} lines"),
+            _ => names.join(", "),
+        };
         (!names.is_empty()).then(|| {
             format!(
-                "Runs that were not measured at the same steps ({}) count at each step with their last value up to it.",
-                names.join(", ")
+                "Runs that were not measured at the same steps ({which}) count at each step with their last value up to it."
             )
         })
     }

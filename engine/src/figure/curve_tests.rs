@@ -73,6 +73,7 @@ fn climb(change: impl Fn(&mut LearningCurve), agents: usize, seeds: u64) -> Char
             results: &climbers(agents, seeds),
             agents: &names,
             units: &units,
+            better: &BTreeMap::new(),
         },
     )
     .unwrap()
@@ -348,6 +349,7 @@ fn a_published_curve_that_cannot_be_read_is_said() {
             results: &climbers(2, 2),
             agents: &agents,
             units: &units,
+            better: &BTreeMap::new(),
         },
     )
     .unwrap_err()

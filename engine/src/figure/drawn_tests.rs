@@ -204,6 +204,7 @@ fn nothing_to_draw_is_said() {
         results: &results,
         agents: &[],
         units: &units,
+        better: &BTreeMap::new(),
     };
     let message = build(&graph(&["dsac"]), context).unwrap_err().to_string();
     assert!(

@@ -17,6 +17,9 @@ impl Chart {
         if drawn::shapes(self).any(|(_, _, shape)| matches!(shape, Shape::Images(_) | Shape::Graph(_))) {
             return drawn_in_words(self);
         }
+        if let Some(words) = upright_axes(self) {
+            return words;
+        }
         let values: Vec<String> = self.panels.iter().flat_map(panel_values).collect();
         let more = values.len().saturating_sub(MOST);
         let more = if more > 0 {
@@ -116,6 +119,18 @@ fn axes(chart: &Chart) -> String {
     }
 }
 
+/// The names of upright axes; `None` where there are none.
+fn upright_axes(chart: &Chart) -> Option<String> {
+    let panel = chart
+        .panels
+        .iter()
+        .find(|panel| !panel.upright_axes().is_empty())?;
+    Some(format!(
+        "Lines over upright axes: {}.",
+        panel.x.categories.join(", ")
+    ))
+}
+
 fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values
         .filter(|value| value.is_finite())
@@ -167,15 +182,13 @@ fn panel_values(panel: &Panel) -> Vec<String> {
 fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option<String> {
     match &series.shape {
         Shape::Level(value) => Some(format.write(*value)),
-        Shape::Curve(curve) => curve
-            .at_the_ends
-            .or_else(|| last(&curve.points))
-            .map(|value| format.write(value)),
         // Where rows have names, the values lie along the horizontal axis.
         Shape::Line(points) if !panel.y.categories.is_empty() => {
             points.last().map(|point| format.write(point.x))
         }
-        Shape::Line(points) | Shape::MarkedLine(points) => last(points).map(|value| format.write(value)),
+        Shape::Curve(_) | Shape::Line(_) | Shape::MarkedLine(_) => {
+            series.shape.last_value().map(|value| format.write(value))
+        }
         Shape::Bars(points, _) => Some(at_names(points, &panel.x, format)),
         Shape::Across(points) => Some(at_names(points, &panel.y, format)),
         Shape::Points(points) | Shape::Path(points) | Shape::Crosses(points) => Some(match points.len() {
@@ -205,7 +218,7 @@ fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option
                 at(high)
             ))
         }
-        Shape::Images(_) | Shape::Graph(_) => None,
+        Shape::Images(_) | Shape::Graph(_) | Shape::Axes(_) => None,
     }
 }
 
@@ -224,13 +237,6 @@ fn place_of(cells: &Cells, panel: &Panel, value: f64) -> String {
     found.map_or_else(String::new, |(row, column, _)| {
         format!("{}, {}", name(&panel.y, row), name(&panel.x, column))
     })
-}
-
-fn last(points: &[Point]) -> Option<f64> {
-    points
-        .iter()
-        .map(|point| point.y)
-        .rfind(|value| value.is_finite())
 }
 
 /// Values with the names of their places; bars of a group lie beside the place of its name.

@@ -1,7 +1,7 @@
 //! From a chart to a drawing: where legend, panels, axes and labels lie.
 
 use super::{
-    axes::{self, Frame, Range, TEXT},
+    axes::{self, Frame, OVERHANG, Range, TEXT},
     chart::{Chart, Panel, Scale, Shape},
     graph_drawing, image_tiles, legend,
     paint::{Drawing, Mark, text_width},
@@ -27,8 +27,8 @@ const ROW: f64 = 15.0;
 const LOWEST: f64 = 60.0;
 /// Room between a row's axis labels and the next row.
 const GAP: f64 = 7.0;
-/// Room right of a panel, for the half of its last tick label that stands out.
-const OVERHANG: f64 = 9.0;
+/// So many upright axes stand beside each other in one column of a paper.
+const MOST_UPRIGHT: usize = 4;
 /// Room for the colour bar of surfaces, its numbers and label.
 const COLOR_BAR: f64 = 42.0;
 
@@ -52,7 +52,12 @@ fn with_axes(chart: &Chart, width: Option<f64>) -> Drawing {
 }
 
 fn usual_width(chart: &Chart) -> f64 {
-    if chart.columns <= 1 { SINGLE } else { DOUBLE }
+    let upright = chart.panels.iter().map(|panel| panel.upright_axes().len()).max();
+    if chart.columns <= 1 && upright.is_none_or(|axes| axes <= MOST_UPRIGHT) {
+        SINGLE
+    } else {
+        DOUBLE
+    }
 }
 
 /// The widths of the columns of panels and what the axes need.
@@ -123,9 +128,12 @@ impl Grid {
     ) {
         let index = row * chart.columns.max(1) + column;
         let frame = self.frame(index, column, top);
-        axes::background(&frame, panel, self.heights.is_none(), marks);
+        let has_usual_axes = panel.upright_axes().is_empty();
+        axes::background(&frame, panel, self.heights.is_none() && has_usual_axes, marks);
         series::draw(panel, &frame, self.heights, marks);
-        axes::border(&frame, marks);
+        if has_usual_axes {
+            axes::border(&frame, marks);
+        }
         if !panel.title.is_empty() {
             marks.push(text(
                 ((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5),
@@ -133,7 +141,7 @@ impl Grid {
                 HPos::Center,
             ));
         }
-        if !(chart.shared_y && column > 0) {
+        if has_usual_axes && !(chart.shared_y && column > 0) {
             axes::vertical(&frame, &panel.y, marks);
             if column == 0 || panel.y.label != chart.panels[index - 1].y.label {
                 let middle = (frame.top + frame.bottom) / 2.0;
@@ -236,6 +244,9 @@ fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: 
     }
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];
+        if !panel.upright_axes().is_empty() {
+            return 0.0;
+        }
         let labelled = column == 0 || panel.y.label != chart.panels[index - 1].y.label;
         let lines = if labelled {
             axes::break_lines(&panel.y.label, upright_room(height)).len()

@@ -4,6 +4,7 @@ use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, label_with_setting, level},
     chart::{Chart, Curve, CurveOf, RunLine, Scale, Series, Shape, Style},
+    crowd::name_the_best,
     curve_notes,
     over_runs::{FEW, Shown, are_uneven, at_the_ends, over, points, smoothed},
     published,
@@ -158,7 +159,9 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
             .series
             .extend(published::series(kind, context, &environment, end)?);
     }
+    let crowded = name_the_best(&mut chart, context.better(&kind.metric));
     chart.notes.extend(curve_notes::sentences(kind, &chart));
+    chart.notes.extend(crowded);
     Ok(chart)
 }
 

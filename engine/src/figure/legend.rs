@@ -8,6 +8,7 @@ use super::{
     series,
 };
 use plotters::style::text_anchor::HPos;
+use std::collections::BTreeSet;
 
 const GAP: f64 = 12.0;
 const LINE: f64 = 11.0;
@@ -38,15 +39,15 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
     }
 }
 
-/// One entry per name and look. Where panels differ in the number of seeds, it says from how many to how
-/// many.
-fn entries(chart: &Chart) -> Vec<(&Series, String)> {
+/// One entry per name and look, and one for all lines that are grey because there are too many. Where panels differ in
+/// the number of seeds, it says from how many to how many.
+pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     let mut groups: Vec<Vec<&Series>> = Vec::new();
     for series in chart
         .panels
         .iter()
         .flat_map(|panel| &panel.series)
-        .filter(|series| !series.label.is_empty())
+        .filter(|series| !series.label.is_empty() && !series.is_other())
     {
         let look = |series: &Series| (series.label.clone(), series.style, is_published(series));
         let same = |group: &&mut Vec<&Series>| look(group[0]) == look(series);
@@ -58,7 +59,17 @@ fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     groups
         .into_iter()
         .map(|group| (first_line(&group), name(&group)))
+        .chain(others(chart))
         .collect()
+}
+
+/// One of the grey lines, and how many names they have; `None` where there are none.
+fn others(chart: &Chart) -> Option<(&Series, String)> {
+    let series = chart.panels.iter().flat_map(|panel| &panel.series);
+    let others: Vec<&Series> = series.filter(|series| series.is_other()).collect();
+    let names: BTreeSet<&str> = others.iter().map(|series| series.label.as_str()).collect();
+    let first = others.first()?;
+    Some((first, format!("{} others", names.len())))
 }
 
 fn is_published(series: &Series) -> bool {

@@ -2,9 +2,11 @@
 
 mod axes;
 mod bars;
+mod best_so_far;
 mod build;
 mod chart;
 mod contour;
+mod crowd;
 mod curve_notes;
 #[cfg(test)]
 mod curve_tests;
@@ -43,12 +45,14 @@ mod ticks;
 mod trajectory;
 
 pub use bars::Bars;
+pub use best_so_far::BestSoFar;
 pub use build::{Context, build};
 pub use chart::{
     Cells, Chart, Curve, CurveOf, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface,
     Tiles,
 };
 pub use contour::Contour;
+pub use crowd::name_the_best;
 pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
 pub use heat_map::HeatMap;
@@ -62,6 +66,7 @@ pub use pdf::pdf;
 pub use plot_data::plot_data;
 pub use scatter::Scatter;
 pub use suite::{IntervalEstimates, PerformanceProfile, ProbabilityOfImprovement, SampleEfficiency};
+pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
@@ -106,8 +111,10 @@ kinds! {
              one line per agent.";
         "importance" => Importance(ImportanceFigure),
             "How much each key of a search matters: what a forest's forecast loses without it.";
+        "best_so_far" => BestSoFar(BestSoFar),
+            "The value of each setting that a search tried, in their order, and the best one so far.";
         "parallel_coordinates" => ParallelCoordinates(ParallelCoordinates),
-            "The settings that a search tried, a line each over its keys and its metric.";
+            "The settings that a search tried, a line each over its keys and its metric, with values on every axis.";
         "images" => Images(Images),
             "Samples that trials left as images, a grid of them per agent.";
         "graph" => GraphFigure(GraphFigure),
@@ -233,6 +240,12 @@ impl FigureKind {
     pub fn is_recorded(&self) -> bool {
         self.it().is_recorded()
     }
+}
+
+/// The names in the legend of a chart, in their order.
+#[cfg(test)]
+pub(crate) fn legend_names(chart: &Chart) -> Vec<String> {
+    legend::entries(chart).into_iter().map(|(_, name)| name).collect()
 }
 
 /// True where a chart is drawn as wide as two columns of a paper.

@@ -153,7 +153,7 @@ impl Style {
     #[must_use]
     pub fn on_dark(self) -> Rgb {
         match self.hue {
-            Hue::Behind => (0x5c, 0x5f, 0x64),
+            Hue::Behind | Hue::Other => (0x5c, 0x5f, 0x64),
             _ if self.color() == (0, 0, 0) => PALE,
             _ => lightened(self.color()),
         }

@@ -5,15 +5,21 @@ use super::{
     build::{Context, count, label, spaced},
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
     searched::Searched,
+    ticks::{self, Tick},
 };
 use crate::{
     Error,
     search::Range,
+    setting::word,
     spec::names::{Names, Place},
     table::metric_of_search,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// So many ticks are asked for on an axis.
+const TICKS: usize = 5;
 
 /// The settings that a search tried.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -54,17 +60,18 @@ fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Cha
         },
         shape: Shape::Line(points(searched, *at, range)),
     };
+    let axes = Series {
+        label: String::new(),
+        seeds: None,
+        style: Style::default(),
+        shape: Shape::Axes(axes(searched, range)),
+    };
     let panel = Panel {
         x: Scale {
-            categories: axes(searched, range, spec),
+            categories: names(searched, spec),
             ..Scale::default()
         },
-        y: Scale {
-            label: "place in the range".into(),
-            includes: vec![0.0, 1.0],
-            ..Scale::default()
-        },
-        series: drawn.iter().enumerate().map(line).collect(),
+        series: drawn.iter().enumerate().map(line).chain([axes]).collect(),
         ..Panel::default()
     };
     Chart {
@@ -101,15 +108,60 @@ fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Po
     places.enumerate().map(point).collect()
 }
 
-/// The names of the axes with their ends.
-fn axes(searched: &Searched<'_>, (low, high): (f64, f64), spec: &FigureSpec) -> Vec<String> {
-    let search = &searched.result.search;
-    let named =
-        |(key, (_, range)): (&str, &(String, Range))| format!("{} ({})", label(spec, key), range.in_words());
-    let keys = searched.keys().into_iter().zip(&search.keys).map(named);
-    let metric = label(spec, &spaced(&search.by));
-    keys.chain([format!("{metric} ({} to {})", short(low), short(high))])
+/// The names of the axes: the keys, and the metric.
+fn names(searched: &Searched<'_>, spec: &FigureSpec) -> Vec<String> {
+    let keys = searched.keys().into_iter().map(|key| label(spec, &spaced(key)));
+    keys.chain([label(spec, &spaced(&searched.result.search.by))])
         .collect()
+}
+
+/// The ticks of the axes: the values of each key, and those of the metric between the ends that are drawn.
+fn axes(searched: &Searched<'_>, (low, high): (f64, f64)) -> Vec<Vec<Tick>> {
+    let keys = searched.result.search.keys.iter();
+    let of_metric = if high > low {
+        placed(ticks::linear(low, high, TICKS), |value| {
+            (value - low) / (high - low)
+        })
+    } else {
+        vec![Tick {
+            value: 0.5,
+            text: short(low),
+        }]
+    };
+    keys.map(|(_, range)| of_range(range))
+        .chain([of_metric])
+        .collect()
+}
+
+fn of_range(range: &Range) -> Vec<Tick> {
+    let share = |value: &Value| range.share_of(value).unwrap_or(0.0);
+    match range {
+        Range::Choice(values) => {
+            let tick = |value: &Value| Tick {
+                value: share(value),
+                text: word(value),
+            };
+            values.iter().map(tick).collect()
+        }
+        Range::Numbers(numbers) => {
+            let ticks = if numbers.log {
+                ticks::logarithmic(numbers.low, numbers.high, TICKS)
+            } else {
+                ticks::linear(numbers.low, numbers.high, TICKS)
+            };
+            let is_a_value = |tick: &Tick| !numbers.integer || tick.value.fract() == 0.0;
+            placed(ticks.into_iter().filter(is_a_value), |value| share(&json!(value)))
+        }
+    }
+}
+
+/// Ticks at their places on an axis from 0 to 1.
+fn placed(ticks: impl IntoIterator<Item = Tick>, place: impl Fn(f64) -> f64) -> Vec<Tick> {
+    let at_place = |tick: Tick| Tick {
+        value: place(tick.value),
+        ..tick
+    };
+    ticks.into_iter().map(at_place).collect()
 }
 
 fn note(searched: &Searched<'_>, drawn: usize) -> String {
@@ -119,9 +171,7 @@ fn note(searched: &Searched<'_>, drawn: usize) -> String {
             " {more} more are worse, were looked at up to a pause alone or failed, and are not drawn."
         ),
     };
-    format!(
-        "A line for each of {drawn} settings, the best the darkest; listed values stand from the bottom up.{rest}"
-    )
+    format!("A line for each of {drawn} settings, the best the darkest.{rest}")
 }
 
 fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
@@ -133,4 +183,41 @@ fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
 /// A number with about three digits.
 fn short(value: f64) -> String {
     crate::table::NumberFormat::fitting([value].into_iter()).write(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::Numbers;
+
+    fn texts(range: &Range) -> Vec<(String, f64)> {
+        let ticks = of_range(range).into_iter().filter(|tick| !tick.text.is_empty());
+        ticks
+            .map(|tick| (tick.text, (100.0 * tick.value).round()))
+            .collect()
+    }
+
+    fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
+        Range::Numbers(Numbers {
+            low,
+            high,
+            log,
+            integer,
+        })
+    }
+
+    fn named<const N: usize>(ticks: [(&str, f64); N]) -> Vec<(String, f64)> {
+        ticks.map(|(text, place)| (text.to_owned(), place)).into()
+    }
+
+    #[test]
+    fn axes_have_the_values_of_their_keys() {
+        let rates = named([("10⁻⁵", 0.0), ("10⁻⁴", 50.0), ("10⁻³", 100.0)]);
+        assert_eq!(texts(&numbers(1e-5, 1e-3, true, false)), rates);
+        // No layers between one and two.
+        let layers = named([("1", 0.0), ("2", 50.0), ("3", 100.0)]);
+        assert_eq!(texts(&numbers(1.0, 3.0, false, true)), layers);
+        let listed = Range::Choice(vec![json!(64), json!("minus_sqrt_d")]);
+        assert_eq!(texts(&listed), named([("64", 0.0), ("minus_sqrt_d", 100.0)]));
+    }
 }

@@ -41,6 +41,9 @@ fn series(series: &Series, log: bool) -> Value {
         ),
         ("dark".to_owned(), json!([hex(style.on_dark()), hex(style.dim())])),
     ]);
+    if series.is_other() {
+        data.insert("other".into(), json!(true));
+    }
     let dash = match &series.shape {
         Shape::Curve(curve) => {
             data.extend(lines(curve, log));

@@ -10,6 +10,8 @@ use crate::{
 /// Settings that went to their ends.
 pub(super) struct Searched<'a> {
     pub(super) result: &'a SearchResult,
+    /// The place of each setting in the order in which they were tried.
+    pub(super) places: Vec<usize>,
     /// Where the values of each setting lie between the ends of their ranges, from 0 to 1 `[setting][key]`.
     pub(super) shares: Vec<Vec<f64>>,
     /// The mean over seeds of each setting.
@@ -27,17 +29,28 @@ impl<'a> Searched<'a> {
             .iter()
             .find(|it| it.search.name == name)
             .ok_or_else(|| problem(&format!("there is no search `{name}`")))?;
-        let to_their_ends = result.tried.iter().filter(|tried| tried.stop.is_none());
-        let ended = to_their_ends.filter_map(|tried| Some((shares(result, tried)?, tried.value()?)));
-        let (shares, values): (Vec<_>, Vec<_>) = ended.unzip();
-        if values.is_empty() {
+        let mut searched = Self {
+            result,
+            places: Vec::new(),
+            shares: Vec::new(),
+            values: Vec::new(),
+        };
+        let to_their_ends = result
+            .tried
+            .iter()
+            .enumerate()
+            .filter(|(_, tried)| tried.stop.is_none());
+        for (place, tried) in to_their_ends {
+            if let (Some(shares), Some(value)) = (shares(result, tried), tried.value()) {
+                searched.places.push(place);
+                searched.shares.push(shares);
+                searched.values.push(value);
+            }
+        }
+        if searched.values.is_empty() {
             return Err(problem("no setting of the search has gone to its end"));
         }
-        Ok(Self {
-            result,
-            shares,
-            values,
-        })
+        Ok(searched)
     }
 
     /// The keys by their last words, or as a whole where these are not unique.

@@ -1,7 +1,7 @@
 //! Draws the series of a panel: lines, learning curves, marked lines, levels, points, bars, paths, crosses.
 
 use super::{
-    axes::{Frame, Range},
+    axes::{self, Frame, Range},
     chart::{Curve, CurveOf, Panel, Point, Series, Shape, Style},
     heat_map,
     layout::count,
@@ -15,11 +15,18 @@ const LINE_WIDTH: f64 = 1.2;
 const PUBLISHED_WIDTH: f64 = 0.9;
 const RUN_WIDTH: f64 = 0.5;
 const MARKER: f64 = 2.2;
+const DOT: f64 = 1.4;
 const BAND_OPACITY: f64 = 0.18;
 
-/// All series of a panel: thin lines below bands and bands below lines, so that none is hidden.
+/// All series of a panel: grey lines below all others, thin lines below bands and bands below lines, so that none is
+/// hidden.
 pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
-    let curves: Vec<(&Curve, Style)> = panel.series.iter().filter_map(curve).collect();
+    let (others, named): (Vec<&Series>, Vec<&Series>) =
+        panel.series.iter().partition(|series| series.is_other());
+    others
+        .iter()
+        .for_each(|series| one(series, frame, heights, marks));
+    let curves: Vec<(&Curve, Style)> = named.iter().filter_map(|series| curve(series)).collect();
     runs(&curves, frame, marks);
     marks.extend(
         curves
@@ -33,9 +40,7 @@ pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: 
             .iter()
             .flat_map(|(curve, style)| bands(&curve.points, frame, style.color())),
     );
-    for series in &panel.series {
-        one(series, frame, heights, marks);
-    }
+    named.iter().for_each(|series| one(series, frame, heights, marks));
 }
 
 fn curve(series: &Series) -> Option<(&Curve, Style)> {
@@ -89,6 +94,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
             .for_each(|at| marks.extend(cross(at))),
         // What has no axes is drawn by painters of its own, and has no entry in a legend.
         Shape::Images(_) | Shape::Graph(_) => {}
+        Shape::Axes(axes) => axes::upright_scales(axes, frame, marks),
     }
 }
 
@@ -122,7 +128,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
             path(&points, marks);
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
-        Shape::Images(_) | Shape::Graph(_) => {}
+        Shape::Images(_) | Shape::Graph(_) | Shape::Axes(_) => {}
         Shape::Bars(..) | Shape::Across(_) | Shape::Surface(_) | Shape::Cells(_) => {
             marks.push(Mark::Fill {
                 points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
@@ -184,7 +190,7 @@ fn bands(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
 /// The line of a learning curve; its dashes say whose it is.
 fn line(curve: &Curve, style: Style, places: &[Place]) -> Vec<Mark> {
     match curve.of {
-        CurveOf::Learner => dashed(places, style.dashes(), LINE_WIDTH, style.color()),
+        CurveOf::Learner => dashed(places, style.dashes(), style.width(), style.color()),
         CurveOf::NonLearner => dashed(places, style.short_dashes(), LINE_WIDTH, style.color()),
         CurveOf::Publication => dashed(places, style.dots(), PUBLISHED_WIDTH, style.color()),
     }
@@ -210,7 +216,11 @@ fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
                 &[]
             };
             for piece in pieces(&run.points, frame) {
-                marks.extend(dashed(&piece, dashes, width, style.light()));
+                // A single value is no line.
+                match piece[..] {
+                    [at] => marks.push(dot(at, style.color())),
+                    _ => marks.extend(dashed(&piece, dashes, width, style.light())),
+                }
             }
         }
     }
@@ -386,6 +396,14 @@ fn cross((x, y): Place) -> Vec<Mark> {
         ]
     };
     [lines(2.2, (0xff, 0xff, 0xff), 3.4), lines(1.0, INK, 3.0)].concat()
+}
+
+fn dot(at: Place, color: Rgb) -> Mark {
+    Mark::Fill {
+        points: disc(at, DOT),
+        color,
+        opacity: 1.0,
+    }
 }
 
 fn disc((x, y): Place, radius: f64) -> Vec<Place> {

@@ -66,14 +66,18 @@ impl Style {
             #[allow(clippy::cast_precision_loss, reason = "a handful of steps")]
             Hue::Ramp(step, steps) => ramp(0.82 * step as f64 / (steps.max(2) - 1) as f64),
             Hue::Grey => (0x55, 0x55, 0x55),
-            Hue::Behind => (0xb4, 0xb4, 0xb4),
+            Hue::Behind | Hue::Other => (0xb4, 0xb4, 0xb4),
         }
     }
 
     /// Width of a line in points.
     #[must_use]
     pub fn width(self) -> f64 {
-        if self.hue == Hue::Behind { 3.4 } else { 1.2 }
+        match self.hue {
+            Hue::Behind => 3.4,
+            Hue::Other => 0.7,
+            _ => 1.2,
+        }
     }
 
     /// Lengths of dashes and gaps in points; empty for a full line.

@@ -28,6 +28,7 @@ pub(super) fn chart(spec: &FigureSpec, results: &Results) -> Chart {
             results,
             agents: &agents,
             units: &units,
+            better: &BTreeMap::new(),
         },
     )
     .unwrap()
@@ -466,6 +467,7 @@ fn nothing_to_draw_is_said() {
                 results: &results,
                 agents: &agents,
                 units: &units,
+                better: &BTreeMap::new(),
             },
         )
         .unwrap_err()

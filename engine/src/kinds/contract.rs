@@ -66,10 +66,11 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
 }
 
 /// Kinds that show what trials leave, not what they record, and name no metric.
-const WITHOUT_METRICS: [&str; 5] = [
+const WITHOUT_METRICS: [&str; 6] = [
     "graph",
     "images",
     "best_settings",
+    "best_so_far",
     "importance",
     "parallel_coordinates",
 ];
@@ -214,6 +215,7 @@ fn every_kind_builds_what_its_example_asks_for() {
                 results: &results,
                 agents: &study.agents,
                 units: &BTreeMap::new(),
+                better: &BTreeMap::new(),
             };
             let chart = figure::build(spec, context).unwrap();
             assert!(
@@ -223,6 +225,7 @@ fn every_kind_builds_what_its_example_asks_for() {
             );
             assert!(figure::svg(&chart).unwrap().contains("<svg"));
         }
-        assert_eq!(study.tables.len() + study.figures.len(), 1);
+        // A study with a search has tables and figures that it does not ask for.
+        assert!(study.tables.len() + study.figures.len() > study.searches.len());
     }
 }

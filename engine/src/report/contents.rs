@@ -29,6 +29,9 @@ use std::{
 /// The word for a claim that cannot be read.
 pub const UNREAD: &str = "NOT READ";
 
+/// Up to so many imported entries have a sentence each where they are shown.
+const MOST_ORIGINS: usize = 5;
+
 /// Why a figure is not made of a record.
 const NOT_RECORDED: &str = "what it shows is in no record";
 
@@ -106,6 +109,7 @@ impl Contents {
             results,
             agents: &study.agents,
             units: &study.units,
+            better: &study.better,
         };
         let mut warnings = Vec::new();
         let mut chart = |name: &str, spec: &FigureSpec| {
@@ -442,8 +446,17 @@ fn shows(chart: &Chart, label: &str) -> bool {
 
 /// Notes with a sentence on all imported runs that are shown.
 fn with_origins(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -> bool) -> Vec<String> {
-    let origins = results.imported.iter().filter(|origin| shown(&origin.name));
-    notes.extend(origins.map(|origin| origin.sentence.clone()));
+    let origins: Vec<_> = results
+        .imported
+        .iter()
+        .filter(|origin| shown(&origin.name))
+        .collect();
+    match origins.len() {
+        n if n > MOST_ORIGINS => notes.push(format!(
+            "{n} of these are imported and were not run here; under Provenance stands what each is."
+        )),
+        _ => notes.extend(origins.into_iter().map(|origin| origin.sentence.clone())),
+    }
     notes
 }
 

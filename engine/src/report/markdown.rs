@@ -212,7 +212,7 @@ fn runs(parts: &Parts<'_>) -> Vec<String> {
         .collect()
 }
 
-/// Files of imported runs, each with its hash.
+/// What imported runs are, and their files, each with its hash.
 fn imported(parts: &Parts<'_>) -> String {
     let entry = |origin: &Origin| {
         let files: Vec<String> = origin
@@ -220,7 +220,7 @@ fn imported(parts: &Parts<'_>) -> String {
             .iter()
             .map(|(file, sha256)| format!("{file} (SHA-256 {sha256})"))
             .collect();
-        format!("{}: {}", origin.name, files.join(", "))
+        format!("{} {}: {}", origin.sentence, origin.name, files.join(", "))
     };
     parts
         .results

@@ -36,10 +36,10 @@
 
   // The columns of a panel, the first at the bottom: single runs, the ends of bands, lines.
   function columns(panel) {
-    const series = panel.series, all = [];
+    const series = [...panel.series].sort((a, b) => !!b.other - !!a.other), all = [];
     const add = (role, one, x, y, run) => all.push({ role, one, x, y, run });
-    series.forEach(one => one.runs?.forEach(run => add("run", one, run.x ?? one.x, run.y, run)));
-    series.filter(one => one.low).forEach(one => ["high", "low"].forEach(end => add(end, one, one.x, one[end])));
+    series.filter(one => !one.other).forEach(one => one.runs?.forEach(run => add("run", one, run.x ?? one.x, run.y, run)));
+    series.filter(one => one.low && !one.other).forEach(one => ["high", "low"].forEach(end => add(end, one, one.x, one[end])));
     const ends = all.concat(series.filter(one => one.x)).flatMap(one => [one.x[0], one.x[one.x.length - 1]]);
     const across = [Math.min(...ends), Math.max(...ends)];
     series.forEach(one => "level" in one ? add("line", one, across, [one.level, one.level])
@@ -69,7 +69,9 @@
     box.setAttribute("aria-label", drawing.getAttribute("aria-label"));
     grid.style.setProperty("--columns", data.columns);
 
-    const isShown = ({ role, one }) => !off.has(one.label) && one.label.toLowerCase().includes(words)
+    // All grey lines are one entry of the legend.
+    const entry = one => one.other ? null : one.label;
+    const isShown = ({ role, one }) => !off.has(entry(one)) && one.label.toLowerCase().includes(words)
       && (role !== "run" || runs);
     const show = () => plots.forEach(({ plot, all }) => plot.batch(() => all.forEach((column, index) =>
       plot.setSeries(index + 1, { show: isShown(column) }))));
@@ -85,7 +87,7 @@
       found.filter(it => it.role === "line").forEach(({ one, value }) => {
         const ends = found.filter(it => it.one === one && ["low", "high"].includes(it.role)).map(it => it.value);
         const band = ends.length ? ` [${ends.sort((a, b) => a - b).map(four).join(", ")}]` : "";
-        values.get(one.label).textContent = four(value) + band;
+        if (!one.other) values.get(one.label).textContent = four(value) + band;
       });
       const far = ({ value }) => Math.abs(plot.valToPos(value, "y") - top);
       const lines = found.filter(it => ["line", "run"].includes(it.role)).sort((a, b) => far(a) - far(b));
@@ -131,10 +133,12 @@
       const opacity = { light: "2e", dark: "4c" }[shade], bands = [];
       const config = column => {
         const [line, thin] = column.one[shade], isRun = column.role === "run";
-        const common = { show: isShown(column), spanGaps: true, points: { show: false } };
+        const isDot = isRun && column.y.length === 1;
+        const points = isDot ? { show: true, size: 6, stroke: line, fill: line } : { show: false };
+        const common = { show: isShown(column), spanGaps: true, points };
         if (!isRun && column.role !== "line") return { ...common, stroke: "transparent", width: 0 };
         const dash = isRun ? [] : column.one.dash.map(length => length * 4 / 3);
-        return { ...common, stroke: isRun ? thin : line, width: isRun ? 1 : 1.8, dash };
+        return { ...common, stroke: isRun ? thin : line, width: isRun || column.one.other ? 1 : 1.8, dash };
       };
       all.forEach((column, index) => column.role === "high" && bands.push({ series: [index + 1, index + 2],
         fill: column.one[shade][0] + opacity }));
@@ -144,7 +148,7 @@
         border: { show: true, stroke: ink, width: 1 }, ...more });
       const width = cell.clientWidth;
       const plot = new uPlot({
-        width, height: Math.round(Math.max(200, Math.min(0.62 * width, 340))), padding: [8, 12, 0, 0],
+        width, height: Math.round(Math.max(200, Math.min(0.62 * width, 340))), padding: [8, 24, 0, 0],
         scales: { x: { time: false }, y: { distr: log ? 3 : 1 } },
         axes: [axis(panel.x, { size: 30 }), axis(panel.y,
           { size: (_, texts) => 14 + 7 * Math.max(2, ...(texts ?? []).map(text => String(text).length)) })],
@@ -168,13 +172,14 @@
         mark.style.borderColor = names[index][theme.matches ? "dark" : "light"][0]);
     }
 
-    const names = series.filter((one, at) => series.findIndex(other => other.label === one.label) === at);
+    const distinct = series.filter((one, at) => series.findIndex(other => other.label === one.label) === at);
+    const others = distinct.filter(one => one.other), names = distinct.filter(one => !one.other).concat(others.slice(0, 1));
     button("as drawn", bar, it => it.textContent = host.classList.toggle("drawn") ? "interactive" : "as drawn");
     if (series.some(one => one.runs?.length))
       check("single runs", runs, bar, on => { runs = on; show(); });
     if (positive) check("logarithmic", log, bar, on => { log = on; build(); });
     button("whole range", bar, () => plots.forEach(({ plot }) => plot.setData(plot.data)));
-    if (names.length > 5) {
+    if (distinct.length > 5) {
       const filter = make("input", "", "", bar);
       filter.type = "search";
       filter.placeholder = "only with these words";
@@ -182,8 +187,9 @@
       filter.addEventListener("input", () => { words = filter.value.trim().toLowerCase(); show(); });
     }
     names.forEach(one => {
-      const label = check(one.label || "line", true, legend, on => { on ? off.delete(one.label) : off.add(one.label); show(); });
-      label.title = one.legend;
+      const text = one.other ? `${others.length} others` : one.label || "line";
+      const label = check(text, true, legend, on => { on ? off.delete(entry(one)) : off.add(entry(one)); show(); });
+      label.title = one.other ? others.map(it => it.legend).join("\n") : one.legend;
       const mark = make("i", one.dash.length ? "dashed" : "", "");
       label.insertBefore(mark, label.lastChild);
       values.set(one.label, make("output", "", "", label));

@@ -189,6 +189,26 @@ impl SearchResult {
             .best(&self.known(), |place| self.tried[place].stop.is_none())
     }
 
+    /// The trials that measure the chosen setting on seeds that the search has not seen: none before it is chosen, and
+    /// where other keys of the agent are swept besides.
+    #[must_use]
+    pub fn fresh_trials<'t>(&self, trials: &'t [TrialResult]) -> Vec<&'t TrialResult> {
+        let is_own = |it: &&TrialResult| {
+            let cell = &it.trial.cell;
+            cell.purpose == Purpose::Cell
+                && cell.agent == self.search.agent
+                && cell.environment == self.search.environment
+        };
+        let own: Vec<&TrialResult> = trials.iter().filter(is_own).collect();
+        let setting = |it: &&TrialResult| it.trial.cell.setting.clone();
+        let is_one = own.windows(2).all(|pair| setting(&pair[0]) == setting(&pair[1]));
+        if self.chosen.is_some() && is_one {
+            own
+        } else {
+            Vec::new()
+        }
+    }
+
     /// Settings that the search tries to their ends and that were seen there, the best first.
     #[must_use]
     pub fn ranked(&self) -> Vec<&TriedSetting> {

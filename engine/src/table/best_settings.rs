@@ -1,6 +1,6 @@
 //! The settings that a search tried, from the best to the worst.
 
-use super::{Cell, Grid, Heading, NumberFormat, Quantity, Table, problem};
+use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::{
     Error,
     diagnostic::suggest,
@@ -11,7 +11,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The best settings of a search, one row each.
+/// The column of what the chosen setting comes to on seeds that the search has not seen.
+const FRESH: &str = "fresh";
+
+/// The best settings of a search, one row each, and beside the chosen one its value on seeds that the search has not
+/// seen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BestSettings {
@@ -21,7 +25,7 @@ pub struct BestSettings {
     #[serde(default = "five")]
     #[schemars(range(min = 1, max = 10_000))]
     pub best: usize,
-    /// Digits after the decimal point.
+    /// Digits after the decimal point; as many as tell values apart where absent.
     #[serde(default)]
     #[schemars(range(max = 9))]
     pub decimals: Option<usize>,
@@ -75,6 +79,17 @@ pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'
 }
 
 impl BestSettings {
+    /// The table of a search where nothing else is said of it.
+    #[must_use]
+    pub fn of(search: &str) -> Self {
+        Self {
+            search: search.into(),
+            best: five(),
+            decimals: None,
+            labels: BTreeMap::new(),
+        }
+    }
+
     fn grid(&self, it: &SearchResult, results: &Results) -> Grid {
         let label = |name: &str| {
             self.labels
@@ -88,24 +103,59 @@ impl BestSettings {
             name: tried.setting.clone(),
             label: tried.setting.clone(),
         };
+        let by = label(&it.search.by);
+        let column = |name: &str, label: String| Heading {
+            name: name.into(),
+            label,
+        };
+        let mut columns = vec![column(&it.search.by, format!("{by} in the search"))];
+        let fresh = fresh(it, results);
+        columns.extend(
+            fresh
+                .as_ref()
+                .map(|_| column(FRESH, format!("{by} on fresh seeds"))),
+        );
+        let cells = |tried: &&TriedSetting| {
+            let is_chosen = it
+                .chosen
+                .is_some_and(|place| std::ptr::eq(&raw const it.tried[place], *tried));
+            let beside = fresh
+                .as_ref()
+                .map(|fresh| if is_chosen { fresh.clone() } else { Cell::default() });
+            std::iter::once(cell(tried, it, results)).chain(beside).collect()
+        };
         Grid {
-            quantity: Quantity::plain(format!("{}, {} settings were tried", label(&it.search.by), ended.len())),
+            quantity: Quantity::plain(format!("{by}, {} settings were tried", ended.len())),
             row_axis: "setting".into(),
             rows: shown.iter().map(heading).collect(),
-            columns: vec![Heading {
-                name: it.search.by.clone(),
-                label: label(&it.search.by),
-            }],
-            cells: shown.iter().map(|tried| vec![cell(tried, it, results)]).collect(),
-            format: NumberFormat::Fixed(self.decimals.unwrap_or(2)),
+            columns,
+            cells: shown.iter().map(cells).collect(),
+            format: self.decimals.map_or_else(|| fitting(shown), NumberFormat::Fixed),
             notes: vec![
-                "Means over the seeds of the search; the best of many looks better than it is, so its value on fresh seeds \
-                 counts."
+                "In the search values are means over its own seeds; the best of many looks better there than it is, so its \
+                 value on fresh seeds counts."
                     .into(),
             ],
             ..Grid::default()
         }
     }
+}
+
+/// As many digits as tell the settings apart.
+fn fitting(shown: &[&TriedSetting]) -> NumberFormat {
+    NumberFormat::fitting(shown.iter().filter_map(|tried| tried.value()))
+}
+
+/// The chosen setting on seeds that the search has not seen; `None` before it is chosen.
+fn fresh(it: &SearchResult, results: &Results) -> Option<Cell> {
+    let trials = it.fresh_trials(&results.trials);
+    let scope = Scope { trials };
+    let cell = Cell {
+        planned: scope.planned(),
+        failed: scope.failed(),
+        ..Cell::resting_on(&scope.trials, results)
+    };
+    (!scope.trials.is_empty()).then(|| cell.with_mean(scope.finals(&it.search.by)))
 }
 
 fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {

@@ -1,15 +1,18 @@
 //! A look at studies while their trials run: what is done, what runs and how far, and learning curves as far as they
 //! are known. It reads a store and writes nothing into it.
 
+mod looks;
 mod page;
+mod running;
 mod screen;
+mod short;
 mod watcher;
 
 pub use page::page;
 pub use screen::{Choice, draw, plain};
 pub use watcher::{Watched, Watcher};
 
-use crate::{report::duration, results::EndState, table::NumberFormat};
+use crate::{report::duration, results::EndState, statistics::estimators::mean, table::NumberFormat};
 use serde::{Serialize, Serializer};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -25,6 +28,8 @@ pub struct View {
     pub studies: Vec<StudyView>,
     /// Names of the metrics that curves have, the one that is shown first at the beginning.
     pub metrics: Vec<String>,
+    /// The metrics of which less is better.
+    pub less_is_better: BTreeSet<String>,
 }
 
 /// One study.
@@ -53,6 +58,14 @@ pub struct StudyView {
 pub struct RunningView {
     /// Environment, agent, setting and seed in words.
     pub title: String,
+    /// Its environment.
+    pub environment: String,
+    /// Its agent with its setting, as in panels.
+    pub agent: String,
+    /// Its seed.
+    pub seed: u64,
+    /// The last value of each metric.
+    pub values: BTreeMap<String, f64>,
     /// The last step that it recorded.
     pub step: u64,
     /// The steps that it has in all; 0 where that is not known.
@@ -70,11 +83,13 @@ pub struct Left {
     pub unknown: usize,
 }
 
-/// The curves of an environment.
+/// The curves of an environment: those of the study, or those of a search.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Panel {
     /// Name of the environment.
     pub environment: String,
+    /// The search whose settings are compared here.
+    pub search: Option<String>,
     /// Agents with their settings, which give lines their colours.
     pub agents: Vec<String>,
     /// A line per trial.
@@ -163,6 +178,20 @@ impl RunningView {
 }
 
 impl View {
+    /// What each agent of a panel has come to in a metric, the best first.
+    #[must_use]
+    pub fn standing<'a>(&self, panel: &'a Panel, metric: &str) -> Vec<Standing<'a>> {
+        panel.standing(metric, self.less_is_better.contains(metric))
+    }
+
+    /// The best of a panel in a metric so far: of those that ended, where some have, and else of those that run.
+    #[must_use]
+    pub fn best<'a>(&self, panel: &'a Panel, metric: &str) -> Option<Standing<'a>> {
+        let all = self.standing(panel, metric);
+        let ended = all.iter().find(|it| !it.open);
+        ended.or(all.first()).cloned()
+    }
+
     /// True where nothing of any study is left to be computed.
     #[must_use]
     pub fn is_finished(&self) -> bool {
@@ -180,29 +209,63 @@ impl View {
     }
 }
 
-impl Panel {
-    /// What each agent has come to in a metric: its name, the mean of the last values of its seeds, and their number.
+/// An agent with its setting, by the last values of its seeds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standing<'a> {
+    /// Which agent of the panel.
+    pub agent: usize,
+    /// Its name with its setting.
+    pub name: &'a str,
+    /// The mean of the last values.
+    pub value: f64,
+    /// How many seeds have one.
+    pub seeds: usize,
+    /// True where a trial of it has not ended.
+    pub open: bool,
+}
+
+impl Standing<'_> {
+    /// The value and the number of seeds, as in `7.333 (3)`.
     #[must_use]
-    pub fn standing(&self, metric: &str) -> Vec<(usize, String)> {
-        let last = |agent: usize| -> Vec<f64> {
-            let lines = self.lines.iter().filter(|line| line.agent == agent);
-            lines
-                .filter_map(|line| Some(line.curves.get(metric)?.last()?.1))
-                .collect()
-        };
-        let agents = self
-            .agents
-            .iter()
-            .enumerate()
-            .map(|(agent, name)| (agent, name, last(agent)));
-        let known = agents.filter(|(_, _, last)| !last.is_empty());
-        known
-            .map(|(agent, name, last)| {
-                let mean = crate::statistics::estimators::mean(&last);
-                let value = NumberFormat::fitting(std::iter::once(mean)).write(mean);
-                (agent, format!("{name} {value} ({})", last.len()))
+    pub fn in_words(&self) -> String {
+        format!("{} ({})", in_words(self.value), self.seeds)
+    }
+}
+
+/// A value with about four digits.
+fn in_words(value: f64) -> String {
+    NumberFormat::fitting(std::iter::once(value)).write(value)
+}
+
+impl Panel {
+    /// What stands over it.
+    #[must_use]
+    pub fn title(&self) -> String {
+        match &self.search {
+            Some(search) => format!("{}, search {search}", self.environment),
+            None => self.environment.clone(),
+        }
+    }
+
+    /// What each agent has come to in a metric, the best first.
+    #[must_use]
+    pub fn standing(&self, metric: &str, less_is_better: bool) -> Vec<Standing<'_>> {
+        let of_agent = |agent: usize| {
+            let lines = || self.lines.iter().filter(move |line| line.agent == agent);
+            let last = lines().filter_map(|line| Some(line.curves.get(metric)?.last()?.1));
+            let last: Vec<f64> = last.collect();
+            (!last.is_empty()).then(|| Standing {
+                agent,
+                name: self.agents[agent].as_str(),
+                value: mean(&last),
+                seeds: last.len(),
+                open: lines().any(|line| line.open),
             })
-            .collect()
+        };
+        let mut all: Vec<Standing<'_>> = (0..self.agents.len()).filter_map(of_agent).collect();
+        let merit = |it: &Standing<'_>| if less_is_better { it.value } else { -it.value };
+        all.sort_by(|one, other| merit(one).total_cmp(&merit(other)));
+        all
     }
 
     /// The steps and the values that the lines of a metric lie between; `None` where there is no line.
@@ -263,14 +326,19 @@ pub(super) mod tests {
 
     /// A study under way: two trials are done, one failed, two run, one is missing.
     pub(crate) fn view() -> View {
-        let running = |seed, step| RunningView {
-            title: format!("four_cells, dsac, seed {seed}"),
+        let running = |seed, step, value| RunningView {
+            title: format!("four_cells dsac seed {seed}"),
+            environment: "four_cells".into(),
+            agent: "dsac".into(),
+            seed,
+            values: [("return".to_owned(), value)].into(),
             step,
             steps: 800,
             by: "process 7 on here".into(),
         };
         let panel = Panel {
             environment: "four_cells".into(),
+            search: None,
             agents: vec!["equal".into(), "dsac".into()],
             lines: vec![
                 line(0, 0, 0.0, 8),
@@ -283,7 +351,7 @@ pub(super) mod tests {
             name: "small".into(),
             trials: 6,
             ended: [(EndState::Ok, 2), (EndState::Nan, 1)].into(),
-            running: vec![running(1, 300), running(2, 200)],
+            running: vec![running(1, 300, 4.0), running(2, 200, 6.0)],
             missing: 1,
             left: Left {
                 wall_s: Some(90.0),
@@ -296,7 +364,32 @@ pub(super) mod tests {
             at: "2026-01-02T03:04:05Z".into(),
             studies: vec![study],
             metrics: vec!["return".into()],
+            less_is_better: BTreeSet::new(),
         }
+    }
+
+    /// A search with so many settings of a learner, of which the later ones are better.
+    pub(crate) fn search(settings: usize) -> View {
+        let mut view = view();
+        let agent = |index: usize| {
+            format!(
+                "learner actor_learning_rate=0.000{}98622 discount=0.9{index}651 batch_size=16",
+                index + 1
+            )
+        };
+        #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+        let tried = |index| line(index, 1_000_000, 0.5 * index as f64, 8);
+        let study = &mut view.studies[0];
+        study.panels[0] = Panel {
+            environment: "four_cells".into(),
+            search: Some("rates".into()),
+            agents: (0..settings).map(agent).collect(),
+            lines: (0..settings).map(tried).collect(),
+        };
+        for (index, it) in study.running.iter_mut().enumerate() {
+            (it.agent, it.seed) = (agent(index), 1_000_000);
+        }
+        view
     }
 
     #[test]
@@ -323,16 +416,33 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn standings_are_means_over_the_last_values_of_seeds() {
-        let panel = &view().studies[0].panels[0];
+    fn standings_are_means_over_the_last_values_of_seeds_and_the_best_is_first() {
+        let mut view = view();
+        let panel = view.studies[0].panels[0].clone();
+        let words = |view: &View| -> Vec<String> {
+            let standing = view.standing(&panel, "return");
+            standing
+                .iter()
+                .map(|it| format!("{} {}", it.name, it.in_words()))
+                .collect()
+        };
         // 12, 1 + 3 and 2 + 4: the mean is 22 / 3.
-        assert_eq!(
-            panel.standing("return"),
-            [(0, "equal 0.0 (1)".to_owned()), (1, "dsac 7.333 (3)".to_owned())]
-        );
-        assert_eq!(panel.standing("cost"), []);
+        assert_eq!(words(&view), ["dsac 7.333 (3)", "equal 0.0 (1)"]);
+        assert_eq!(view.standing(&panel, "cost"), []);
+        view.less_is_better.insert("return".into());
+        assert_eq!(words(&view), ["equal 0.0 (1)", "dsac 7.333 (3)"]);
         assert_eq!(panel.bounds("return"), Some([(0.0, 800.0), (0.0, 12.0)]));
         assert_eq!(panel.bounds("cost"), None);
+    }
+
+    #[test]
+    fn the_best_so_far_has_ended_where_anything_has() {
+        let view = view();
+        let mut panel = view.studies[0].panels[0].clone();
+        assert_eq!(view.best(&panel, "return").unwrap().name, "equal");
+        panel.lines.iter_mut().for_each(|line| line.open = true);
+        assert_eq!(view.best(&panel, "return").unwrap().name, "dsac");
+        assert_eq!(view.best(&panel, "cost"), None);
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! A view as one self-contained page, which a browser reads again by itself.
 
-use super::{Panel, StudyView, View};
+use super::{Panel, SeedLine, StudyView, View, in_words, short::shortened};
 use crate::{
-    Error,
-    figure::{self, Chart, Hue, Point, Scale, Series, Shape, Style},
+    Better, Error,
+    figure::{self, Chart, Point, Scale, Series, Shape, Style},
     table::escape_html,
 };
 
+/// Columns of a name in the legend.
+const NAME: usize = 60;
 /// Panels in a row.
 const COLUMNS: usize = 2;
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;\
@@ -26,7 +28,7 @@ pub fn page(view: &View, refresh_s: Option<u64>) -> Result<String, Error> {
     let title = escape_html(&names.join(", "));
     let mut body = String::new();
     for study in &view.studies {
-        body += &section(study, &view.metrics)?;
+        body += &section(view, study)?;
     }
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
@@ -36,7 +38,7 @@ pub fn page(view: &View, refresh_s: Option<u64>) -> Result<String, Error> {
     ))
 }
 
-fn section(study: &StudyView, metrics: &[String]) -> Result<String, Error> {
+fn section(view: &View, study: &StudyView) -> Result<String, Error> {
     let name = escape_html(&study.name);
     let mut text = format!(
         "<section>\n<h2>{name}</h2>\n<p><progress value=\"{}\" max=\"{}\"></progress> {} of {} trials: {}</p>\n",
@@ -49,23 +51,46 @@ fn section(study: &StudyView, metrics: &[String]) -> Result<String, Error> {
     for note in &study.notes {
         text += &format!("<p class=\"note\">{}</p>\n", escape_html(note));
     }
-    text += &running(study);
-    for metric in metrics {
+    text += &best(view, study);
+    text += &running(study, view.metrics.first().map_or("", String::as_str));
+    for metric in &view.metrics {
         let panels: Vec<&Panel> = study
             .panels
             .iter()
             .filter(|panel| panel.bounds(metric).is_some())
             .collect();
         if !panels.is_empty() {
-            let chart = chart(&panels, metric);
-            text += &format!("<h3>{}</h3>\n{}\n", escape_html(metric), figure::svg(&chart)?);
+            let chart = chart(view, &panels, metric);
+            let note = |note: &String| format!("<p>{}</p>\n", escape_html(note));
+            let notes: String = chart.notes.iter().map(note).collect();
+            text += &format!(
+                "<h3>{}</h3>\n{}\n{notes}",
+                escape_html(metric),
+                figure::svg(&chart)?
+            );
         }
     }
     Ok(text + "</section>\n")
 }
 
-/// The running trials as a table; empty where none runs.
-fn running(study: &StudyView) -> String {
+/// The best of each panel so far in the first metric that it has.
+fn best(view: &View, study: &StudyView) -> String {
+    let of_panel = |panel: &Panel| {
+        let of_metric = |metric: &'_ String| Some((metric.clone(), view.best(panel, metric)?));
+        let (metric, best) = view.metrics.iter().find_map(of_metric)?;
+        Some(format!(
+            "<p>Best so far in {}: <b>{}</b>, {} {}</p>\n",
+            escape_html(&panel.title()),
+            escape_html(best.name),
+            escape_html(&metric),
+            best.in_words()
+        ))
+    };
+    study.panels.iter().filter_map(of_panel).collect()
+}
+
+/// The running trials as a table with the last value of a metric; empty where none runs.
+fn running(study: &StudyView, metric: &str) -> String {
     if study.running.is_empty() {
         return String::new();
     }
@@ -73,8 +98,13 @@ fn running(study: &StudyView) -> String {
         let bar = it.part().map_or_else(String::new, |part| {
             format!("<progress value=\"{part:.3}\"></progress>")
         });
+        let value = it.values.get(metric);
+        let value = value.map_or_else(String::new, |value| {
+            format!("{} {}", escape_html(metric), in_words(*value))
+        });
         format!(
-            "<tr><th scope=\"row\">{}</th><td>{bar}</td><td class=\"n\">{} of {} steps</td><td class=\"by\">{}</td></tr>\n",
+            "<tr><th scope=\"row\">{}</th><td>{bar}</td><td class=\"n\">{} of {} steps</td><td class=\"n\">{value}</td>\
+             <td class=\"by\">{}</td></tr>\n",
             escape_html(&it.title),
             it.step,
             it.steps,
@@ -87,64 +117,70 @@ fn running(study: &StudyView) -> String {
     )
 }
 
-/// A panel for each environment, with a line for each seed in the colour of its agent.
-fn chart(panels: &[&Panel], metric: &str) -> Chart {
-    let panels = panels.iter().map(|panel| {
-        let standing = panel.standing(metric);
-        let mut named = Vec::new();
-        let lines = panel
-            .lines
-            .iter()
-            .filter_map(|line| Some((line, line.curves.get(metric)?)));
-        let series = lines.map(|(line, curve)| {
-            let label = standing
-                .iter()
-                .find(|(agent, _)| *agent == line.agent && !named.contains(agent));
-            named.push(line.agent);
-            #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-            let point = |(step, y): &(u64, f64)| Point {
-                x: *step as f64,
-                y: *y,
-                interval: None,
-            };
-            let points: Vec<Point> = curve.iter().map(point).collect();
-            Series {
-                label: label.map_or_else(String::new, |(_, words)| words.clone()),
-                seeds: None,
-                style: Style {
-                    hue: Hue::Palette(line.agent),
-                    variant: 0,
-                },
-                shape: if points.len() > 1 {
-                    Shape::Line(points)
-                } else {
-                    Shape::Points(points)
-                },
-            }
-        });
-        figure::Panel {
-            title: panel.environment.clone(),
-            x: Scale {
-                label: "steps".into(),
-                ..Scale::default()
-            },
-            y: Scale {
-                label: metric.into(),
-                ..Scale::default()
-            },
-            series: series.collect(),
-        }
+/// A panel for each environment and search, with a line for each seed in the colour of its agent.
+fn chart(view: &View, panels: &[&Panel], metric: &str) -> Chart {
+    let panels = panels.iter().map(|panel| figure::Panel {
+        title: panel.title(),
+        x: Scale {
+            label: "steps".into(),
+            ..Scale::default()
+        },
+        y: Scale {
+            label: metric.into(),
+            ..Scale::default()
+        },
+        series: series(view, panel, metric),
     });
-    Chart {
+    let mut chart = Chart {
         panels: panels.collect(),
         columns: COLUMNS,
         ..Chart::default()
-    }
+    };
+    let better = if view.less_is_better.contains(metric) {
+        Better::Lower
+    } else {
+        Better::Higher
+    };
+    let crowded = figure::name_the_best(&mut chart, better);
+    chart.notes.extend(crowded);
+    chart
+}
+
+/// The lines of a panel, each with the name and the standing of its agent.
+fn series(view: &View, panel: &Panel, metric: &str) -> Vec<Series> {
+    let standing = view.standing(panel, metric);
+    let names = shortened(&standing.iter().map(|it| it.name).collect::<Vec<_>>(), NAME);
+    let label = |agent: usize| {
+        let found = standing.iter().zip(&names).find(|(it, _)| it.agent == agent);
+        found.map_or_else(String::new, |(it, name)| format!("{name} {}", it.in_words()))
+    };
+    let lines = panel.lines.iter();
+    let lines = lines.filter_map(|line| Some((line, line.curves.get(metric)?)));
+    let one = |(line, curve): (&SeedLine, &Vec<(u64, f64)>)| {
+        #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+        let point = |(step, y): &(u64, f64)| Point {
+            x: *step as f64,
+            y: *y,
+            interval: None,
+        };
+        let points: Vec<Point> = curve.iter().map(point).collect();
+        Series {
+            label: label(line.agent),
+            seeds: None,
+            style: Style::of_agent(line.agent),
+            shape: if points.len() > 1 {
+                Shape::Line(points)
+            } else {
+                Shape::Points(points)
+            },
+        }
+    };
+    lines.map(one).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::view;
+    use super::super::tests::{search, view};
     use super::*;
 
     #[test]
@@ -157,7 +193,8 @@ mod tests {
             "<meta http-equiv=\"refresh\" content=\"5\">",
             "<title>a &lt;b&gt;</title>",
             "3 of 6 trials: 2 ok, 1 nan, 2 running, 1 missing",
-            "<progress value=\"0.375\"></progress></td><td class=\"n\">300 of 800 steps",
+            "<progress value=\"0.375\"></progress></td><td class=\"n\">300 of 800 steps</td><td class=\"n\">return 4.000",
+            "Best so far in four_cells: <b>equal</b>, return 0.0 (1)",
             "one &amp; all",
             "<svg",
         ] {
@@ -172,16 +209,25 @@ mod tests {
     #[test]
     fn every_seed_has_a_line_and_every_agent_one_entry_in_the_legend() {
         let view = view();
-        let chart = chart(&[&view.studies[0].panels[0]], "return");
+        let chart = chart(&view, &[&view.studies[0].panels[0]], "return");
         let series = &chart.panels[0].series;
         assert_eq!(series.len(), 4);
-        let labels: Vec<&str> = series
-            .iter()
-            .map(|it| it.label.as_str())
-            .filter(|label| !label.is_empty())
-            .collect();
-        assert_eq!(labels, ["equal 0.0 (1)", "dsac 7.333 (3)"]);
+        assert_eq!(figure::legend_names(&chart), ["equal 0.0 (1)", "dsac 7.333 (3)"]);
         assert_eq!(series[1].style, series[3].style);
         assert!(series[0].style != series[1].style);
+    }
+
+    #[test]
+    fn of_a_search_the_best_settings_are_named() {
+        let view = search(9);
+        let chart = chart(&view, &[&view.studies[0].panels[0]], "return");
+        let names = figure::legend_names(&chart);
+        assert_eq!((names.len(), names[5].as_str()), (6, "4 others"));
+        assert!(names[0].starts_with("learner act"), "{names:?}");
+        let page = page(&view, None).unwrap();
+        assert!(
+            page.contains("Best so far in four_cells, search rates: <b>learner"),
+            "{page}"
+        );
     }
 }

@@ -1,6 +1,11 @@
 //! A view in a terminal of any size, and as plain text.
 
-use super::{Panel, RunningView, View};
+use super::{
+    Panel, RunningView, StudyView, View,
+    looks::Looks,
+    running::{bar, running_lines},
+    short::shortened,
+};
 use crate::table::NumberFormat;
 use ratatui::{
     Frame, Terminal,
@@ -27,27 +32,16 @@ pub struct Choice {
     pub keys: bool,
 }
 
-/// Colours that every terminal has, told apart on a light and on a dark ground.
-const COLOURS: [Color; 6] = [
-    Color::Cyan,
-    Color::Yellow,
-    Color::Magenta,
-    Color::Green,
-    Color::Blue,
-    Color::Red,
-];
-/// Marks in place of colours, with how a legend shows them.
-const MARKS: [(Marker, &str); 3] = [(Marker::Braille, "⠒"), (Marker::Dot, "•"), (Marker::Block, "█")];
 /// The smallest area in which curves can be read.
 const LEAST_CURVES: (u16, u16) = (24, 6);
-/// Columns of the bars of running trials.
+/// Columns of the bar of a study.
 const BAR: usize = 20;
 const KEYS: &str = "q leave   ←→ environment   m metric   ↑↓ running trials";
 
 /// Draws a view.
 pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Choice) {
     let area = frame.area();
-    let head = head(view, choice);
+    let head = head(view, choice, usize::from(area.width));
     let running: Vec<&RunningView> = view.studies.iter().flat_map(|study| &study.running).collect();
     // The head comes first, then as many running trials as fit beside curves.
     let lines = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
@@ -71,7 +65,11 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Choice) {
     ])
     .areas(area);
     frame.render_widget(Paragraph::new(head), top);
-    frame.render_widget(Paragraph::new(running_lines(&running, choice, middle)), middle);
+    let metric = metric(view, choice);
+    frame.render_widget(
+        Paragraph::new(running_lines(&running, metric, choice.scroll, middle)),
+        middle,
+    );
     curves(frame, view, choice, rest);
     frame.render_widget(
         Paragraph::new(KEYS).style(Style::new().add_modifier(Modifier::DIM)),
@@ -83,9 +81,9 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Choice) {
 #[must_use]
 pub fn plain(view: &View, width: u16) -> String {
     let running: usize = view.studies.iter().map(|study| study.running.len()).sum();
-    let curves = if view.panels().next().is_some() { 18 } else { 0 };
+    let curves = if view.panels().next().is_some() { 22 } else { 0 };
     let notes: usize = view.studies.iter().map(|study| study.notes.len()).sum();
-    let height = 2 * view.studies.len() + notes + running.min(20) + curves + 2;
+    let height = 3 * view.studies.len() + notes + running.min(20) + curves + 2;
     let height = u16::try_from(height).unwrap_or(u16::MAX);
     let text = drawn(view, Choice::default(), (width, height));
     text.trim_end().to_owned()
@@ -106,8 +104,16 @@ fn drawn(view: &View, choice: Choice, (width, height): (u16, u16)) -> String {
         .collect()
 }
 
-/// Two lines a study, and what could not be read.
-fn head(view: &View, choice: Choice) -> Vec<Line<'static>> {
+/// The metric that is shown; empty where none is recorded.
+fn metric(view: &View, choice: Choice) -> &str {
+    match view.metrics.as_slice() {
+        [] => "",
+        all => &all[choice.metric % all.len()],
+    }
+}
+
+/// Two or three lines a study, and what could not be read.
+fn head(view: &View, choice: Choice, width: usize) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let alarm = if choice.colours {
         Style::new().fg(Color::Red)
@@ -119,9 +125,10 @@ fn head(view: &View, choice: Choice) -> Vec<Line<'static>> {
         let (done, all) = (study.done(), study.trials);
         lines.push(Line::from(vec![
             Span::styled(study.name.clone(), bold),
-            Span::raw(format!("  {} {done}/{all} trials", bar(part(done, all)))),
+            Span::raw(format!("  {} {done}/{all} trials", bar(part(done, all), BAR))),
         ]));
         lines.push(Line::raw(format!("  {}", study.summary())));
+        lines.extend(best(view, study, choice, width));
         lines.extend(
             study
                 .notes
@@ -132,52 +139,24 @@ fn head(view: &View, choice: Choice) -> Vec<Line<'static>> {
     lines
 }
 
+/// The best of the panel that is shown, or of the first one of a study of which none is.
+fn best(view: &View, study: &StudyView, choice: Choice, width: usize) -> Option<Line<'static>> {
+    let metric = metric(view, choice);
+    let panels: Vec<_> = view.panels().collect();
+    let shown = panels.get(choice.panel.checked_rem(panels.len())?);
+    let own = shown.filter(|(of, _)| std::ptr::eq(*of, study));
+    let (_, panel) = own.or_else(|| panels.iter().find(|(of, _)| std::ptr::eq(*of, study)))?;
+    let best = view.best(panel, metric)?;
+    let value = format!(": {metric} {}", best.in_words());
+    let room = width.saturating_sub("  best so far ".len() + value.chars().count());
+    let name = shortened(&[best.name], room).concat();
+    Some(Line::raw(format!("  best so far {name}{value}")))
+}
+
 fn part(done: usize, all: usize) -> Option<f64> {
     #[allow(clippy::cast_precision_loss, reason = "it is shown in a bar")]
     let part = done as f64 / all as f64;
     part.is_finite().then_some(part)
-}
-
-/// A bar of 20 columns; empty where the part is not known.
-fn bar(part: Option<f64>) -> String {
-    let full = (part.unwrap_or(0.0).clamp(0.0, 1.0) * BAR as f64).floor() as usize;
-    format!("{}{}", "━".repeat(full), "─".repeat(BAR - full))
-}
-
-fn running_lines(running: &[&RunningView], choice: Choice, area: Rect) -> Vec<Line<'static>> {
-    let height = usize::from(area.height);
-    if height == 0 {
-        return Vec::new();
-    }
-    let from = choice.scroll.min((running.len() + 1).saturating_sub(height));
-    let shown = &running[from..(from + height - 1).min(running.len())];
-    let head = if shown.len() < running.len() {
-        format!(
-            "running: {} to {} of {}",
-            from + 1,
-            from + shown.len(),
-            running.len()
-        )
-    } else {
-        "running".to_owned()
-    };
-    let width = shown.iter().map(|it| it.title.chars().count()).max().unwrap_or(0);
-    let line = |it: &&RunningView| {
-        let steps = if it.steps > 0 {
-            format!("{}/{}", it.step, it.steps)
-        } else {
-            it.step.to_string()
-        };
-        Line::raw(format!(
-            "  {:<width$}  {} {steps}  {}",
-            it.title,
-            bar(it.part()),
-            it.by
-        ))
-    };
-    std::iter::once(Line::styled(head, Style::new().add_modifier(Modifier::BOLD)))
-        .chain(shown.iter().map(line))
-        .collect()
 }
 
 /// The curves of the chosen panel and metric, under their legend.
@@ -197,42 +176,27 @@ fn curves(frame: &mut Frame<'_>, view: &View, choice: Choice, area: Rect) {
     } else {
         String::new()
     };
-    let title = format!("{study}{}: {metric}, every seed", panel.environment);
-    let legend = legend(panel, metric, choice);
-    let [top, names, rest] =
-        Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0)]).areas(area);
+    let title = format!("{study}{}: {metric}, every seed", panel.title());
+    let looks = Looks::of(view, panel, metric, choice.colours);
+    let legend = looks.legend(usize::from(area.width));
+    let lines = u16::try_from(legend.len())
+        .unwrap_or(u16::MAX)
+        .clamp(1, (area.height / 4).max(1));
+    let [top, names, rest] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(lines),
+        Constraint::Min(0),
+    ])
+    .areas(area);
     frame.render_widget(
         Paragraph::new(title).style(Style::new().add_modifier(Modifier::BOLD)),
         top,
     );
     frame.render_widget(Paragraph::new(legend), names);
-    chart(frame, panel, metric, choice, rest);
+    chart(frame, panel, metric, &looks, rest);
 }
 
-fn legend(panel: &Panel, metric: &str, choice: Choice) -> Line<'static> {
-    let standing = panel.standing(metric);
-    if standing.is_empty() {
-        return Line::raw("  nothing is recorded yet");
-    }
-    let entry = |(agent, words): (usize, String)| {
-        let (_, mark) = MARKS[if choice.colours { 0 } else { agent % MARKS.len() }];
-        [
-            Span::raw("  "),
-            Span::styled(format!("{mark} {words}"), style(agent, choice)),
-        ]
-    };
-    Line::from(standing.into_iter().flat_map(entry).collect::<Vec<_>>())
-}
-
-fn style(agent: usize, choice: Choice) -> Style {
-    if choice.colours {
-        Style::new().fg(COLOURS[agent % COLOURS.len()])
-    } else {
-        Style::new()
-    }
-}
-
-fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, choice: Choice, area: Rect) {
+fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, looks: &Looks<'_>, area: Rect) {
     let Some([x, y]) = panel.bounds(metric) else {
         return;
     };
@@ -240,27 +204,28 @@ fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, choice: Choice, are
     let points = |curve: &Vec<(u64, f64)>| -> Vec<(f64, f64)> {
         curve.iter().map(|(step, value)| (*step as f64, *value)).collect()
     };
-    let lines = panel
-        .lines
-        .iter()
-        .filter_map(|line| Some((line.agent, points(line.curves.get(metric)?))));
-    let lines: Vec<(usize, Vec<(f64, f64)>)> = lines.collect();
-    let dataset = |(agent, points): &'_ (usize, Vec<(f64, f64)>)| {
-        let (marker, _) = MARKS[if choice.colours { 0 } else { agent % MARKS.len() }];
+    let lines = panel.lines.iter().filter_map(|line| {
+        let is_named = looks.has_name(line.agent);
+        Some((
+            is_named,
+            looks.of_agent(line.agent)?,
+            points(line.curves.get(metric)?),
+        ))
+    });
+    let mut lines: Vec<(bool, (Marker, Style), Vec<(f64, f64)>)> = lines.collect();
+    // Lines without a name lie below the others.
+    lines.sort_by_key(|(is_named, ..)| *is_named);
+    let datasets = lines.iter().map(|(_, (marker, style), points)| {
         let graph = if points.len() > 1 {
             GraphType::Line
         } else {
             GraphType::Scatter
         };
-        (marker, graph, style(*agent, choice))
-    };
-    let datasets = lines.iter().map(|line| {
-        let (marker, graph, style) = dataset(line);
         Dataset::default()
-            .marker(marker)
+            .marker(*marker)
             .graph_type(graph)
-            .style(style)
-            .data(&line.1)
+            .style(*style)
+            .data(points)
     });
     let axis = |(low, high): (f64, f64), format: NumberFormat| {
         let labels = [low, f64::midpoint(low, high), high].map(|value| format.write(value));
@@ -276,7 +241,7 @@ fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, choice: Choice, are
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::view;
+    use super::super::tests::{search, view};
     use super::*;
 
     #[test]
@@ -299,6 +264,44 @@ mod tests {
     }
 
     #[test]
+    fn a_search_has_readable_settings_and_names_its_best_five() {
+        let choice = Choice {
+            colours: true,
+            ..Choice::default()
+        };
+        insta::assert_snapshot!(drawn(&search(9), choice, (80, 24)));
+    }
+
+    #[test]
+    fn without_colours_the_rest_is_not_drawn() {
+        let text = plain(&search(9), 80);
+        assert!(text.contains("4 others are not drawn"), "{text}");
+        assert!(!plain(&search(5), 80).contains("others"));
+    }
+
+    #[test]
+    fn every_line_fits_and_wide_ones_name_the_process() {
+        for width in [60, 80, 120] {
+            let text = plain(&search(9), width);
+            let fits = |line: &str| line.chars().count() <= usize::from(width);
+            assert!(text.lines().all(fits) && !text.contains('…'), "{text}");
+            assert_eq!(text.contains("process 7 on here"), width == 120, "{text}");
+        }
+    }
+
+    #[test]
+    fn trials_of_several_environments_name_theirs() {
+        let mut view = view();
+        assert!(!plain(&view, 80).contains("  four_cells dsac"));
+        view.studies[0].running[1].environment = "two_cells".into();
+        let text = plain(&view, 80);
+        assert!(
+            text.contains("  four_cells dsac") && text.contains("  two_cells dsac"),
+            "{text}"
+        );
+    }
+
+    #[test]
     fn every_size_can_be_drawn() {
         let mut many = view();
         let running = many.studies[0].running.clone();
@@ -308,7 +311,7 @@ mod tests {
             metrics: vec!["none".into()],
             ..many.clone()
         };
-        for view in [view(), many, odd, View::default()] {
+        for view in [view(), search(9), many, odd, View::default()] {
             for (width, height) in (0..40).flat_map(|width| (0..30).map(move |height| (width, height))) {
                 let choice = Choice {
                     panel: 7,
@@ -327,7 +330,7 @@ mod tests {
         let mut view = view();
         view.studies[0].running = (0..50)
             .map(|seed| RunningView {
-                title: format!("trial {seed}"),
+                agent: format!("trial_{seed}"),
                 ..RunningView::default()
             })
             .collect();
@@ -345,7 +348,7 @@ mod tests {
             (80, 24),
         );
         assert!(
-            scrolled.contains("running: 41 to 50 of 50") && scrolled.contains("trial 49"),
+            scrolled.contains("running: 41 to 50 of 50") && scrolled.contains("trial_49"),
             "{scrolled}"
         );
     }

@@ -7,11 +7,15 @@ use crate::{
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
     store::{Found, Owner, Store, is_missing, metric_log},
-    trial::Trial,
+    trial::{Purpose, Trial},
     world::fs,
 };
 use rayon::prelude::*;
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+    sync::Arc,
+};
 
 /// A study to be watched.
 #[derive(Debug, Clone)]
@@ -32,6 +36,8 @@ pub struct Watcher {
     workers: usize,
     /// Metrics that are shown first.
     preferred: Vec<String>,
+    /// Metrics of which less is better.
+    less_is_better: BTreeSet<String>,
     /// Curves of trials that ended, by id.
     ended: BTreeMap<String, Arc<Curves>>,
     /// Logs of trials that run, by id.
@@ -60,11 +66,17 @@ struct Seen<'a> {
 impl Watcher {
     /// A watcher of a store, which need not be there yet.
     #[must_use]
-    pub fn new(store: Store, workers: usize, preferred: Vec<String>) -> Self {
+    pub fn new(
+        store: Store,
+        workers: usize,
+        preferred: Vec<String>,
+        less_is_better: BTreeSet<String>,
+    ) -> Self {
         Self {
             store,
             workers: workers.max(1),
             preferred,
+            less_is_better,
             ended: BTreeMap::new(),
             logs: BTreeMap::new(),
         }
@@ -75,7 +87,12 @@ impl Watcher {
         let somebody = !self.store.owners().is_empty();
         let studies: Vec<StudyView> = studies.iter().map(|study| self.study(study, somebody)).collect();
         let metrics = metrics(&self.preferred, studies.iter().flat_map(|study| &study.panels));
-        View { at, studies, metrics }
+        View {
+            at,
+            studies,
+            metrics,
+            less_is_better: self.less_is_better.clone(),
+        }
     }
 
     fn study(&mut self, study: &Watched<'_>, somebody: bool) -> StudyView {
@@ -255,15 +272,21 @@ fn left(seen: &[Seen<'_>], workers: usize) -> Left {
     }
 }
 
-/// A panel for each environment, in the order of the plan.
+/// A panel for each environment, and for each search in it, in the order of the plan.
 fn panels(seen: &[Seen<'_>]) -> Vec<Panel> {
     let mut panels: Vec<Panel> = Vec::new();
     for it in seen {
         let (environment, agent) = (&it.trial.cell.environment, agent(it.trial));
-        let place = panels.iter().position(|panel| panel.environment == *environment);
+        let search = match &it.trial.cell.purpose {
+            Purpose::Tried(search) => Some(search),
+            _ => None,
+        };
+        let is_of = |panel: &Panel| panel.environment == *environment && panel.search.as_ref() == search;
+        let place = panels.iter().position(is_of);
         let place = place.unwrap_or_else(|| {
             panels.push(Panel {
                 environment: environment.clone(),
+                search: search.cloned(),
                 ..Panel::default()
             });
             panels.len() - 1
@@ -295,6 +318,11 @@ fn agent(trial: &Trial) -> String {
     }
 }
 
+/// A metric with the last of its values.
+fn last((metric, points): (&String, &Vec<(u64, f64)>)) -> Option<(String, f64)> {
+    points.last().map(|(_, value)| (metric.clone(), *value))
+}
+
 impl Seen<'_> {
     fn running(&self) -> RunningView {
         let by = self.owner.as_ref().map_or_else(String::new, |owner| {
@@ -308,6 +336,10 @@ impl Seen<'_> {
         });
         RunningView {
             title: self.trial.title(),
+            environment: self.trial.cell.environment.clone(),
+            agent: agent(self.trial),
+            seed: self.trial.key.seed,
+            values: self.curves.iter().filter_map(last).collect(),
             step: self.log.step,
             steps: self.cost,
             by,
@@ -373,7 +405,7 @@ mod tests {
         let mut log = metric_log::MetricLog::create(&path, &trials[1].id).unwrap();
         log.append(&recorded(&[(0, 1.0), (200, 2.0)])).unwrap();
         let before = bytes(dir.path());
-        let mut watcher = Watcher::new(store.clone(), 2, vec!["return".into()]);
+        let mut watcher = Watcher::new(store.clone(), 2, vec!["return".into()], BTreeSet::new());
         let watched = Watched {
             name: "small",
             trials: &trials,
@@ -425,7 +457,7 @@ mod tests {
             trials: &trials,
             costs: &costs,
         };
-        let mut watcher = Watcher::new(store.clone(), 2, Vec::new());
+        let mut watcher = Watcher::new(store.clone(), 2, Vec::new(), BTreeSet::new());
         let mut study = || {
             watcher
                 .look(std::slice::from_ref(&watched), String::new())

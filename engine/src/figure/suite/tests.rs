@@ -223,6 +223,7 @@ fn settings_are_not_pooled() {
         results: &results,
         agents: &[],
         units: &BTreeMap::new(),
+        better: &BTreeMap::new(),
     };
     let error = crate::figure::build(&spec, context).unwrap_err().to_string();
     assert!(error.contains("settings are not pooled"), "{error}");

@@ -4,6 +4,7 @@
 mod claims;
 mod figures;
 mod published_curves;
+mod searches;
 mod summary;
 mod tables;
 
@@ -73,6 +74,9 @@ impl Asked {
             asked
                 .figures
                 .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
+        }
+        for (search, _) in &world.searches {
+            asked.show_search(search);
         }
         let claims = root.get("claims").map_or(&[][..], Node::items);
         for (index, item) in claims.iter().enumerate() {
