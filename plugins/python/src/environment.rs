@@ -2,8 +2,8 @@
 
 use crate::{
     PythonConfig,
-    config::Told,
     interface,
+    making::Told,
     process::Answer,
     server::{self, Request, Server, Shared, prefixed},
 };
