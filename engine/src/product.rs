@@ -137,7 +137,8 @@ impl ProductKind {
             _ if is_of_checkpoint(path) => self == Self::Checkpoint,
             Self::Checkpoint => false,
             Self::Policy => {
-                [ONNX_FILE, SAVED_FILE].contains(&path) || last.ends_with(".safetensors") && !Self::Networks.has_file(path)
+                [ONNX_FILE, SAVED_FILE].contains(&path)
+                    || last.ends_with(".safetensors") && !Self::Networks.has_file(path)
             }
             Self::Networks => last == "networks.safetensors",
             Self::Dataset => path.starts_with("dataset/"),

@@ -32,20 +32,23 @@ fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
 }
 
 fn values(record: &Recorder, phase: Phase, name: &str) -> Vec<f64> {
-    let named = |row: &&engine::recorder::Row| {
-        row.phase == phase && record.names()[usize::from(row.metric)] == name
-    };
+    let named =
+        |row: &&engine::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == name;
     record.rows().iter().filter(named).map(|row| row.value).collect()
 }
 
 #[test]
 fn learn_is_called_with_every_step_and_its_numbers_are_recorded() {
     let Some(place) = Place::new() else { return };
-    let given = json!({ "steps": 40, "environments": 4, "evaluate_every": 20, "episodes": 1, "final_episodes": 1 });
+    let given =
+        json!({ "steps": 40, "environments": 4, "evaluate_every": 20, "episodes": 1, "final_episodes": 1 });
     let record = recorded(&place, "train_evaluate", &given);
     assert_eq!(values(&record, Phase::Final, "updates"), [20.0]);
     let means = values(&record, Phase::Train, "mean_reward");
-    assert!(means.len() == 2 && means.iter().all(|mean| *mean < 0.0), "{means:?}");
+    assert!(
+        means.len() == 2 && means.iter().all(|mean| *mean < 0.0),
+        "{means:?}"
+    );
 }
 
 #[test]
@@ -115,15 +118,17 @@ fn a_learner_goes_on_from_what_it_saved() {
             end: None,
         };
         let mut rng = stream(&["learn"]);
-        agent.learn(&[transition], &mut rng, &mut Recorder::default()).unwrap();
+        agent
+            .learn(&[transition], &mut rng, &mut Recorder::default())
+            .unwrap();
     };
     let acts = |agent: &mut dyn Agent| {
         agent
             .act(std::slice::from_ref(&seen), Mode::Train, &mut stream(&["act"]))
             .unwrap()
     };
-    learn(&mut *agent, 1.0);
-    learn(&mut *agent, -2.0);
+    learn(&mut *agent, 4.0);
+    learn(&mut *agent, 6.0);
     assert_ne!(acts(&mut *agent), acts(&mut *other));
     let folder = tempfile::tempdir().unwrap();
     agent.save(folder.path()).unwrap();
@@ -136,11 +141,20 @@ fn a_learner_goes_on_from_what_it_saved() {
         learn(&mut *other, reward);
     }
     // One that saves nothing begins anew.
-    let mut unsaved = built(&place, "rules.py:Unsaved", &json!({ "learns": true }), &tank.interface()).unwrap();
+    let mut unsaved = built(
+        &place,
+        "rules.py:Unsaved",
+        &json!({ "learns": true }),
+        &tank.interface(),
+    )
+    .unwrap();
     unsaved.save(folder.path()).unwrap();
     let refusal = unsaved.load(folder.path()).unwrap_err();
     assert!(matches!(refusal, Error::Checkpoint { .. }), "{refusal}");
-    assert!(refusal.to_string().contains("has no `save` and `load`"), "{refusal}");
+    assert!(
+        refusal.to_string().contains("has no `save` and `load`"),
+        "{refusal}"
+    );
 }
 
 #[test]
@@ -168,7 +182,11 @@ fn a_killed_trial_of_a_learner_goes_on_or_starts_over_to_the_same_bits() {
             processes_of(&place).is_empty()
         });
         place.bench.ok(&["run", "study.yaml", "-j", "1"]);
-        assert_eq!(place.bench.digests("store"), place.bench.digests("whole"), "{learner}");
+        assert_eq!(
+            place.bench.digests("store"),
+            place.bench.digests("whole"),
+            "{learner}"
+        );
         fs::remove_dir_all(place.bench.path("whole")).unwrap();
         fs::remove_dir_all(place.bench.path("store")).unwrap();
     }
@@ -177,18 +195,52 @@ fn a_killed_trial_of_a_learner_goes_on_or_starts_over_to_the_same_bits() {
 #[test]
 fn what_a_learner_left_is_shown_by_rollout_and_taken_by_others() {
     let Some(place) = Place::new() else { return };
-    study(&place, &environment(&place, "own.py:Tank"), &[("learner", &learner(&place))], SHORT);
+    study(
+        &place,
+        &environment(&place, "own.py:Tank"),
+        &[("learner", &learner(&place))],
+        SHORT,
+    );
     place.bench.ok(&["run", "study.yaml", "-j", "1"]);
     let id = place.bench.digests("store").remove(0).0;
     place.bench.ok(&["rollout", "--trial", &id, "--out", "rows.csv"]);
     let rows = fs::read_to_string(place.bench.path("rows.csv")).unwrap();
     assert!(rows.lines().count() > 10, "{rows}");
-    let config = config(&place, "rules.py:Learner", &json!({ "learns": true, "metrics": ["mean_reward"] }));
+    let config = config(
+        &place,
+        "rules.py:Learner",
+        &json!({ "learns": true, "metrics": ["mean_reward"] }),
+    );
     place.bench.write("agent.yaml", &config.to_string());
-    let untrained = ["rollout", "pendulum", "--agent", "python", "--agent-config", "agent.yaml"];
+    let untrained = [
+        "rollout",
+        "pendulum",
+        "--agent",
+        "python",
+        "--agent-config",
+        "agent.yaml",
+        "--out",
+        "untrained.csv",
+    ];
     let answer = place.bench.run(&untrained);
-    assert!(answer.code == 2 && answer.err.contains("--policy"), "{}", answer.err);
+    assert!(
+        answer.code == 2 && answer.err.contains("--policy"),
+        "{}",
+        answer.err
+    );
     // No other runtime acts by it.
-    let answer = place.bench.run(&["export", "--policy", &id, "--to", "policies"]);
-    assert_ne!(answer.code, 0);
+    let answer = place.bench.run(&["export", "--onnx", &id, "--to", "policies"]);
+    assert!(
+        answer.code != 0 && answer.err.contains("in a form that is known here"),
+        "{}",
+        answer.err
+    );
+    let answer = place
+        .bench
+        .run(&["export", "study.yaml", "--to", "taken", "--as", "onnx"]);
+    assert!(
+        answer.err.contains("no trial of `own` left a policy"),
+        "{}",
+        answer.err
+    );
 }

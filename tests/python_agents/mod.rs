@@ -99,7 +99,10 @@ fn the_page_of_the_book_works_as_written() {
         let shown = file.replace("rules", "pump_agents");
         let committed = repository().join("experiments/data/python").join(shown);
         let committed = fs::read_to_string(committed).unwrap();
-        assert!(committed.ends_with(&text), "{file} is not the one of the study `python-rule`");
+        assert!(
+            committed.ends_with(&text),
+            "{file} is not the one of the study `python-rule`"
+        );
     }
     let lock = "lock: { file: requirements.txt }";
     let with_interpreter = format!("{lock}, interpreter: {}", place.interpreter);
@@ -108,7 +111,15 @@ fn the_page_of_the_book_works_as_written() {
         .write("pump.yaml", &study.replace(lock, &with_interpreter));
     place.bench.ok(&["check", "pump.yaml"]);
     let table = place.bench.ok(&["run", "pump.yaml", "-j", "2"]);
-    assert_eq!(table.matches("SUPPORTED").count(), 3, "{table}");
-    let keys = ["make", "arguments", "learns", "metrics", "sources", "lock", "interpreter"];
+    assert!(table.contains("Claims: 2 SUPPORTED"), "{table}");
+    let keys = [
+        "make",
+        "arguments",
+        "learns",
+        "metrics",
+        "sources",
+        "lock",
+        "interpreter",
+    ];
     assert!(keys.iter().all(|key| page.contains(&format!("\n| `{key}` |"))));
 }

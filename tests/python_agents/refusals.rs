@@ -37,11 +37,7 @@ const RULES: &[(&str, &str, &str)] = &[
         "",
         "in pressure: return observation[9] rules.py, line",
     ),
-    (
-        "rules.py:Failing",
-        "",
-        "IndexError: index 9 is out of bounds",
-    ),
+    ("rules.py:Failing", "", "IndexError: index 9 is out of bounds"),
     (
         "rules.py:Returns",
         "how: none",
@@ -62,7 +58,11 @@ const RULES: &[(&str, &str, &str)] = &[
         "how: two",
         "returned a list of 2 in place of a number",
     ),
-    ("rules.py:Returns", "how: ragged", "returned a list of 2 in place of a number"),
+    (
+        "rules.py:Returns",
+        "how: ragged",
+        "returned a list of 2 in place of a number",
+    ),
     (
         "rules.py:Returns",
         "how: outside",
@@ -131,7 +131,12 @@ fn actions_of_other_kinds_are_refused_with_what_there_is() {
             "returned 0.5 (float) in place of a dictionary with 'component_0', 'component_1'",
         ),
     ] {
-        let found = said(&place, 2, task, &rule(&place, "rules.py:Returns", &format!("how: {how}")));
+        let found = said(
+            &place,
+            2,
+            task,
+            &rule(&place, "rules.py:Returns", &format!("how: {how}")),
+        );
         assert!(found.contains(expected), "{task} {how}: {found}");
     }
     let unknown = rule(&place, "rules.py:ByName", "option: mend");
@@ -141,11 +146,24 @@ fn actions_of_other_kinds_are_refused_with_what_there_is() {
     assert!(found.contains(expected), "{found}");
     let valve = environment(&place, "own.py:Valve");
     for how in ["half", "option"] {
-        let found = said(&place, 2, &valve, &rule(&place, "rules.py:Returns", &format!("how: {how}")));
-        assert!(found.contains("for `action`; its options are 1, 2, 3"), "{how}: {found}");
+        let found = said(
+            &place,
+            2,
+            &valve,
+            &rule(&place, "rules.py:Returns", &format!("how: {how}")),
+        );
+        assert!(
+            found.contains("for `action`; its options are 1, 2, 3"),
+            "{how}: {found}"
+        );
     }
     let pair = environment(&place, "own.py:Pair");
-    let found = said(&place, 2, &pair, &rule(&place, "rules.py:Returns", "how: dictionary"));
+    let found = said(
+        &place,
+        2,
+        &pair,
+        &rule(&place, "rules.py:Returns", "how: dictionary"),
+    );
     let expected = "returned a dictionary with 'filler' in place of a dictionary with 'filler', 'drainer'";
     assert!(found.contains(expected), "{found}");
 }
@@ -223,11 +241,17 @@ fn learners_that_cannot_be_trained_are_refused_with_what_to_do() {
 fn whether_it_learns_is_said_in_the_agent_itself() {
     let Some(place) = Place::new() else { return };
     let learner = agent(&place, "rules.py:Learner", "learns: true,");
-    study(&place, &environment(&place, "own.py:Tank"), &[("mine", &learner)], SHORT);
+    study(
+        &place,
+        &environment(&place, "own.py:Tank"),
+        &[("mine", &learner)],
+        SHORT,
+    );
     let text = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
-    place
-        .bench
-        .write("study.yaml", &(text + "sweep: { mine.learns: { grid: [true, false] } }\n"));
+    place.bench.write(
+        "study.yaml",
+        &(text + "sweep: { mine.learns: { grid: [true, false] } }\n"),
+    );
     let answer = place.bench.run(&["check", "study.yaml"]);
     let words = words(&answer);
     assert!(
@@ -243,13 +267,60 @@ fn the_lock_file_pins_what_an_agent_is_handed() {
     let numpy = lock.lines().find(|line| line.starts_with("numpy")).unwrap();
     place.bench.write("requirements.txt", &format!("{numpy}\n"));
     // A rule needs arrays alone; spaces are Gymnasium's.
-    said(&place, 0, "pendulum: {}", &rule(&place, "rules.py:Numbered", "number: 0"));
+    said(
+        &place,
+        0,
+        "pendulum: {}",
+        &rule(&place, "rules.py:Numbered", "number: 0"),
+    );
     let told = said(&place, 2, "pendulum: {}", &rule(&place, "rules.py:Told", ""));
-    assert!(told.contains("`requirements.txt` pins no version of gymnasium"), "{told}");
-    place.bench.write("requirements.txt", "gymnasium==0.1\nnumpy==0.1\n");
-    let other = said(&place, 3, "pendulum: {}", &rule(&place, "rules.py:Numbered", "number: 0"));
-    assert!(other.contains("installed is not what `requirements.txt` says"), "{other}");
+    assert!(
+        told.contains("`requirements.txt` pins no version of gymnasium"),
+        "{told}"
+    );
+    place
+        .bench
+        .write("requirements.txt", "gymnasium==0.1\nnumpy==0.1\n");
+    let other = said(
+        &place,
+        3,
+        "pendulum: {}",
+        &rule(&place, "rules.py:Numbered", "number: 0"),
+    );
+    assert!(
+        other.contains("installed is not what `requirements.txt` says"),
+        "{other}"
+    );
     place.bench.write("requirements.txt", "# nothing\n");
-    let silent = said(&place, 2, "pendulum: {}", &rule(&place, "rules.py:Numbered", "number: 0"));
+    let silent = said(
+        &place,
+        2,
+        "pendulum: {}",
+        &rule(&place, "rules.py:Numbered", "number: 0"),
+    );
     assert!(silent.contains("pins no version of numpy"), "{silent}");
+}
+
+#[test]
+fn an_agent_that_says_nothing_is_ended_by_check_within_the_limit() {
+    let Some(place) = Place::new() else { return };
+    let silent = rule(&place, "rules.py:Silent", "");
+    study(
+        &place,
+        &environment(&place, "own.py:Tank"),
+        &[("mine", &silent)],
+        SHORT,
+    );
+    let text = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
+    place
+        .bench
+        .write("study.yaml", &(text + "limits: { wall_time_s: 4 }\n"));
+    let answer = place.bench.run(&["check", "study.yaml"]);
+    let words = words(&answer);
+    let expected = "`make`: the rehearsal of the agent with `";
+    assert!(
+        answer.code == 2 && words.contains(expected) && words.contains("longer than the limit of 4 s"),
+        "{words}"
+    );
+    until("Python is gone", || processes_of(&place).is_empty());
 }

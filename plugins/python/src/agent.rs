@@ -11,7 +11,7 @@ use crate::{
 };
 use engine::{
     Action, Agent, End, Environment, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates,
-    product::SAVED_FILE,
+    patience::Watch, product::SAVED_FILE,
 };
 use rand::Rng as _;
 use serde::Deserialize;
@@ -85,6 +85,11 @@ impl PythonAgent {
     /// As [`build`].
     pub fn again(&self) -> Result<Self, Error> {
         Self::made(self.config.clone(), self.told.clone(), &self.interface)
+    }
+
+    /// Watches its process during a rehearsal.
+    pub fn watch(&self) -> Watch {
+        self.process().watch("the rehearsal of the agent with")
     }
 
     /// True where it is trained.
@@ -190,7 +195,11 @@ impl Agent for PythonAgent {
         let (made, recorded) = answer
             .split_first()
             .ok_or_else(|| failed("`learn` was not answered".into()))?;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "Python sends a count")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "Python sends a count"
+        )]
         let made = (*made >= 0.0).then_some(*made as u64);
         self.updates = made.unwrap_or(self.updates + 1);
         for (name, value) in self.config.metrics.iter().zip(recorded.chunks(2)) {

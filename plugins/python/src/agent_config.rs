@@ -112,13 +112,19 @@ mod tests {
         std::fs::write(&own, "class Rule: pass").unwrap();
         let with = |more: Value| {
             let mut value = json!({ "make": { "file": own, "call": "Rule" }, "lock": { "file": own } });
-            value.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+            value
+                .as_object_mut()
+                .unwrap()
+                .extend(more.as_object().unwrap().clone());
             refused(value)
         };
         assert!(with(json!({ "lock": null })).contains("`lock`: names no file"));
         assert!(with(json!({ "metrics": ["loss"] })).contains("write `learns: true`"));
         let taken = with(json!({ "metrics": ["return"], "learns": true }));
-        assert!(taken.contains("`return` is recorded of every environment"), "{taken}");
+        assert!(
+            taken.contains("`return` is recorded of every environment"),
+            "{taken}"
+        );
         std::fs::remove_file(&own).unwrap();
     }
 }

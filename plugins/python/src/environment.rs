@@ -1,8 +1,7 @@
 //! The environment `python`: one block of a server.
 
 use crate::{
-    PythonConfig,
-    interface,
+    PythonConfig, interface,
     making::Told,
     process::Answer,
     server::{self, Request, Server, Shared, prefixed},

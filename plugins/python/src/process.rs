@@ -153,7 +153,8 @@ impl Process {
         }
     }
 
-    fn watch(&self, what: &str) -> Watch {
+    /// Watches it while it is busy with `what`: it is ended once it takes too long or too much.
+    pub fn watch(&self, what: &str) -> Watch {
         let id = self.id;
         Watch::over(id, format!("{what} `{}`", self.interpreter), move |family| {
             end_all(id, family);

@@ -3,8 +3,8 @@
 
 use crate::agent::PythonAgent;
 use engine::{
-    Action, Agent, Environment, Error, Mode, Observation, Recorder, Rng, Transition, protocol::observe,
-    random::stream,
+    Action, Agent, Environment, Error, Mode, Observation, Recorder, Rng, Transition, patience::Watch,
+    protocol::observe, random::stream,
 };
 
 /// Steps of a rehearsal, each of all environments.
@@ -21,24 +21,39 @@ type Make<'a> = &'a dyn Fn() -> Result<Box<dyn Environment>, Error>;
 /// # Errors
 /// [`Error::Config`] at the key `make`.
 pub fn rehearse(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
-    let of_code = |error: Error| match error {
+    let (mut again, mut after) = (agent.again()?, agent.again()?);
+    let watches = [&*agent, &again, &after].map(PythonAgent::watch);
+    let tried = tried(agent, &mut again, &mut after, make);
+    // All of them look no more, whichever ended a process.
+    let reasons = watches.map(Watch::end);
+    match reasons.into_iter().flatten().next() {
+        Some(reason) => Err(Error::config("make", reason)),
+        None => tried.map_err(of_code),
+    }
+}
+
+/// What went wrong in the code that `make` names, said of it.
+fn of_code(error: Error) -> Error {
+    match error {
         Error::Model { problem, .. } => Error::config("make", problem),
         Error::NotFinite { what, value, .. } => {
             Error::config("make", format!("{what} is {value}, which is no finite number"))
         }
         Error::Checkpoint { problem, .. } => Error::config("make", format!("`load` fails: {problem}")),
         other => other,
-    };
-    tried(agent, make).map_err(of_code)
+    }
 }
 
-fn tried(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
-    let mut other = agent.again()?;
+fn tried(
+    agent: &mut PythonAgent,
+    again: &mut PythonAgent,
+    after: &mut PythonAgent,
+    make: Make<'_>,
+) -> Result<(), Error> {
     let mut first = Stage::set(agent, make)?;
-    let mut second = Stage::set(&mut other, make)?;
+    let mut second = Stage::set(again, make)?;
     for step in 1..=STEPS {
-        let (one, again) = (first.step(agent)?, second.step(&mut other)?);
-        if let Some(difference) = difference(&one, &again) {
+        if let Some(difference) = difference(&first.step(agent)?, &second.step(again)?) {
             let problem = format!(
                 "the same seed does not give the same actions the second time: at step {step}, {difference}. All that it \
                  draws must come from `rng`, which its methods may take as an argument, or from a generator made of the \
@@ -48,20 +63,18 @@ fn tried(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
         }
     }
     if agent.saves() {
-        goes_on(agent, &mut first)?;
+        goes_on(agent, after, &first)?;
     }
     Ok(())
 }
 
-/// Holds an agent against one that took up what it saved.
-fn goes_on(agent: &mut PythonAgent, stage: &mut Stage) -> Result<(), Error> {
-    let mut other = agent.again()?;
+/// Holds an agent against one that takes up what it saved.
+fn goes_on(agent: &mut PythonAgent, after: &mut PythonAgent, stage: &Stage) -> Result<(), Error> {
     let folder = tempfile::tempdir().map_err(Error::file("create", &std::env::temp_dir()))?;
     agent.save(folder.path())?;
-    other.load(folder.path())?;
+    after.load(folder.path())?;
     for when in ["", " and learning once more"] {
-        let (one, again) = (stage.shown(agent)?, stage.shown(&mut other)?);
-        if let Some(difference) = difference(&one, &again) {
+        if let Some(difference) = difference(&stage.shown(agent)?, &stage.shown(after)?) {
             let problem = format!(
                 "what `load` took up of `save` does not go on alike: after it{when}, {difference}. All that decides on \
                  actions, and on what is learned, must be in what `save` returns"
@@ -69,7 +82,7 @@ fn goes_on(agent: &mut PythonAgent, stage: &mut Stage) -> Result<(), Error> {
             return Err(Error::config("make", problem));
         }
         stage.learn_again(agent)?;
-        stage.learn_again(&mut other)?;
+        stage.learn_again(after)?;
     }
     Ok(())
 }
@@ -101,7 +114,11 @@ impl Stage {
 
     /// Lets an agent act in all environments, and learn from it.
     fn step(&mut self, agent: &mut PythonAgent) -> Result<Vec<Action>, Error> {
-        let mode = if agent.learns() { Mode::Train } else { Mode::Evaluate };
+        let mode = if agent.learns() {
+            Mode::Train
+        } else {
+            Mode::Evaluate
+        };
         let actions = agent.act(&self.seen, mode, &mut stream(&["rehearse", "act"]))?;
         self.transitions.clear();
         for (((environment, rng), seen), action) in
@@ -135,7 +152,11 @@ impl Stage {
     /// Lets an agent learn from the last step.
     fn learn_again(&self, agent: &mut PythonAgent) -> Result<(), Error> {
         let mut record = Recorder::default();
-        agent.learn(&self.transitions, &mut stream(&["rehearse", "learn"]), &mut record)?;
+        agent.learn(
+            &self.transitions,
+            &mut stream(&["rehearse", "learn"]),
+            &mut record,
+        )?;
         record.all_finite()
     }
 }

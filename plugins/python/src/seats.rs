@@ -98,11 +98,19 @@ mod tests {
             observation: Space::Box(vec![Channel::new("level", "m").within(0.0, f64::INFINITY)]),
             action,
         };
-        let torque = Channel::new("torque", "N m").within(-1.0, 1.0).standing_for(-2.0, 2.0);
+        let torque = Channel::new("torque", "N m")
+            .within(-1.0, 1.0)
+            .standing_for(-2.0, 2.0);
         vec![
             of("one", Space::Box(vec![torque])),
             of("two", Space::Discrete(vec!["rest".into(), "act".into()])),
-            of("three", Space::Choices(vec![Choice::new("a", &["x", "y", "z"]), Choice::new("b", &["u", "v"])])),
+            of(
+                "three",
+                Space::Choices(vec![
+                    Choice::new("a", &["x", "y", "z"]),
+                    Choice::new("b", &["u", "v"]),
+                ]),
+            ),
             of("four", Space::Simplex(vec!["first".into(), "second".into()])),
         ]
     }
@@ -110,7 +118,10 @@ mod tests {
     #[test]
     fn seats_are_told_with_the_limits_of_the_environment_itself() {
         let told = told(&seats());
-        assert_eq!(told[0]["observation"], json!({ "names": ["level"], "limits": [[0.0, null]] }));
+        assert_eq!(
+            told[0]["observation"],
+            json!({ "names": ["level"], "limits": [[0.0, null]] })
+        );
         assert_eq!(told[0]["action"]["own"], json!([[-2.0, 2.0]]));
         assert_eq!(told[1]["action"]["choices"][0]["options"], json!(["rest", "act"]));
         assert_eq!(told[3]["action"]["kind"], "simplex");
@@ -128,7 +139,10 @@ mod tests {
         let mut numbers = Vec::new();
         asked(&seats, &given, &mut numbers).unwrap();
         assert_eq!(numbers, [0.25, 1.0, 2.0, 0.0, 0.5, 0.5]);
-        assert_eq!((n_asked(&seats), action(&seats, &numbers).unwrap()), (6, Ok(given)));
+        assert_eq!(
+            (n_asked(&seats), action(&seats, &numbers).unwrap()),
+            (6, Ok(given))
+        );
         numbers[1] = f64::NAN;
         let (what, value) = action(&seats, &numbers).unwrap().unwrap_err();
         assert!(what == "the action of seat two" && value.is_nan());
