@@ -181,7 +181,10 @@ fn whole_studies_of_the_book_pass_check() {
         .iter()
         .filter(|(path, _)| !path.ends_with("reference/sections.md"))
         // Their studies need files beside them, and a Python with packages, and are run where these are.
-        .filter(|(path, _)| !path.ends_with("programs.md") && !path.ends_with("python-environments.md"))
+        .filter(|(path, _)| {
+            let with_files = ["programs.md", "python-environments.md", "python-agents.md"];
+            !with_files.iter().any(|page| path.ends_with(page))
+        })
         .filter(|(path, _)| !path.to_string_lossy().contains("coming-from-"))
     {
         for study in blocks(text, "yaml")

@@ -16,10 +16,11 @@ pub(crate) fn ready_made(registry: &Registry) -> impl Iterator<Item = &'static s
         .filter(|name| !["named", "python"].contains(name))
 }
 
-/// The agents that a protocol trains or measures: a program, which trains itself, has to be named.
+/// The agents that a protocol trains or measures with their defaults: a program, which trains itself, and one in Python
+/// have to be named.
 pub(crate) fn acting(registry: &Registry) -> impl Iterator<Item = (&'static str, &AgentEntry)> {
     let all = registry.agents.iter().map(|(name, entry)| (*name, entry));
-    all.filter(|(_, entry)| !entry.trains_itself)
+    all.filter(|(_, entry)| !entry.trains_itself && entry.by_config.is_none())
 }
 
 #[test]
@@ -53,11 +54,20 @@ fn no_agent_acts_where_there_is_nothing_to_act_in() {
 }
 
 #[test]
-fn an_environment_in_python_has_to_be_named() {
+fn what_is_written_in_python_has_to_be_named() {
     let registry = registry();
     let entry = &registry.environments["python"];
     let refusal = (entry.build)(&entry.about.defaults).err().unwrap().to_string();
     assert!(refusal.contains("`make`: `` names nothing"), "{refusal}");
+    let entry = &registry.agents["python"];
+    let interface = default_environment(&registry, "allocation_bandit").interface();
+    let refusal = (entry.build)(&entry.about.defaults, &interface, &mut stream(&["contract"]));
+    let refusal = refusal.err().unwrap().to_string();
+    assert!(
+        refusal.contains("`make`: `` names nothing that makes an agent"),
+        "{refusal}"
+    );
+    assert!(!entry.learns_with(&entry.about.defaults));
 }
 
 fn default_environment(registry: &Registry, name: &str) -> Box<dyn Environment> {

@@ -73,8 +73,8 @@ pub(crate) fn every_study() -> Vec<String> {
 #[test]
 fn a_study_with_an_environment_in_python_is_known_by_its_lock_file() {
     let of = |name: &str| locks(&repository().join("experiments/first").join(name)).len();
-    for study in ["python-pendulum", "python-spread"] {
-        assert_eq!(of(&format!("{study}.yaml")), 1, "{study}");
+    for (study, count) in [("python-pendulum", 1), ("python-spread", 1), ("python-rule", 3)] {
+        assert_eq!(of(&format!("{study}.yaml")), count, "{study}");
     }
     assert_eq!(of("quickstart.yaml"), 0);
 }

@@ -50,6 +50,7 @@ mod portable_policies;
 mod program;
 mod programs;
 mod provenance;
+mod python_agents;
 mod python_environments;
 mod record;
 mod recorded;

@@ -1,6 +1,6 @@
 //! What an agent is: `act`, `learn`, `save`, `load`.
 
-use crate::{Action, End, Error, Metric, Observation, OwnTraining, Recorder, Rng};
+use crate::{Action, End, Environment, Error, Metric, Observation, OwnTraining, Recorder, Rng};
 use std::path::Path;
 
 /// Whether actions are for learning (explore) or for measuring (the policy's best).
@@ -79,6 +79,19 @@ pub trait Agent: Send {
     /// Metrics that an agent records which trains itself.
     fn records(&self) -> Vec<Metric> {
         Vec::new()
+    }
+
+    /// Tried out by `check` in environments of its trial, before any trial runs: an agent whose code is not this
+    /// program's own refuses here what would make trials that fail or that nobody can repeat. False where there is
+    /// nothing to try, as for all code of this program's own.
+    ///
+    /// # Errors
+    /// What must not run, at the key that names it.
+    fn rehearse(
+        &mut self,
+        _make_environment: &dyn Fn() -> Result<Box<dyn Environment>, Error>,
+    ) -> Result<bool, Error> {
+        Ok(false)
     }
 
     /// The updates of an agent that learns; `None` for others.

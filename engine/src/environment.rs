@@ -25,6 +25,10 @@ pub struct Channel {
     pub center: f64,
     /// A typical deviation from `center`, above zero; agents that scale their inputs divide by it.
     pub spread: f64,
+    /// For an entry of an action: what `low` and `high` stand for in the environment's own numbers, where these are
+    /// others. Code of the person who wrote the environment thinks in them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_limits: Option<(f64, f64)>,
 }
 
 impl Channel {
@@ -38,6 +42,7 @@ impl Channel {
             high: f64::INFINITY,
             center: 0.0,
             spread: 1.0,
+            own_limits: None,
         }
     }
 
@@ -55,6 +60,15 @@ impl Channel {
     #[must_use]
     pub fn within(self, low: f64, high: f64) -> Self {
         Self { low, high, ..self }
+    }
+
+    /// The same channel, whose limits stand for these in the environment's own numbers.
+    #[must_use]
+    pub fn standing_for(self, low: f64, high: f64) -> Self {
+        Self {
+            own_limits: Some((low, high)),
+            ..self
+        }
     }
 }
 

@@ -32,13 +32,15 @@ pub(crate) const CHECKPOINT_AGENT: &str = "agent";
 
 /// The policy of an agent that trains itself, in a trial's folder.
 pub const ONNX_FILE: &str = "policy.onnx";
+/// What an agent whose code is not this program's own saved of itself, in a trial's folder.
+pub const SAVED_FILE: &str = "policy.saved";
 
 /// What a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProductKind {
     /// A policy: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
-    /// agent that trains itself.
+    /// agent that trains itself; `policy.saved` of a learner in Python.
     Policy,
     /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
     /// seat where each has its own.
@@ -86,7 +88,8 @@ impl ProductKind {
     pub fn about(self) -> &'static str {
         match self {
             Self::Policy => {
-                "A policy: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`."
+                "A policy: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`, \
+                 or `policy.saved` of a learner in Python."
             }
             Self::Networks => {
                 "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \
@@ -113,7 +116,10 @@ impl ProductKind {
                     .any(|entry| fs::is_file(&entry.path().join(name)))
         };
         match self {
-            Self::Policy => beside_or_below("policy.safetensors") || fs::is_file(&folder.join(ONNX_FILE)),
+            Self::Policy => {
+                let is_there = |name: &&str| fs::is_file(&folder.join(name));
+                beside_or_below("policy.safetensors") || [ONNX_FILE, SAVED_FILE].iter().any(is_there)
+            }
             Self::Networks => beside_or_below("networks.safetensors"),
             Self::Checkpoint => fs::is_file(&folder.join(CHECKPOINT).join(CHECKPOINT_STATE)),
             Self::Dataset => fs::is_folder(&folder.join("dataset")),
@@ -131,7 +137,8 @@ impl ProductKind {
             _ if is_of_checkpoint(path) => self == Self::Checkpoint,
             Self::Checkpoint => false,
             Self::Policy => {
-                path == ONNX_FILE || last.ends_with(".safetensors") && !Self::Networks.has_file(path)
+                [ONNX_FILE, SAVED_FILE].contains(&path)
+                    || last.ends_with(".safetensors") && !Self::Networks.has_file(path)
             }
             Self::Networks => last == "networks.safetensors",
             Self::Dataset => path.starts_with("dataset/"),
@@ -460,6 +467,7 @@ mod tests {
         let paths = [
             "policy.safetensors",
             "policy.onnx",
+            "policy.saved",
             "good_0/policy.safetensors",
             "networks.safetensors",
             "checkpoint/state.json",

@@ -92,6 +92,9 @@ impl About {
 pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
 /// The same for an agent that trains itself, by how it is measured.
 pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
+/// What the config of an agent whose code is not this program's own says: whether it learns, and what it records. The
+/// config may be one that is refused elsewhere.
+pub type ByConfig = fn(&Value) -> (bool, Vec<Metric>);
 type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
 type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
 
@@ -121,8 +124,25 @@ pub struct AgentEntry {
     pub designs: bool,
     /// True where it trains itself: the protocol lets it, and takes in what it measures.
     pub trains_itself: bool,
+    /// What a config says in the place of its registration, where one does.
+    pub by_config: Option<ByConfig>,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
+}
+
+impl AgentEntry {
+    /// Whether it learns with this config.
+    #[must_use]
+    pub fn learns_with(&self, config: &Value) -> bool {
+        self.by_config.map_or(self.learns, |said| said(config).0)
+    }
+
+    /// What `learn` records with this config, and what measurements record of its decisions.
+    #[must_use]
+    pub fn metrics_with(&self, config: &Value) -> Vec<Metric> {
+        self.by_config
+            .map_or_else(|| self.metrics.clone(), |said| said(config).1)
+    }
 }
 
 /// A registered protocol.
@@ -179,6 +199,9 @@ pub struct AgentTraits {
     pub designs: bool,
     /// True where it trains itself, as [`Agent::own_training`] does.
     pub trains_itself: bool,
+    /// For code that is not this program's own: what a config says in the place of `learns` and `metrics`. `learns` is
+    /// then whether any config can learn.
+    pub by_config: Option<ByConfig>,
 }
 
 /// Whether an agent can learn from transitions that others gathered.
@@ -260,6 +283,7 @@ impl Registry {
             datasets: traits.datasets,
             designs: traits.designs,
             trains_itself: traits.trains_itself,
+            by_config: traits.by_config,
             build: Box::new(move |raw, interface, rng| {
                 if interface.seats.is_empty() && !traits.trains_itself {
                     return Err(no_seats(name));

@@ -2,7 +2,7 @@
 //! what a trial comes to whose Python fails, hangs, is killed or goes on elsewhere.
 
 mod choices;
-mod continuing;
+pub(crate) mod continuing;
 mod ends;
 mod hostile;
 mod reading;
@@ -42,24 +42,24 @@ fn lock_file(python: &str) -> String {
 }
 
 /// A folder with the fixtures' environments and a lock file; `None` where there is no Python.
-struct Place {
-    bench: Bench,
-    interpreter: &'static str,
+pub(crate) struct Place {
+    pub(crate) bench: Bench,
+    pub(crate) interpreter: &'static str,
 }
 
 impl Place {
-    fn new() -> Option<Self> {
+    pub(crate) fn new() -> Option<Self> {
         let (interpreter, lock) = python()?;
         let bench = Bench::new();
         bench.write("requirements.txt", lock);
-        for file in ["own.py", "level.py"] {
+        for file in ["own.py", "level.py", "rules.py"] {
             fs::copy(repository().join(FIXTURES).join(file), bench.path(file)).unwrap();
         }
         Some(Self { bench, interpreter })
     }
 
     /// The keys of an environment beside `make` and `arguments`, in a study.
-    fn with(&self, make: &str, arguments: &str) -> String {
+    pub(crate) fn with(&self, make: &str, arguments: &str) -> String {
         let interpreter = self.interpreter;
         format!(
             "{{ make: \"{make}\", arguments: {{ {arguments} }}, sources: [{{ file: level.py }}], lock: {{ file: \
@@ -86,7 +86,7 @@ impl Place {
         )
     }
 
-    fn config(&self, make: &str, arguments: Value) -> Value {
+    pub(crate) fn config(&self, make: &str, arguments: Value) -> Value {
         let file = |name: &str| json!({ "file": self.bench.path(name) });
         let make = match make.split_once(".py:") {
             Some((file, call)) => json!({ "file": self.bench.path(&format!("{file}.py")), "call": call }),
@@ -96,7 +96,7 @@ impl Place {
             "lock": file("requirements.txt"), "interpreter": self.interpreter })
     }
 
-    fn built(&self, make: &str, arguments: Value) -> Box<dyn Environment> {
+    pub(crate) fn built(&self, make: &str, arguments: Value) -> Box<dyn Environment> {
         let build = &plugins::registry().environments["python"].build;
         build(&self.config(make, arguments)).unwrap_or_else(|error| panic!("{make}: {error}"))
     }
@@ -134,8 +134,8 @@ fn names(space: &Space) -> Vec<String> {
     space.names()
 }
 
-/// Processes that run a Python of this test.
-fn processes_of(place: &Place) -> Vec<u32> {
+/// Processes that run a Python of a test.
+pub(crate) fn processes_of(place: &Place) -> Vec<u32> {
     let lock = place.bench.path("");
     let folder = lock.to_str().unwrap();
     let mut found = Vec::new();

@@ -9,7 +9,7 @@ use crate::{
     Error, ProductKind, Registry,
     count::count,
     export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files},
-    product::Taken,
+    product::{SAVED_FILE, Taken},
     store::{Store, TrialFile, write_durably},
     world::fs,
 };
@@ -75,7 +75,13 @@ pub(super) fn of_study(subject: &Subject<'_>, store: &Store, folder: &Path) -> R
         let file = store
             .file(id)?
             .ok_or_else(|| refused(format!("trial {id} is gone")))?;
-        match files_of(subject.registry, store, id, &file)? {
+        // What a learner in Python saved is of no form for other runtimes.
+        let files = if file.files.contains_key(SAVED_FILE) {
+            None
+        } else {
+            files_of(subject.registry, store, id, &file)?
+        };
+        match files {
             None => without += 1,
             Some(files) => {
                 let run = folder_of_run(result);

@@ -127,9 +127,6 @@ fn named_agent(
         .agents
         .get(name)
         .ok_or_else(|| unknown("agent", name, registry.agents.keys()))?;
-    if entry.learns && options.policy.is_none() {
-        return Err(untrained(name));
-    }
     let config = match left_by
         .as_ref()
         .filter(|part| part.plugin == name && options.agent_config.is_none())
@@ -137,6 +134,9 @@ fn named_agent(
         Some(part) => part.config.whole().into_owned(),
         None => config(name, &entry.about, options.agent_config.as_deref())?,
     };
+    if entry.learns_with(&config) && options.policy.is_none() {
+        return Err(untrained(name));
+    }
     let mut agent = build(entry, &config, environment, options)?;
     if let Some(folder) = &options.policy {
         take_up(&mut *agent, name, folder)?;

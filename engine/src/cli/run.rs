@@ -18,7 +18,7 @@ use crate::{
     search::Search,
     spec::{Progress, Study},
     store::Store,
-    trial::Trial,
+    trial::{Part, Trial},
 };
 use serde_json::Value;
 use std::{
@@ -250,10 +250,11 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
 /// The agents that learn.
 fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
     let learns = |trial: &&Arc<Trial>| {
-        let plugin = trial.key.agent.agent().map(|part| part.plugin.as_str());
-        plugin
-            .and_then(|name| registry.agents.get(name))
-            .is_some_and(|entry| entry.learns)
+        let learns = |part: &Part| {
+            let entry = registry.agents.get(part.plugin.as_str());
+            entry.is_some_and(|entry| entry.learns_with(&part.config))
+        };
+        trial.key.agent.agent().is_some_and(learns)
     };
     one.plan
         .trials

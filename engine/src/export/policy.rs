@@ -5,7 +5,7 @@
 
 use super::json_list;
 use crate::{
-    Channel, Error, Interface, Registry, Seat, Space, product::ONNX_FILE, store::TrialFile, world::fs,
+    Channel, Error, Interface, Registry, Seat, Space, product::{ONNX_FILE, SAVED_FILE}, store::TrialFile, world::fs,
 };
 use std::{
     collections::BTreeMap,
@@ -77,6 +77,9 @@ pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8
         let bytes = fs::read(&own).map_err(Error::file("read", &own))?;
         return Ok([(ONNX_FILE.to_owned(), bytes)].into());
     }
+    if fs::is_file(&subject.folder.join(SAVED_FILE)) {
+        return Err(subject.of_no_form());
+    }
     for found in subject.found()? {
         let seat = &found.policy.seat;
         let name = if seat.is_empty() { "policy" } else { seat };
@@ -108,11 +111,15 @@ impl PolicySubject<'_> {
                 return Ok((form.name, policies));
             }
         }
-        Err(Error::NoPortablePolicy {
+        Err(self.of_no_form())
+    }
+
+    fn of_no_form(&self) -> Error {
+        Error::NoPortablePolicy {
             trial: self.trial.into(),
             agent: self.file.key.agents_by_plugin(),
             known: self.registry.policy_forms.keys().copied().collect(),
-        })
+        }
     }
 
     /// What a file says of itself, in the order in which it says it.

@@ -99,7 +99,7 @@ pub fn trained_agent(
         && registry
             .agents
             .get(part.plugin.as_str())
-            .is_some_and(|entry| entry.learns)
+            .is_some_and(|entry| entry.learns_with(&part.config))
     {
         take_up(&mut *agent, &part.plugin, &key.id(), find)?;
     }

@@ -16,7 +16,7 @@ use crate::{
     describe::fit,
     diagnostic::{Diagnostic, in_order, say_once},
     own_training::{Assignment, MEASURED, Measured},
-    panics, protocol, random,
+    panics, patience, protocol, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
@@ -112,11 +112,11 @@ impl Measures {
         }
     }
 
-    /// What is given in the place of what an agent learns from; `None` where it can learn from it.
-    fn gives_another(&self, entry: &AgentEntry) -> Option<Given> {
+    /// What is given in the place of what an agent that `learns`, or not, learns from; `None` where it can learn from it.
+    fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
         match entry.datasets {
             _ if entry.designs && !self.asks_for_designs && self.experience > 0 => Some(Given::NoDemand),
-            _ if !entry.learns => None,
+            _ if !learns => None,
             _ if self.gives_examples && !entry.learns_from_examples => Some(Given::Examples),
             _ if self.experience == 0 => None,
             UseOfDatasets::Never if self.gives_datasets => Some(Given::DecisionsOfOthers),
@@ -128,7 +128,7 @@ impl Measures {
 
 /// True where an agent can learn from what a protocol gives, or need not.
 pub(crate) fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
-    Measures::of(protocol).gives_another(entry).is_none()
+    Measures::of(protocol).gives_another(entry, entry.learns).is_none()
 }
 
 /// What a protocol gives to an agent that cannot learn from it.
@@ -299,13 +299,12 @@ impl<'a> Builder<'a> {
         self.build_once(cell, &facts.interface, first, world)?;
         self.goes_on_well(cell, &facts.interface)?;
         if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell).filter(|it| !it.trains_itself)) {
-            let updates = || entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
+            let config = &cell.parts[1].part.config;
+            let learns = entry.learns_with(config);
+            let updates = || learns.then(|| [updates_metric(), time_per_update_metric()]);
             let of_agent = || {
-                entry
-                    .metrics
-                    .iter()
-                    .cloned()
-                    .chain(updates().into_iter().flatten())
+                let metrics = entry.metrics_with(config);
+                metrics.into_iter().chain(updates().into_iter().flatten())
             };
             self.note(cell, pair, || of_agent().collect(), world)?;
         }
@@ -332,7 +331,7 @@ impl<'a> Builder<'a> {
             .is_some();
         let given = |entry: &AgentEntry| match entry.trains_itself {
             true => (!lets_train).then_some(Given::Training),
-            false => measures.gives_another(entry),
+            false => measures.gives_another(entry, entry.learns_with(&agent.part.config)),
         };
         if let Some(why) = self.entry(cell).and_then(given) {
             return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
@@ -353,11 +352,17 @@ impl<'a> Builder<'a> {
         world: &mut World,
     ) -> Outcome<()> {
         let given = given(cell);
+        self.learns_as_written(cell)?;
         if self.agents.contains_key(&given) || !first && self.extra > MOST_SETTINGS_BUILT {
             return Ok(());
         }
         self.agents.insert(given.clone(), FROM_THE_FIRST_STEP);
-        let mut built = self.agent(cell, interface)?;
+        if self.was_tried(cell) {
+            return Ok(());
+        }
+        let limits = self.sections.limits;
+        let mut built = patience::under(limits, || self.agent(cell, interface))?;
+        patience::under(limits, || self.try_out(cell, &mut *built))?;
         if self.entry(cell).is_some_and(|it| it.trains_itself) {
             return self.note_own_training(cell, &mut *built, world);
         }
@@ -444,7 +449,8 @@ impl<'a> Builder<'a> {
             return;
         }
         let (steps, experience) = (measures.steps, measures.experience);
-        let is_useless = self.entry(cell).is_some_and(|entry| entry.learns) && learns_after > experience;
+        let learns = self.entry(cell).is_some_and(|it| it.learns_with(&agent.part.config));
+        let is_useless = learns && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
             world
                 .warnings

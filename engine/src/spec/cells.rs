@@ -261,6 +261,18 @@ impl Sections<'_> {
         Ok(Resolved::new(part, given))
     }
 
+    /// Whether an agent learns, as it is written.
+    pub(super) fn learns(&self, agent: Target) -> bool {
+        let named = self.written.part(agent);
+        named.is_some_and(|named| {
+            let entry = self.registry.agents.get(named.plugin.as_str());
+            entry.is_some_and(|entry| match entry.by_config {
+                None => entry.learns,
+                Some(_) => entry.learns_with(&named.config.to_value()),
+            })
+        })
+    }
+
     /// How an agent that trains itself is measured, as it is written.
     pub(super) fn measured(&self, agent: Target) -> Option<Measured> {
         let said = self.written.part(agent)?.config.get(MEASURED)?;

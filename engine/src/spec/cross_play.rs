@@ -217,10 +217,7 @@ impl Reader<'_> {
     /// The agents that are listed, or all that learn here.
     fn players(&mut self, environment: usize) -> Vec<Player> {
         let agents = &self.sections.written.agents;
-        let learns = |index: usize| {
-            let entry = self.sections.registry.agents.get(agents[index].plugin.as_str());
-            entry.is_some_and(|entry| entry.learns)
-        };
+        let learns = |index: usize| self.sections.learns(Target::Agent(index));
         let listed = self.named.config.entry("agents");
         let span = listed.map_or(self.named.name_span, |entry| entry.key_span);
         let here = |index: &usize| !self.cells.of_pair((environment, *index)).is_empty();

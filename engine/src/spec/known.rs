@@ -205,7 +205,7 @@ impl<'a> Known<'a> {
         let form = match self.sections.registry.agents.get(plugin) {
             _ if place < 2 => Form::Trained,
             Some(entry) if entry.trains_itself => Form::Own(self.sections.measured(targets[1])),
-            Some(entry) if entry.learns => Form::Trained,
+            Some(_) if self.sections.learns(targets[1]) => Form::Trained,
             _ => Form::Alone,
         };
         let of_setting =

@@ -19,6 +19,7 @@
 //! | `taking` | what cells take from each other, in an order without circles |
 //! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `facts` | makes environments and tries them out, or recalls what they announced |
+//! | `tried` | tries out agents whose code is not this program's own |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `imported` | runs of other programs, which stand where agents stand |
@@ -66,6 +67,7 @@ mod specimens;
 pub(crate) mod summary;
 mod sweep;
 mod taking;
+mod tried;
 mod way;
 mod written;
 

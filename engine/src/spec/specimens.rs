@@ -144,7 +144,7 @@ impl Builder<'_> {
             .registry
             .agents
             .get(trained.parts[1].part.plugin.as_str());
-        let Some(entry) = entry.filter(|entry| entry.learns) else {
+        let Some(entry) = entry.filter(|entry| entry.learns_with(&trained.parts[1].part.config)) else {
             return Err(unusable(
                 self,
                 source,

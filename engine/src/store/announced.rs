@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// The folder of the records in a store.
 pub(super) const FOLDER: &str = "environments";
 /// Raised whenever an environment of the same config would announce something else.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Where the records are.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,10 +1,11 @@
 //! What a study says of an environment in Python.
 
-use engine::{DataFile, Error, Metric, PerEpisode};
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use crate::making::{Code, Make, NamedFile, Told};
+use engine::{Error, Metric, PerEpisode};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{borrow::Cow, collections::BTreeMap};
+use std::collections::BTreeMap;
 
 /// Settings of the `python` environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -44,14 +45,6 @@ impl Default for PythonConfig {
 }
 
 impl engine::Config for PythonConfig {}
-
-/// A file by its path.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct NamedFile {
-    /// The file, as seen from the study.
-    pub file: DataFile,
-}
 
 /// How an entry of `info` becomes a metric.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -122,99 +115,6 @@ impl InfoMetric {
     }
 }
 
-/// What makes an environment.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Written", into = "Written")]
-pub enum Make {
-    /// `PACKAGE:NAME`, or what nobody knows.
-    Word(String),
-    /// A function of a person's own file.
-    Own {
-        /// The file.
-        file: DataFile,
-        /// The function in it.
-        call: String,
-    },
-}
-
-/// What stands in a config.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged, expecting = "`PACKAGE:NAME`, or `FILE.py:FUNCTION`")]
-enum Written {
-    Word(String),
-    Own { file: DataFile, call: String },
-}
-
-impl From<Written> for Make {
-    fn from(written: Written) -> Self {
-        match written {
-            Written::Own { file, call } => Self::Own { file, call },
-            Written::Word(word) => match word.rsplit_once(':') {
-                Some((file, call)) if file.ends_with(".py") => Self::Own {
-                    file: DataFile::new(file),
-                    call: call.into(),
-                },
-                _ => Self::Word(word),
-            },
-        }
-    }
-}
-
-impl From<Make> for Written {
-    fn from(make: Make) -> Self {
-        match make {
-            Make::Word(word) => Self::Word(word),
-            Make::Own { file, call } => Self::Own { file, call },
-        }
-    }
-}
-
-impl JsonSchema for Make {
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn schema_name() -> Cow<'static, str> {
-        "Make".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "anyOf": [
-                { "type": "string" },
-                {
-                    "type": "object", "additionalProperties": false, "required": ["file", "call"],
-                    "properties": {
-                        "file": { "type": "string", "description": "A file of your own, as seen from the study." },
-                        "call": { "type": "string", "description": "What is called in it to make an environment." },
-                    },
-                },
-            ],
-        })
-    }
-}
-
-/// What Python is told.
-#[derive(Debug, Clone)]
-pub struct Told {
-    /// With the texts of files of its own, and the paths of others.
-    pub asked: Value,
-    /// The files among the arguments, by where in `asked` their paths stand: Python gets copies of its own.
-    pub files: Vec<(String, DataFile)>,
-}
-
-impl Told {
-    /// What tells it from others: what is told, and what the files hold.
-    ///
-    /// # Errors
-    /// [`Error::File`] where one cannot be read.
-    pub fn key(&self) -> Result<String, Error> {
-        let digests = self.files.iter().map(|(_, file)| Ok(file.digest()?.into_owned()));
-        let digests = digests.collect::<Result<Vec<String>, Error>>()?;
-        Ok(json!([self.asked, digests]).to_string())
-    }
-}
-
 impl PythonConfig {
     /// What Python is told.
     ///
@@ -222,113 +122,45 @@ impl PythonConfig {
     /// [`Error::Config`] for a config that names nothing to make or no lock file, and for a metric with a name of
     /// another one; [`Error::File`] where a file cannot be read.
     pub fn told(&self) -> Result<Told, Error> {
-        let make = self.make.told()?;
-        let lock = self.lock.as_ref().ok_or_else(|| self.without_lock())?;
-        let sources = self.sources.iter().map(|source| text_of(&source.file));
-        self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
+        let code = Code {
+            make: self.make.of_environment()?,
+            arguments: &self.arguments,
+            sources: &self.sources,
+            lock: self.lock.as_ref(),
+            interpreter: &self.interpreter,
+        };
+        self.metrics
+            .keys()
+            .try_for_each(|name| of_ones_own(name, "an entry of `info`"))?;
         let takes: BTreeMap<&String, Take> = self
             .metrics
             .iter()
             .map(|(name, metric)| (name, metric.take()))
             .collect();
-        let mut files = Vec::new();
-        let arguments = passed(&json!(self.arguments), "/arguments", &mut files);
-        let asked = json!({
-            "make": make,
-            "arguments": arguments,
-            "metrics": takes,
-            "sources": sources.collect::<Result<Vec<_>, _>>()?,
-            "lock": text_of(&lock.file)?,
-            "interpreter": self.interpreter,
-        });
-        Ok(Told { asked, files })
-    }
-
-    fn without_lock(&self) -> Error {
-        let interpreter = &self.interpreter;
-        Error::config(
-            "lock",
-            format!(
-                "names no file, so that nothing says which packages compute the numbers: write one by `{interpreter} \
-                 -m pip freeze > requirements.txt`, and `lock: {{ file: requirements.txt }}`"
-            ),
-        )
+        code.told(json!({ "metrics": takes }))
     }
 }
 
-impl Make {
-    fn told(&self) -> Result<Value, Error> {
-        match self {
-            Self::Own { file, call } => Ok(json!({ "file": text_of(file)?, "call": call })),
-            Self::Word(word) => match word.split_once(':') {
-                Some((package @ ("gymnasium" | "pettingzoo"), name)) if !name.is_empty() => {
-                    Ok(json!({ "package": package, "name": name }))
-                }
-                _ => Err(Error::config(
-                    "make",
-                    format!(
-                        "`{word}` names nothing that makes an environment: write `gymnasium:ID`, as \
-                         `gymnasium:Pendulum-v1`, `pettingzoo:MODULE`, or `FILE.py:FUNCTION` with a file of your own"
-                    ),
-                )),
-            },
-        }
-    }
-
-    /// What it makes, in words.
-    pub fn in_words(&self) -> String {
-        match self {
-            Self::Word(word) => word.clone(),
-            Self::Own { file, call } => format!("{}:{call}", file.path().display()),
-        }
-    }
-}
-
-fn text_of(file: &DataFile) -> Result<Value, Error> {
-    Ok(json!({ "path": file.path(), "text": file.text()? }))
-}
-
-/// An argument as Python gets it: a file by its path, which is noted with its place.
-fn passed(argument: &Value, place: &str, files: &mut Vec<(String, DataFile)>) -> Value {
-    let named = argument.as_object().filter(|map| map.len() == 1);
-    let file = named.and_then(|map| DataFile::deserialize(map.get("file")?).ok());
-    let escaped = |key: &str| key.replace('~', "~0").replace('/', "~1");
-    match (file, argument) {
-        (Some(file), _) => {
-            let path = json!(file.path());
-            files.push((place.into(), file));
-            path
-        }
-        (None, Value::Object(map)) => {
-            let each = map.iter().map(|(key, value)| {
-                let below = format!("{place}/{}", escaped(key));
-                (key.clone(), passed(value, &below, files))
-            });
-            Value::Object(each.collect())
-        }
-        (None, Value::Array(items)) => {
-            let each = items.iter().enumerate();
-            each.map(|(at, value)| passed(value, &format!("{place}/{at}"), files))
-                .collect()
-        }
-        (None, other) => other.clone(),
-    }
-}
-
-/// Refuses names that claims cannot say, and those of what is recorded anyhow.
-fn of_ones_own(name: &str) -> Result<(), Error> {
+/// Refuses names that claims cannot say, and those of what is recorded anyhow; `what` is what has the name.
+///
+/// # Errors
+/// [`Error::Config`] at `metrics`.
+pub fn of_ones_own(name: &str, what: &str) -> Result<(), Error> {
     let problem = if ["return", "episode_length", "success"].contains(&name) {
-        Some("is recorded of every environment; take an entry of `info` with another name")
+        Some(format!(
+            "is recorded of every environment; take {what} with another name"
+        ))
     } else {
-        Metric::name_problem(name)
+        Metric::name_problem(name).map(str::to_owned)
     };
-    let refusal = |problem| Error::config("metrics", format!("`{name}` {problem}"));
+    let refusal = |problem: String| Error::config("metrics", format!("`{name}` {problem}"));
     problem.map_or(Ok(()), |problem| Err(refusal(problem)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use engine::DataFile;
 
     fn config(value: Value) -> PythonConfig {
         serde_json::from_value(value).unwrap()
@@ -344,7 +176,7 @@ mod tests {
         assert_eq!(config(json!(own)), own);
         let package = config(json!({ "make": "gymnasium:ale_py:ALE/Pong-v5" }));
         assert_eq!(json!(package)["make"], "gymnasium:ale_py:ALE/Pong-v5");
-        let told = package.make.told().unwrap();
+        let told = package.make.of_environment().unwrap();
         assert_eq!(
             told,
             json!({ "package": "gymnasium", "name": "ale_py:ALE/Pong-v5" })
@@ -364,23 +196,6 @@ mod tests {
             .told()
             .unwrap_err();
         assert!(problem.to_string().contains("`lock`: names no file"), "{problem}");
-    }
-
-    #[test]
-    fn files_among_arguments_are_passed_by_their_paths() {
-        let argument =
-            json!({ "table": { "file": "a.csv" }, "m/n": [{ "file": { "path": "b", "content": "1" } }] });
-        let mut files = Vec::new();
-        let found = passed(&argument, "", &mut files);
-        assert_eq!(found, json!({ "table": "a.csv", "m/n": ["b"] }));
-        for (place, file) in &files {
-            assert_eq!(found.pointer(place), Some(&json!(file.path())));
-        }
-        assert_eq!(files.len(), 2);
-        assert_eq!(
-            passed(&json!({ "file": 3 }), "", &mut files),
-            json!({ "file": 3 })
-        );
     }
 
     #[test]

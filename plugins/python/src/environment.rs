@@ -1,9 +1,8 @@
 //! The environment `python`: one block of a server.
 
 use crate::{
-    PythonConfig,
-    config::Told,
-    interface,
+    PythonConfig, interface,
+    making::Told,
     process::Answer,
     server::{self, Request, Server, Shared, prefixed},
 };

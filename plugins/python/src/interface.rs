@@ -84,7 +84,13 @@ fn channel(entry: &Entry) -> Channel {
 fn acted(form: &SpaceForm) -> Space {
     match form {
         SpaceForm::Box(entries) => {
-            let unit = |entry: &Entry| Channel::new(&entry.name, "").within(-1.0, 1.0);
+            let unit = |entry: &Entry| {
+                let channel = Channel::new(&entry.name, "").within(-1.0, 1.0);
+                match (entry.low, entry.high) {
+                    (Some(low), Some(high)) => channel.standing_for(low, high),
+                    _ => channel,
+                }
+            };
             Space::Box(entries.iter().map(unit).collect())
         }
         SpaceForm::Choices(choices) => Space::Choices(choices.clone()),

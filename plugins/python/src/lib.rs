@@ -1,19 +1,25 @@
 //! Environments that are written in Python: those of Gymnasium, of `PettingZoo`'s parallel interface, and a
-//! person's own.
+//! person's own; and rules and learners of a person's own.
 //!
 //! The environments of a trial live in one Python process ([`server.py`](../src/server.py)), which this crate
 //! starts, asks and ends. Numbers pass through memory that both share, and one byte each way says that they are
-//! there; environments that are stepped together are asked together.
+//! there; environments that are stepped together are asked together. An agent has a process of the same server.
 //!
 //! What determines numbers is in a trial's id: the text of a person's own files, and that of a lock file, against
 //! which the installed packages are held whenever Python starts. Which Python runs it is not.
 
+mod agent;
+mod agent_config;
 mod config;
 mod environment;
 mod interface;
+mod making;
 mod process;
+mod rehearsal;
+mod seats;
 mod server;
 
+pub use agent_config::AgentConfig;
 pub use config::PythonConfig;
 
 use serde_json::Value;
@@ -27,7 +33,7 @@ fn names(config: &Value) -> Vec<(&'static str, String)> {
     name.map(|name| ("id", name)).into_iter().collect()
 }
 
-/// Registers the environment `python`.
+/// Registers the environment and the agent `python`.
 pub fn register(registry: &mut engine::Registry) {
     registry.environment(
         "python",
@@ -36,6 +42,18 @@ pub fn register(registry: &mut engine::Registry) {
         environment::build,
     );
     registry.environment_names("python", names);
+    registry.agent(
+        "python",
+        1,
+        "a rule or a learner of your own, written in Python",
+        engine::AgentTraits {
+            learns: true,
+            datasets: engine::UseOfDatasets::Also,
+            by_config: Some(agent_config::said_of),
+            ..engine::AgentTraits::default()
+        },
+        agent::build,
+    );
 }
 
 #[cfg(test)]

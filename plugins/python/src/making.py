@@ -1,6 +1,6 @@
 
 
-# --- What makes environments ---------------------------------------------------------------------------------
+# --- What makes environments and agents ---------------------------------------------------------------------------------
 
 
 class Sources(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -25,7 +25,7 @@ class Sources(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def function_of(make, sources):
-    """What is called to make an environment."""
+    """What is called to make an environment or an agent."""
     if "file" in make:
         sys.meta_path.insert(0, Sources([make["file"], *sources]))
         module = importlib.import_module(os.path.splitext(os.path.basename(make["file"]["path"]))[0])
@@ -96,12 +96,11 @@ def stem(name):
     return re.sub(r"_v\d+$", "", name)
 
 
-def found_module(asked):
+def found_module(asked, needed):
     make, interpreter = asked["make"], asked["interpreter"]
     try:
-        import gymnasium  # noqa: F401
-        import numpy  # noqa: F401
-
+        for package in needed:
+            importlib.import_module(package)
         return function_of(make, asked["sources"])
     except ModuleNotFoundError as error:
         # A name out of the study could be that of a stranger's package: only what is pinned is named.
@@ -157,12 +156,12 @@ def how_to_install(lock, interpreter):
     return f"`{interpreter} -m pip install -r {lock['path']}` installs what it says"
 
 
-def hold_against_lock(lock, interpreter):
-    """The id of a trial names the lock file, so what is installed must be what it says."""
+def hold_against_lock(lock, interpreter, needed):
+    """The id of a trial names the lock file, so what is installed must be what it says, and `needed` be in it."""
     packages = found_beside_wanted(lock)
-    if "gymnasium" not in packages:
+    if needed not in packages:
         raise Refused(
-            "lock", f"`{lock['path']}` pins no version of gymnasium: write it by `{interpreter} -m pip freeze`"
+            "lock", f"`{lock['path']}` pins no version of {needed}: write it by `{interpreter} -m pip freeze`"
         )
     different = [
         f"{name} {found} in place of {' or '.join(expected)}"

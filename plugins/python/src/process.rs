@@ -21,7 +21,10 @@ const SERVER: &str = concat!(
     include_str!("spaces.py"),
     include_str!("returns.py"),
     include_str!("making.py"),
-    include_str!("server.py")
+    include_str!("server.py"),
+    include_str!("actions.py"),
+    include_str!("agents.py"),
+    include_str!("serving.py")
 );
 /// How much of what it printed last is kept, bytes.
 const LAST_WORDS: usize = 2000;
@@ -66,16 +69,16 @@ pub enum Answer {
 }
 
 impl Process {
-    /// Starts Python and tells it what to make; it removes the folder `own` when it ends. The answer to that comes
-    /// with it.
+    /// Starts Python and tells it what to make, which is `what` in words; it removes the folder `own` when it ends. The
+    /// answer to that comes with it.
     ///
     /// # Errors
     /// [`Error::Unavailable`] where there is no such interpreter, [`Error::Config`] where it cannot be started or says
     /// nothing, and where it takes too long; what [`ask`](Self::ask) says.
-    pub fn start(interpreter: &str, own: &Path, told: &[u8]) -> Result<(Self, Answer), Error> {
+    pub fn start(interpreter: &str, own: &Path, what: &str, told: &[u8]) -> Result<(Self, Answer), Error> {
         let mut starts = 1;
         loop {
-            match Self::attempt(interpreter, own, told) {
+            match Self::attempt(interpreter, own, what, told) {
                 // Nothing was done yet that could be lost.
                 Err(Error::Ended { .. }) if starts < STARTS => starts += 1,
                 outcome => return outcome,
@@ -83,10 +86,10 @@ impl Process {
         }
     }
 
-    fn attempt(interpreter: &str, own: &Path, told: &[u8]) -> Result<(Self, Answer), Error> {
+    fn attempt(interpreter: &str, own: &Path, what: &str, told: &[u8]) -> Result<(Self, Answer), Error> {
         let cannot = |problem: &str| {
             let problem = format!(
-                "`{interpreter}` cannot be started: {problem}. Name a Python that has the packages of the environment, \
+                "`{interpreter}` cannot be started: {problem}. Name a Python that has the packages of the {what}, \
                  as `python3`, `.venv/bin/python`, or put one on the path"
             );
             Error::config("interpreter", problem)
@@ -113,7 +116,7 @@ impl Process {
         if !is_awake {
             return Err(cannot("it is no Python: it answers otherwise"));
         }
-        let answer = process.ask_within("make", "making the environment", None, told)?;
+        let answer = process.ask_within("make", &format!("making the {what}"), None, told)?;
         Ok((process, answer))
     }
 
@@ -150,7 +153,8 @@ impl Process {
         }
     }
 
-    fn watch(&self, what: &str) -> Watch {
+    /// Watches it while it is busy with `what`: it is ended once it takes too long or too much.
+    pub fn watch(&self, what: &str) -> Watch {
         let id = self.id;
         Watch::over(id, format!("{what} `{}`", self.interpreter), move |family| {
             end_all(id, family);
@@ -380,7 +384,7 @@ mod tests {
 
     fn problem_of(interpreter: &str) -> String {
         let own = tempfile::tempdir().unwrap();
-        Process::start(interpreter, own.path(), b"{}")
+        Process::start(interpreter, own.path(), "environment", b"{}")
             .unwrap_err()
             .to_string()
     }

@@ -1,6 +1,6 @@
 
 
-# --- Answers to requests ------------------------------------------------------------------------------------
+# --- Environments of a trial ------------------------------------------------------------------------------------
 
 # Blocks in the shared memory; their list of requests stands before them.
 MOST_ENVIRONMENTS = 8192
@@ -18,15 +18,15 @@ MANY_STEPS, MANY_STEPS_S = 10_000, 2.0
 class Server:
     """The environments of one trial."""
 
-    def __init__(self, link, asked):
+    def __init__(self, asked):
         self.lock, self.interpreter = asked["lock"], asked["interpreter"]
-        hold_against_lock(self.lock, self.interpreter)
-        call = found_module(asked)
+        hold_against_lock(self.lock, self.interpreter, "gymnasium")
+        call = found_module(asked, ["gymnasium", "numpy"])
         import mmap
 
         import numpy
 
-        self.link, self.make = link, lambda: call(**asked["arguments"])
+        self.make = lambda: call(**asked["arguments"])
         first = self.make()
         self.kind = kind_of(first, asked["metrics"])
         self.environments, self.ended, self.first_is_new = {0: first}, set(), True
@@ -174,17 +174,10 @@ class Server:
         (self.ended.add if ended else self.ended.discard)(slot)
         return b"k", b""
 
-    def serve(self):
-        commands = {b"t": self.rehearse, b"d": self.doubt, b"p": self.snapshot, b"r": self.restore}
-        while byte := self.link.byte():
-            text = None if byte == b"s" else self.link.text()
-            try:
-                answer = (b"k", None) if text is None else commands[byte](text)
-                if text is None:
-                    self.answer_requests()
-            except Exception as error:
-                answer = b"e", told(error).encode()
-            self.link.say(*answer)
+    def commands(self):
+        return {b"t": self.rehearse, b"d": self.doubt, b"p": self.snapshot, b"r": self.restore}
+
+    def end(self):
         for slot in list(self.environments):
             self.close(slot)
 
@@ -200,32 +193,3 @@ def shared_memory(size):
         (handle, path), remove = tempfile.mkstemp(prefix="regimen-"), True
     os.ftruncate(handle, size)
     return handle, path, remove
-
-
-def main():
-    # A signal to the whole group of processes is not ours to answer.
-    for name in ("SIGINT", "SIGTERM", "SIGUSR1"):
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
-    guard()
-    # The folder in which the program runs is no part of the environment's sources.
-    sys.path[:] = [path for path in sys.path if path]
-    link = Link()
-    # Awake: what this process starts is minded from here on.
-    link.say(b"w")
-    asked = json.loads(link.text())
-    try:
-        server = Server(link, asked)
-        face = json.dumps(server.face()).encode()
-    except Exception as error:
-        link.say(b"e", refusal(error, asked["lock"], asked["interpreter"]))
-        os._exit(1)
-    link.say(b"k", face)
-    try:
-        server.serve()
-    except SystemExit as left:
-        # Told as an exit code: an environment may leave, but not to be followed by another one.
-        os._exit(left.code if isinstance(left.code, int) else 1)
-    os._exit(0)
-
-
-main()

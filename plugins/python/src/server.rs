@@ -4,11 +4,12 @@
 //! code of ours touches a pointer.
 
 use crate::{
-    config::Told,
     interface::{Face, n_asked},
+    making::Told,
     process::{Answer, Process, failed},
 };
 use engine::{Channel, Error, Seat};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
@@ -92,13 +93,9 @@ impl Server {
     /// spaces are not supported.
     pub fn start(interpreter: &str, told: &Told) -> Result<Self, Error> {
         let (files, asked) = with_own_files(told)?;
-        let (process, answer) = Process::start(interpreter, files.path(), asked.to_string().as_bytes())?;
-        let face: Face = match answer {
-            Answer::Done(text) => {
-                serde_json::from_slice(&text).map_err(|source| failed(source.to_string()))?
-            }
-            Answer::Cannot(refusal) | Answer::Failed(refusal) => return Err(refused(&refusal)),
-        };
+        let text = asked.to_string();
+        let (process, answer) = Process::start(interpreter, files.path(), "environment", text.as_bytes())?;
+        let face: Face = face_in(answer)?;
         let memory = OpenOptions::new().read(true).write(true).open(&face.memory);
         let memory = memory.map_err(Error::file("open", &face.memory))?;
         if face.remove {
@@ -330,8 +327,22 @@ fn when(row: usize) -> String {
     }
 }
 
+/// What Python says of itself when it has made what it was told to make.
+///
+/// # Errors
+/// What it refuses, at the key that it names.
+pub fn face_in<T: DeserializeOwned>(answer: Answer) -> Result<T, Error> {
+    match answer {
+        Answer::Done(text) => serde_json::from_slice(&text).map_err(|source| failed(source.to_string())),
+        Answer::Cannot(refusal) | Answer::Failed(refusal) => Err(refused(&refusal)),
+    }
+}
+
 /// What is told, with the paths of copies that nobody else changes in the place of files, and their folder.
-fn with_own_files(told: &Told) -> Result<(TempDir, Value), Error> {
+///
+/// # Errors
+/// [`Error::File`] where a file cannot be copied.
+pub fn with_own_files(told: &Told) -> Result<(TempDir, Value), Error> {
     let folder = tempfile::Builder::new().prefix("regimen-python-").tempdir();
     let folder = folder.map_err(Error::file("create", &std::env::temp_dir()))?;
     let mut asked = told.asked.clone();
