@@ -23,6 +23,9 @@ use serde::{Deserialize, Serialize};
 pub struct BestSoFar {
     /// The search.
     pub search: String,
+    /// Vertical axis on a logarithmic scale.
+    #[serde(default)]
+    pub log_y: bool,
 }
 
 impl Figure for BestSoFar {
@@ -58,7 +61,7 @@ impl Figure for BestSoFar {
                 label: "settings tried".into(),
                 ..Scale::default()
             },
-            y: context.scale(spec, &search.by, false),
+            y: context.scale(spec, &search.by, self.log_y),
             series: [tried].into_iter().chain(of_fresh).collect(),
             ..Panel::default()
         };

@@ -150,7 +150,16 @@ fn of_range(range: &Range) -> Vec<Tick> {
                 ticks::linear(numbers.low, numbers.high, TICKS)
             };
             let is_a_value = |tick: &Tick| !numbers.integer || tick.value.fract() == 0.0;
-            placed(ticks.into_iter().filter(is_a_value), |value| share(&json!(value)))
+            let written = |tick: Tick| Tick {
+                text: if numbers.integer {
+                    tick.text.trim_end_matches(".0").to_owned()
+                } else {
+                    tick.text
+                },
+                ..tick
+            };
+            let ticks = ticks.into_iter().filter(is_a_value).map(written);
+            placed(ticks, |value| share(&json!(value)))
         }
     }
 }

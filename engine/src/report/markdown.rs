@@ -212,7 +212,7 @@ fn runs(parts: &Parts<'_>) -> Vec<String> {
         .collect()
 }
 
-/// What imported runs are, and their files, each with its hash.
+/// The imported runs, with their files and the hash of each.
 fn imported(parts: &Parts<'_>) -> String {
     let entry = |origin: &Origin| {
         let files: Vec<String> = origin

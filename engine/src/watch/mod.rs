@@ -178,7 +178,7 @@ impl RunningView {
 }
 
 impl View {
-    /// What each agent of a panel has come to in a metric, the best first.
+    /// The standing of each agent of a panel in a metric, the best first.
     #[must_use]
     pub fn standing<'a>(&self, panel: &'a Panel, metric: &str) -> Vec<Standing<'a>> {
         panel.standing(metric, self.less_is_better.contains(metric))
@@ -238,7 +238,7 @@ fn in_words(value: f64) -> String {
 }
 
 impl Panel {
-    /// What stands over it.
+    /// The environment, and the search where the panel is of one.
     #[must_use]
     pub fn title(&self) -> String {
         match &self.search {
@@ -247,7 +247,7 @@ impl Panel {
         }
     }
 
-    /// What each agent has come to in a metric, the best first.
+    /// The standing of each agent in a metric, the best first.
     #[must_use]
     pub fn standing(&self, metric: &str, less_is_better: bool) -> Vec<Standing<'_>> {
         let of_agent = |agent: usize| {
@@ -378,7 +378,10 @@ pub(super) mod tests {
             )
         };
         #[allow(clippy::cast_precision_loss, reason = "small numbers")]
-        let tried = |index| line(index, 1_000_000, 0.5 * index as f64, 8);
+        let tried = |index| SeedLine {
+            seed: 1_000_000,
+            ..line(index, 0, 0.5 * index as f64, 8)
+        };
         let study = &mut view.studies[0];
         study.panels[0] = Panel {
             environment: "four_cells".into(),

@@ -37,38 +37,45 @@ pub(super) fn running_lines(
     } else {
         "running".to_owned()
     };
-    let rows: Vec<[String; 3]> = shown.iter().map(|it| row(it, metric)).collect();
-    let widest = |column: usize, heading: &str| {
+    let heading = [head, "seed".into(), "steps".into(), metric.to_owned()];
+    in_columns(running, shown, heading, usize::from(area.width))
+}
+
+/// The heading and a line for each of some running trials, in columns.
+fn in_columns(
+    running: &[&RunningView],
+    shown: &[&RunningView],
+    heading: [String; 4],
+    width: usize,
+) -> Vec<Line<'static>> {
+    let rows: Vec<[String; 3]> = shown.iter().map(|it| row(it, &heading[3])).collect();
+    let widest = |column: usize| {
         let cells = rows.iter().map(|row| row[column].chars().count());
-        cells.chain([heading.chars().count()]).max().unwrap_or(0)
+        cells
+            .chain([heading[column + 1].chars().count()])
+            .max()
+            .unwrap_or(0)
     };
-    let widths = [widest(0, "seed"), widest(1, "steps"), widest(2, metric)];
-    // Two columns before each of four cells, one before the bar.
-    let rest = widths.iter().sum::<usize>() + BAR + 9;
-    let names = names_of(running, shown, usize::from(area.width).saturating_sub(rest));
-    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
-    let [seed, steps, value] = widths;
-    let line = |((it, name), [of_seed, of_steps, last]): ((&&RunningView, &String), &[String; 3])| {
+    let [seed, steps, value] = [0, 1, 2].map(widest);
+    // Two columns before each cell, and one between the bar and the steps.
+    let room = width.saturating_sub(seed + steps + value + BAR + 9);
+    let names = names_of(running, shown, room);
+    let of_names = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
+    let of_names = of_names.max(room.min(heading[0].chars().count().saturating_sub(2)));
+    let line = |((it, name), [of_seed, done, last]): ((&&RunningView, &String), &[String; 3])| {
         let bar = bar(it.part(), BAR);
-        let line = format!("  {name:<width$}  {of_seed:>seed$}  {bar} {of_steps:>steps$}  {last:>value$}");
-        let free = usize::from(area.width).saturating_sub(line.chars().count() + 2);
-        let by = if it.by.chars().count() <= free {
-            it.by.as_str()
-        } else {
-            ""
-        };
+        let line = format!("  {name:<of_names$}  {of_seed:>seed$}  {bar} {done:>steps$}  {last:>value$}");
+        let fits = line.chars().count() + 2 + it.by.chars().count() <= width;
+        let by = if fits { it.by.as_str() } else { "" };
         Line::raw(format!("{line}  {by}").trim_end().to_owned())
     };
+    let [head, of_seed, of_steps, metric] = &heading;
     // The heading of the steps stands over the bar, too.
-    let columns = width.max(head.chars().count().saturating_sub(2)) + 2;
-    let over = BAR + 1 + steps;
-    let heading = format!(
-        "{head:<columns$}  {:>seed$}  {:>over$}  {metric:>value$}",
-        "seed", "steps"
-    );
+    let (under, over) = (of_names + 2, BAR + 1 + steps);
+    let first = format!("{head:<under$}  {of_seed:>seed$}  {of_steps:>over$}  {metric:>value$}");
     let bold = Style::new().add_modifier(Modifier::BOLD);
-    let rows = shown.iter().zip(&names).zip(&rows).map(line);
-    std::iter::once(Line::styled(heading, bold)).chain(rows).collect()
+    let lines = shown.iter().zip(&names).zip(&rows).map(line);
+    std::iter::once(Line::styled(first, bold)).chain(lines).collect()
 }
 
 /// The names of some running trials in so many columns each, with the environment where not all have the same.

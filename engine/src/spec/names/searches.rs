@@ -8,45 +8,54 @@ use crate::{
 
 impl Asked {
     /// Adds the best settings of a search, the way to them and their values, each where the study has no such table or
-    /// figure.
+    /// figure, and nothing else of that name.
     pub(super) fn show_search(&mut self, search: &str) {
         let is_best = |kind: &TableKind| matches!(kind, TableKind::BestSettings(it) if it.search == search);
-        self.add_table(
-            format!("{search}-best-settings"),
-            is_best,
-            BestSettings::of(search).into(),
-        );
-        let is_way = |kind: &FigureKind| matches!(kind, FigureKind::BestSoFar(it) if it.search == search);
+        let name = format!("{search}-best-settings");
+        if !self
+            .tables
+            .iter()
+            .any(|(other, spec)| *other == name || is_best(&spec.kind))
+        {
+            let best = TableSpec {
+                caption: format!("The best settings of the search {search}"),
+                ..TableSpec::of(BestSettings::of(search))
+            };
+            self.tables.push((name, best));
+        }
         let way = BestSoFar {
             search: search.into(),
+            log_y: false,
         };
-        self.add_figure(format!("{search}-best-so-far"), is_way, way.into());
-        let is_values =
-            |kind: &FigureKind| matches!(kind, FigureKind::ParallelCoordinates(it) if it.search == search);
+        let is_way = |kind: &FigureKind| matches!(kind, FigureKind::BestSoFar(it) if it.search == search);
+        self.show(format!("{search}-best-so-far"), is_way, || FigureSpec {
+            caption: format!("The best so far of the search {search}"),
+            ..FigureSpec::of(way)
+        });
         let values = ParallelCoordinates {
             search: search.into(),
             best: None,
         };
-        self.add_figure(format!("{search}-settings"), is_values, values.into());
+        let is_values =
+            |kind: &FigureKind| matches!(kind, FigureKind::ParallelCoordinates(it) if it.search == search);
+        self.show(format!("{search}-settings"), is_values, || FigureSpec {
+            caption: format!("The settings of the search {search}"),
+            ..FigureSpec::of(values)
+        });
     }
 
-    fn add_table(&mut self, name: String, is_same: impl Fn(&TableKind) -> bool, kind: TableKind) {
-        let is_there = self
-            .tables
-            .iter()
-            .any(|(other, spec)| *other == name || is_same(&spec.kind));
-        if !is_there {
-            self.tables.push((name, TableSpec::of(kind)));
-        }
-    }
-
-    fn add_figure(&mut self, name: String, is_same: impl Fn(&FigureKind) -> bool, kind: FigureKind) {
-        let is_there = self
+    fn show(
+        &mut self,
+        name: String,
+        is_same: impl Fn(&FigureKind) -> bool,
+        figure: impl FnOnce() -> FigureSpec,
+    ) {
+        if !self
             .figures
             .iter()
-            .any(|(other, spec)| *other == name || is_same(&spec.kind));
-        if !is_there {
-            self.figures.push((name, FigureSpec::of(kind)));
+            .any(|(other, spec)| *other == name || is_same(&spec.kind))
+        {
+            self.figures.push((name, figure()));
         }
     }
 }
