@@ -28,7 +28,11 @@ fn a_program_that_repeats_is_told_from_those_that_nearly_do_and_do_not() {
         let place = adding(more);
         let answer = rehearse(&place, &[]);
         assert_eq!(answer.code, 0, "{}", answer.err);
-        assert!(answer.out.contains(&format!("`mine` in `task` {words}")), "{more}: {}", answer.out);
+        assert!(
+            answer.out.contains(&format!("`mine` in `task` {words}")),
+            "{more}: {}",
+            answer.out
+        );
         assert!(answer.out.starts_with("one: ok, 1 trial"), "{}", answer.out);
         assert!(!place.bench.path("store").exists(), "nothing is stored");
     }
@@ -38,7 +42,11 @@ fn a_program_that_repeats_is_told_from_those_that_nearly_do_and_do_not() {
 fn the_values_are_those_up_to_the_first_measurement() {
     let answer = rehearse(&adding("0"), &[]);
     // Two values of the training and the measurement at step 200.
-    assert!(answer.out.contains("repeats to the bit (3 values)"), "{}", answer.out);
+    assert!(
+        answer.out.contains("repeats to the bit (3 values)"),
+        "{}",
+        answer.out
+    );
 }
 
 #[test]

@@ -5,7 +5,10 @@
 
 use super::json_list;
 use crate::{
-    Channel, Error, Interface, Registry, Seat, Space, product::{ONNX_FILE, SAVED_FILE}, store::TrialFile, world::fs,
+    Channel, Error, Interface, Registry, Seat, Space,
+    product::{ONNX_FILE, SAVED_FILE},
+    store::TrialFile,
+    world::fs,
 };
 use std::{
     collections::BTreeMap,

@@ -128,7 +128,9 @@ impl Measures {
 
 /// True where an agent can learn from what a protocol gives, or need not.
 pub(crate) fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
-    Measures::of(protocol).gives_another(entry, entry.learns).is_none()
+    Measures::of(protocol)
+        .gives_another(entry, entry.learns)
+        .is_none()
 }
 
 /// What a protocol gives to an agent that cannot learn from it.
@@ -449,7 +451,9 @@ impl<'a> Builder<'a> {
             return;
         }
         let (steps, experience) = (measures.steps, measures.experience);
-        let learns = self.entry(cell).is_some_and(|it| it.learns_with(&agent.part.config));
+        let learns = self
+            .entry(cell)
+            .is_some_and(|it| it.learns_with(&agent.part.config));
         let is_useless = learns && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
             world
