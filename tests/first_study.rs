@@ -75,6 +75,11 @@ fn what_does_not_fit_is_refused_with_what_does() {
         error.contains("there is no environment `batery`; did you mean `battery`?"),
         "{error}"
     );
+    let error = refused(&["-e", "gymnasium:CartPole-v1"]);
+    assert!(
+        error.contains("python: { make: \"gymnasium:CartPole-v1\", lock:"),
+        "{error}"
+    );
     let error = refused(&["-e", "pendulum", "-a", "dirichlet_sac"]);
     for part in [
         "does not fit the environment `pendulum`",

@@ -144,7 +144,7 @@ fn documents_have_the_blocks_that_overview_makes_of_the_results() {
 }
 
 #[test]
-fn results_and_the_readme_stay_small() {
+fn results_the_readme_and_the_program_stay_small() {
     const DERIVED: [&str; 4] = ["html", "png", "pdf", "tex"];
     let (mut files, mut bytes) = (0, 0);
     for folder in folders() {
@@ -166,6 +166,8 @@ fn results_and_the_readme_stay_small() {
         files < 800 && bytes < 30_000_000,
         "results: {files} files, {bytes} bytes"
     );
+    let program = std::fs::metadata(env!("CARGO_BIN_EXE_regimen")).unwrap().len();
+    assert!(program < 40_000_000, "the program has {program} bytes");
     let readme = read(repository(), "README.md");
     assert!(
         readme.lines().count() <= 140 && readme.len() <= 8192,

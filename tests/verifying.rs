@@ -1,6 +1,6 @@
 //! Stored trials are computed again: what was not changed is the same, what was changed is found out.
 
-use crate::program::{Bench, forge, reseal, trial_files};
+use crate::program::{Bench, forge, trial_files};
 use engine::{
     cast::Seating,
     store::{Store, TrialFile},

@@ -476,14 +476,25 @@ pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     let scored = known.iter().map(|name| {
         let lower = name.to_lowercase();
         let part = wrong.len() >= 4 && (lower.contains(&wrong) || wrong.contains(&lower) && lower.len() >= 4);
+        let at_least = match () {
+            () if is_short_for(&wrong, &lower) => 0.9,
+            () if part => 0.61,
+            () => 0.0,
+        };
         (
-            strsim::normalized_damerau_levenshtein(&wrong, &lower).max(if part { 0.61 } else { 0.0 }),
+            strsim::normalized_damerau_levenshtein(&wrong, &lower).max(at_least),
             *name,
         )
     });
     // The first of equals wins, so that the advice does not depend on anything but the order of the names.
     let best = scored.fold((0.0, ""), |best, next| if next.0 > best.0 { next } else { best });
     (best.0 > 0.6).then_some(best.1)
+}
+
+/// Whether a word is made of the first letters of a name's words, as `sac` of `soft_actor_critic`.
+fn is_short_for(word: &str, name: &str) -> bool {
+    let letters: String = name.split('_').filter_map(|part| part.chars().next()).collect();
+    letters.len() > 1 && letters == word
 }
 
 #[cfg(test)]
@@ -606,6 +617,9 @@ mod tests {
             Some("cycle_length")
         );
         assert_eq!(nearest("zzz", &["return", "cycle_length"]), None);
+        let names = ["lac", "soft_actor_critic", "learning_starts", "learning_rate"];
+        assert_eq!(nearest("sac", &names), Some("soft_actor_critic"));
+        assert_eq!(nearest("lr", &names), Some("learning_rate"));
         assert_eq!(suggest("zzz", ["a", "b"]), "known: `a`, `b`");
     }
 }

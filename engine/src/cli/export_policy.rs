@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     Error, ProductKind, Registry,
-    count::count,
+    count::{count, either},
     export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files},
     product::{SAVED_FILE, Taken},
     store::{Store, TrialFile, write_durably},
@@ -100,8 +100,9 @@ pub(super) fn of_study(subject: &Subject<'_>, store: &Store, folder: &Path) -> R
     }
     if without > 0 {
         complain(&format!(
-            "{} left no policy and is not there",
-            count(without, "trial")
+            "{} left no policy and {} left out",
+            count(without, "trial"),
+            either(&without, "is", "are")
         ));
     }
     let described =

@@ -59,9 +59,20 @@ fn known<'a>(
         Some(name) => Err(FirstStudyError::Unknown {
             what,
             name: name.into(),
-            advice: diagnostic::suggest(name, all),
+            advice: in_python(name).unwrap_or_else(|| diagnostic::suggest(name, all)),
         }),
     }
+}
+
+/// How a study names an environment that is written in Python; `None` for names that are no such thing.
+fn in_python(name: &str) -> Option<String> {
+    let made = name.contains(':') || name.contains(".py");
+    made.then(|| {
+        format!(
+            "one in Python is written by hand: `environments: {{ task: {{ python: {{ make: \"{name}\", lock: {{ file: \
+             requirements.txt }} }} }} }}`, and the page on environments in Python has a whole study"
+        )
+    })
 }
 
 fn choose<'a>(

@@ -152,6 +152,11 @@ impl Cost {
         (self.trials > 0).then(|| self.seconds / trials)
     }
 
+    /// The same as [`sentence`](Self::sentence); `None` before the first trial has ended.
+    pub(super) fn known(self) -> Option<String> {
+        (self.trials > 0).then(|| self.sentence())
+    }
+
     /// Time and number of trials, in words.
     pub(super) fn sentence(self) -> String {
         format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))

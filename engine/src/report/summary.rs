@@ -139,7 +139,7 @@ fn last_lines(
         last.push(basis(study, results, contents));
     }
     last.extend(counts(study, contents));
-    last.push(format!("Time: {}", contents.cost(results).sentence()));
+    last.extend(contents.cost(results).known().map(|time| format!("Time: {time}")));
     if everything {
         let profiles = study.profiles.iter();
         last.extend(profiles.map(|it| format!("Profile {}: {}", it.name(), it.sentence())));
