@@ -36,7 +36,7 @@ pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
         Better::Lower => "smallest",
     };
     let by = if chart.panels.len() > 1 {
-        ", by their mean rank over the panels"
+        " (by their mean rank over the panels)"
     } else {
         ""
     };

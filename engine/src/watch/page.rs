@@ -61,13 +61,7 @@ fn section(view: &View, study: &StudyView) -> Result<String, Error> {
             .collect();
         if !panels.is_empty() {
             let chart = chart(view, &panels, metric);
-            let note = |note: &String| format!("<p>{}</p>\n", escape_html(note));
-            let notes: String = chart.notes.iter().map(note).collect();
-            text += &format!(
-                "<h3>{}</h3>\n{}\n{notes}",
-                escape_html(metric),
-                figure::svg(&chart)?
-            );
+            text += &format!("<h3>{}</h3>\n{}\n", escape_html(metric), figure::svg(&chart)?);
         }
     }
     Ok(text + "</section>\n")
@@ -141,8 +135,7 @@ fn chart(view: &View, panels: &[&Panel], metric: &str) -> Chart {
     } else {
         Better::Higher
     };
-    let crowded = figure::name_the_best(&mut chart, better);
-    chart.notes.extend(crowded);
+    figure::name_the_best(&mut chart, better);
     chart
 }
 

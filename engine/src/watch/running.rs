@@ -57,21 +57,31 @@ fn in_columns(
             .unwrap_or(0)
     };
     let [seed, steps, value] = [0, 1, 2].map(widest);
-    // Two columns before each cell, and one between the bar and the steps.
-    let room = width.saturating_sub(seed + steps + value + BAR + 9);
-    let names = names_of(running, shown, room);
+    // Two columns before each cell, and one between the bar and the steps. A setting matters more than the bar.
+    let room = |bar: usize| width.saturating_sub(seed + steps + value + bar + 8);
+    let with_bar = names_of(running, shown, room(BAR + 1));
+    let is_cut = with_bar.iter().any(|name| name.ends_with('…'));
+    let (names, of_bar) = if is_cut {
+        (names_of(running, shown, room(0)), 0)
+    } else {
+        (with_bar, BAR + 1)
+    };
     let of_names = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
-    let of_names = of_names.max(room.min(heading[0].chars().count().saturating_sub(2)));
+    let of_names = of_names.max(room(of_bar).min(heading[0].chars().count().saturating_sub(2)));
     let line = |((it, name), [of_seed, done, last]): ((&&RunningView, &String), &[String; 3])| {
-        let bar = bar(it.part(), BAR);
-        let line = format!("  {name:<of_names$}  {of_seed:>seed$}  {bar} {done:>steps$}  {last:>value$}");
+        let bar = if of_bar > 0 {
+            bar(it.part(), BAR) + " "
+        } else {
+            String::new()
+        };
+        let line = format!("  {name:<of_names$}  {of_seed:>seed$}  {bar}{done:>steps$}  {last:>value$}");
         let fits = line.chars().count() + 2 + it.by.chars().count() <= width;
         let by = if fits { it.by.as_str() } else { "" };
         Line::raw(format!("{line}  {by}").trim_end().to_owned())
     };
     let [head, of_seed, of_steps, metric] = &heading;
     // The heading of the steps stands over the bar, too.
-    let (under, over) = (of_names + 2, BAR + 1 + steps);
+    let (under, over) = (of_names + 2, of_bar + steps);
     let first = format!("{head:<under$}  {of_seed:>seed$}  {of_steps:>over$}  {metric:>value$}");
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let lines = shown.iter().zip(&names).zip(&rows).map(line);
@@ -113,4 +123,35 @@ pub(super) fn bar(part: Option<f64>, columns: usize) -> String {
     )]
     let full = (part.unwrap_or(0.0).clamp(0.0, 1.0) * columns as f64).floor() as usize;
     format!("{}{}", "━".repeat(full), "─".repeat(columns - full))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_setting_takes_the_place_of_the_bar() {
+        let it = RunningView {
+            agent:
+                "learner actor_learning_rate=0.0000317 discount=0.918 target_concentration=47.4 batch_size=64"
+                    .into(),
+            seed: 1_000_000,
+            step: 55_000,
+            steps: 60_000,
+            values: [("cycle_length".to_owned(), 122.8)].into(),
+            ..RunningView::default()
+        };
+        let text = |width| -> Vec<String> {
+            let lines = running_lines(&[&it], "cycle_length", 0, Rect::new(0, 0, width, 5));
+            lines.iter().map(ToString::to_string).collect()
+        };
+        assert_eq!(
+            text(80),
+            [
+                "running                                         seed    steps  cycle_length",
+                "  learner alr=3.17e-5 d=0.918 tc=47.4 bs=64  1000000  55k/60k         122.8"
+            ]
+        );
+        assert!(text(120)[1].contains("━━━━━━━━━─ 55k/60k"), "{:?}", text(120));
+    }
 }
