@@ -281,11 +281,11 @@ mod tests {
 
     #[test]
     fn every_line_fits_and_wide_ones_name_the_process() {
-        for width in [80, 120] {
+        for width in [80, 160] {
             let text = plain(&search(9), width);
             let fits = |line: &str| line.chars().count() <= usize::from(width);
             assert!(text.lines().all(fits) && !text.contains('…'), "{text}");
-            assert_eq!(text.contains("process 7 on here"), width == 120, "{text}");
+            assert_eq!(text.contains("process 7 on here"), width == 160, "{text}");
         }
     }
 
