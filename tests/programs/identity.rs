@@ -246,7 +246,9 @@ fn the_study_of_the_book_comes_to_what_it_shows() {
     let page = fs::read_to_string(crate::program::repository().join("docs/src/programs.md")).unwrap();
     let bench = Bench::new();
     bench.write("study.yaml", &blocks(&page, "yaml")[0]);
-    bench.write("train.sh", &blocks(&page, "text")[0]);
+    let shown = blocks(&page, "text");
+    let program = shown.iter().find(|block| block.starts_with("awk")).unwrap();
+    bench.write("train.sh", program);
     bench.ok(&["run", "study.yaml", "--yes"]);
     let page = fs::read_to_string(bench.path("results/walk/index.html")).unwrap();
     assert!(page.contains("SUPPORTED"), "{page}");

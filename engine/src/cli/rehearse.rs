@@ -6,9 +6,10 @@ use super::{
     say, settings, study, study::Planned,
 };
 use crate::{
-    Error, Registry,
+    Error, Phase, Registry,
     count::count,
     limits::Limits,
+    recorder::Row,
     results::EndState,
     scheduler::Task,
     store::{MetricsTable, Store},
@@ -54,7 +55,7 @@ impl Repeats {
         let mut largest: f64 = 0.0;
         let mut same_bits = true;
         for (first, second) in one.rows.iter().zip(&other.rows) {
-            let place = |table: &MetricsTable, row: &crate::recorder::Row| {
+            let place = |table: &MetricsTable, row: &Row| {
                 (
                     row.phase,
                     row.step,
@@ -225,16 +226,19 @@ fn first_measurement(trial: &Trial) -> Option<u64> {
         .then_some(every)
 }
 
-/// What a rehearsed trial recorded; or why it recorded nothing.
+/// What a rehearsed trial recorded up to its first measurement; or why it recorded nothing. A quick program ends before
+/// it is stopped there.
 fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
     if let Some(partial) = store.partial(&trial.id)? {
         return Ok(Ok(partial.table));
     }
     let result = store.load(trial)?;
+    let until = first_measurement(trial);
+    let counts = |row: &Row| until.is_none_or(|until| row.step <= until && row.phase != Phase::Final);
     Ok(match result.end.as_deref() {
         Some(end) if end.state == EndState::Ok => Ok(MetricsTable {
             names: result.names.to_vec(),
-            rows: result.rows,
+            rows: result.rows.into_iter().filter(counts).collect(),
         }),
         Some(end) if end.state == EndState::Timeout => Err(format!(
             "{}; `--rehearse-for` gives it longer, and a smaller `evaluate_every` measures earlier",
@@ -248,7 +252,6 @@ fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, recorder::Row};
 
     fn table(values: &[f64]) -> MetricsTable {
         let row = |(step, value): (u64, &f64)| Row {
