@@ -95,7 +95,8 @@ fn a_run_is_seen_while_it_goes_on_and_a_stopped_one_is_left_as_it_is() {
         "long  ",
         "1/2 trials",
         "1 ok, 1 running",
-        "cells dsac seed 0",
+        "  best so far equal: cycle_length",
+        "  dsac ",
         "cells: cycle_length, every seed",
     ] {
         assert!(text.contains(part), "{part}\n{text}");
