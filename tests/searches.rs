@@ -146,7 +146,7 @@ fn the_chosen_setting_is_measured_on_fresh_seeds_and_everything_says_so() {
         "{report}"
     );
     assert!(
-        report.contains("the best of many looks better than it is"),
+        report.contains("the best of many looks better there than it is"),
         "{report}"
     );
     // Planning and reporting come to the same from the store alone.
