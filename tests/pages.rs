@@ -394,7 +394,8 @@ fn crowd() -> Bench {
             &format!("  rate_{setting}: {{ from: runs/{setting}.csv, metrics: {{ return: return }} }}\n");
     }
     let head = "study: crowd\nenvironments: { env: { pendulum: {} } }\nagents: { rule: { zero_action: {} } }\n\
-        protocol: { train_evaluate: { steps: 200, evaluate_every: 100, episodes: 1, final_episodes: 1, environments: 2, trace_episodes: 0 } }\n";
+        protocol: { train_evaluate: { steps: 200, evaluate_every: 100, episodes: 1, final_episodes: 1, \
+        environments: 2, trace_episodes: 0 } }\n";
     let agents: Vec<String> = (0..9).map(|setting| format!("rate_{setting}")).collect();
     let figure = format!(
         "figures: {{ curve: {{ learning_curve: {{ metric: return, agents: [{}] }} }} }}\n",

@@ -65,27 +65,16 @@ fn measured(view: &Value) -> usize {
     learner.map_or(0, |line| line["curves"]["cycle_length"].as_array().unwrap().len())
 }
 
-#[test]
-fn a_run_is_seen_while_it_goes_on_and_a_stopped_one_is_left_as_it_is() {
-    let bench = bench();
-    let mut run = start(&bench, &["run", "long.yaml", "-j", "2"]);
-    until("measurements of the running trial are seen", || {
-        let view = seen(&bench);
-        view["studies"][0]["running"][0]["step"].as_u64() > Some(0) && measured(&view) > 1
-    });
-    let view = seen(&bench);
+/// The running trial as data and as text.
+fn is_seen_running(bench: &Bench, process: u32) {
+    let view = seen(bench);
     let running = &view["studies"][0]["running"][0];
     assert_eq!(
         (&running["title"], &running["steps"]),
         (&"cells dsac seed 0".into(), &64000.into())
     );
-    assert!(
-        running["by"]
-            .as_str()
-            .unwrap()
-            .starts_with(&format!("process {} on ", run.id())),
-        "{running}"
-    );
+    let by = running["by"].as_str().unwrap();
+    assert!(by.starts_with(&format!("process {process} on ")), "{running}");
     assert_eq!(
         view["metrics"][0], "cycle_length",
         "the metric of the learning curve comes first"
@@ -101,21 +90,15 @@ fn a_run_is_seen_while_it_goes_on_and_a_stopped_one_is_left_as_it_is() {
     ] {
         assert!(text.contains(part), "{part}\n{text}");
     }
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &run.id().to_string()])
-            .status()
-            .unwrap()
-            .success()
-    );
-    assert_eq!(run.wait().unwrap().code(), Some(106));
+}
+
+/// The stopped trial as data and as a page; the store stays as it is.
+fn is_seen_stopped(bench: &Bench) {
     let before = files(&bench.path("store"));
-    let stopped = seen(&bench);
+    let stopped = seen(bench);
+    let study = &stopped["studies"][0];
     assert_eq!(
-        (
-            &stopped["studies"][0]["missing"],
-            stopped["studies"][0]["running"][0].is_null()
-        ),
+        (&study["missing"], study["running"][0].is_null()),
         (&1.into(), true)
     );
     assert!(measured(&stopped) > 1, "what was logged is there");
@@ -127,6 +110,26 @@ fn a_run_is_seen_while_it_goes_on_and_a_stopped_one_is_left_as_it_is() {
         page.contains("1 of 2 trials: 1 ok, 1 missing") && !page.contains("http-equiv"),
         "{page}"
     );
+}
+
+#[test]
+fn a_run_is_seen_while_it_goes_on_and_a_stopped_one_is_left_as_it_is() {
+    let bench = bench();
+    let mut run = start(&bench, &["run", "long.yaml", "-j", "2"]);
+    until("measurements of the running trial are seen", || {
+        let view = seen(&bench);
+        view["studies"][0]["running"][0]["step"].as_u64() > Some(0) && measured(&view) > 1
+    });
+    is_seen_running(&bench, run.id());
+    let mut kill = Command::new("kill");
+    assert!(
+        kill.args(["-INT", &run.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
+    assert_eq!(run.wait().unwrap().code(), Some(106));
+    is_seen_stopped(&bench);
 }
 
 #[test]

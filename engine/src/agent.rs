@@ -86,7 +86,7 @@ pub trait Agent: Send {
     /// nothing to try, as for all code of this program's own.
     ///
     /// # Errors
-    /// What must not run, at the key that names it.
+    /// A problem with which it must not run, at the key that names it.
     fn rehearse(
         &mut self,
         _make_environment: &dyn Fn() -> Result<Box<dyn Environment>, Error>,

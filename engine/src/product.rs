@@ -32,7 +32,7 @@ pub(crate) const CHECKPOINT_AGENT: &str = "agent";
 
 /// The policy of an agent that trains itself, in a trial's folder.
 pub const ONNX_FILE: &str = "policy.onnx";
-/// What an agent whose code is not this program's own saved of itself, in a trial's folder.
+/// The file of an agent whose code is not this program's own, with its own bytes, in a trial's folder.
 pub const SAVED_FILE: &str = "policy.saved";
 
 /// What a trial can leave.
@@ -88,8 +88,8 @@ impl ProductKind {
     pub fn about(self) -> &'static str {
         match self {
             Self::Policy => {
-                "A policy: `policy.safetensors`, in folders by seat where there is one policy per seat, or `policy.onnx`, \
-                 or `policy.saved` of a learner in Python."
+                "A policy: `policy.safetensors`, in folders by seat where there is one policy per seat, or \
+                 `policy.onnx`, or `policy.saved` of a learner in Python."
             }
             Self::Networks => {
                 "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \

@@ -92,7 +92,7 @@ impl About {
 pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
 /// The same for an agent that trains itself, by how it is measured.
 pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
-/// What the config of an agent whose code is not this program's own says: whether it learns, and what it records. The
+/// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
 /// config may be one that is refused elsewhere.
 pub type ByConfig = fn(&Value) -> (bool, Vec<Metric>);
 type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
@@ -124,7 +124,7 @@ pub struct AgentEntry {
     pub designs: bool,
     /// True where it trains itself: the protocol lets it, and takes in what it measures.
     pub trains_itself: bool,
-    /// What a config says in the place of its registration, where one does.
+    /// Reads from the config the facts that other agents register.
     pub by_config: Option<ByConfig>,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
@@ -137,7 +137,7 @@ impl AgentEntry {
         self.by_config.map_or(self.learns, |said| said(config).0)
     }
 
-    /// What `learn` records with this config, and what measurements record of its decisions.
+    /// The metrics that `learn` records with this config, and those that measurements record of its decisions.
     #[must_use]
     pub fn metrics_with(&self, config: &Value) -> Vec<Metric> {
         self.by_config

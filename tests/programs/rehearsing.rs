@@ -5,8 +5,8 @@ use super::*;
 /// A program that prints ten values, each with `more` added; `$1` is its seed.
 fn adding(more: &str) -> Place {
     let program = format!(
-        "step=0\nwhile [ $step -lt 10 ]; do\n  step=$((step + 1))\n  echo \"step=${{step}}00 r=$(awk -v s=\"$1\" -v n=$step \
-         -v more=\"{more}\" 'BEGIN {{ printf \"%.12f\", 1 + s + n + more }}')\"\ndone\n"
+        "step=0\nwhile [ $step -lt 10 ]; do\n  step=$((step + 1))\n  echo \"step=${{step}}00 r=$(awk -v s=\"$1\" \
+         -v n=$step -v more=\"{more}\" 'BEGIN {{ printf \"%.12f\", 1 + s + n + more }}')\"\ndone\n"
     );
     Place::new(&program, "{ return: r }", "")
 }

@@ -7,7 +7,7 @@ use engine::{
     trial::{Part, TrialKey},
 };
 
-/// What a rule does in an environment of this program.
+/// The actions of a rule in an environment of this program.
 fn in_ours(place: &Place, name: &str, make: &str, arguments: &Value) -> Vec<Vec<f64>> {
     let entry = &plugins::registry().environments[name];
     let mut environment = (entry.build)(&entry.about.defaults).unwrap();

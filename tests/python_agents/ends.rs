@@ -11,21 +11,7 @@ fn ends_as(how: &str, options: &[&str], state: &str, reasons: &[&str]) {
     let agents = agents.each_ref().map(|(name, it)| (*name, it.as_str()));
     let protocol = "{ steps: 0, final_episodes: 3 }";
     study(&place, &environment(&place, "own.py:Tank"), &agents, protocol);
-    let answer = place
-        .bench
-        .run(&[&["run", "study.yaml", "-j", "1"], options].concat());
-    assert_eq!(answer.code, 100, "{how}: {}", answer.err);
-    assert!(answer.err.contains("ok       task well"), "{how}: {}", answer.err);
-    assert!(
-        answer.err.contains(&format!("{state:<8} task odd")),
-        "{how}: {}",
-        answer.err
-    );
-    let status = place.bench.run(&["status", "study.yaml"]).out;
-    for reason in reasons {
-        assert!(status.contains(reason), "{how}: `{reason}` is not in {status}");
-    }
-    until("Python is gone", || processes_of(&place).is_empty());
+    place.one_trial_ends(options, ["task odd", "task well"], state, reasons);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What the id of a trial is made of, and when Python is not needed.
+//! The parts of a trial's id, and commands that need no Python.
 
 use super::*;
 

@@ -11,7 +11,7 @@ fn learner(place: &Place) -> String {
     agent(place, "rules.py:Learner", LEARNS)
 }
 
-/// What a trial of the learner on the native pendulum records, by protocol.
+/// The record of a trial of the learner on the native pendulum, by protocol.
 fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
     let registry = plugins::registry();
     let part = |about: &engine::registry::About, name: &str, values: &Value| {
@@ -66,7 +66,8 @@ fn a_batch_holds_the_numbers_of_the_environment() {
     let interface = place.built("own.py:Tank", json!({})).interface();
     place.bench.write(
         "shown.py",
-        "class Shown:\n    def act(self, observation):\n        return 0.0\n\n    def learn(self, batch):\n        raise \
+        "class Shown:\n    def act(self, observation):\n        return 0.0\n\n    def learn(self, batch):\n        \
+         raise \
          RuntimeError(f'{batch.observation.tolist()} {batch.action.tolist()} {batch.reward.tolist()} \
          {batch.next_observation.tolist()} {batch.terminated.tolist()} {batch.truncated.tolist()}')\n",
     );
@@ -91,8 +92,8 @@ fn a_batch_holds_the_numbers_of_the_environment() {
         .learn(&transitions, &mut stream(&["learn"]), &mut Recorder::default())
         .unwrap_err()
         .to_string();
-    let batch = "[[1.0, -1.0], [1.0, -1.0], [1.0, -1.0]] [[0.25], [1.0], [0.0]] [-0.5, 1.0, -1.0] [[2.0, 0.0], [2.0, 0.0], \
-                 [2.0, 0.0]] [False, True, False] [False, False, True]";
+    let batch = "[[1.0, -1.0], [1.0, -1.0], [1.0, -1.0]] [[0.25], [1.0], [0.0]] [-0.5, 1.0, -1.0] \
+                 [[2.0, 0.0], [2.0, 0.0], [2.0, 0.0]] [False, True, False] [False, False, True]";
     assert!(told.contains(batch), "{told}");
 }
 
@@ -170,25 +171,7 @@ fn a_killed_trial_of_a_learner_goes_on_or_starts_over_to_the_same_bits() {
             &[("learner", &learner)],
             protocol,
         );
-        place
-            .bench
-            .ok(&["run", "study.yaml", "-j", "1", "--store", "whole"]);
-        let mut run = place.bench.command(&["run", "study.yaml", "-j", "1"]);
-        let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        until("there is a checkpoint", || has_checkpoint(&place));
-        child.kill().unwrap();
-        child.wait().unwrap();
-        until("Python is gone with its worker", || {
-            processes_of(&place).is_empty()
-        });
-        place.bench.ok(&["run", "study.yaml", "-j", "1"]);
-        assert_eq!(
-            place.bench.digests("store"),
-            place.bench.digests("whole"),
-            "{learner}"
-        );
-        fs::remove_dir_all(place.bench.path("whole")).unwrap();
-        fs::remove_dir_all(place.bench.path("store")).unwrap();
+        place.goes_on_after_a_kill();
     }
 }
 

@@ -70,7 +70,7 @@ fn built(place: &Place, make: &str, more: &Value, interface: &Interface) -> Resu
     build(&config(place, make, more), interface, &mut stream(&["agent"]))
 }
 
-/// What an agent does in an environment that was just reset, in two rows; the environment takes it.
+/// The actions of an agent in an environment that was just reset, in two rows; the environment takes them.
 fn first_actions(agent: &mut dyn Agent, environment: &mut dyn Environment) -> Vec<Vec<f64>> {
     let mut rng = stream(&["act"]);
     let seats = environment.reset(&mut rng).unwrap();

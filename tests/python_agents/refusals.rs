@@ -1,8 +1,8 @@
-//! What is refused before anything runs: where, what, and what instead.
+//! Refusals before anything runs: where, what, and what instead.
 
 use super::*;
 
-/// What `check` says of an agent, which it refuses with this code.
+/// The words of `check` about an agent that it refuses with this code.
 fn said(place: &Place, code: i32, task: &str, agent: &str) -> String {
     study(place, task, &[("mine", agent)], SHORT);
     let answer = place.bench.run(&["check", "study.yaml"]);
@@ -11,7 +11,7 @@ fn said(place: &Place, code: i32, task: &str, agent: &str) -> String {
     words
 }
 
-/// What makes a rule in the tank, and what is said of it.
+/// A maker of a rule in the tank, and the words of its refusal.
 const RULES: &[(&str, &str, &str)] = &[
     ("rules.py:no_such_class", "", "has no function `no_such_class`"),
     (
@@ -141,8 +141,8 @@ fn actions_of_other_kinds_are_refused_with_what_there_is() {
     }
     let unknown = rule(&place, "rules.py:ByName", "option: mend");
     let found = said(&place, 2, "inspection_planning: {}", &unknown);
-    let expected = "returned 'mend' (str) for `choice` for seat `component_0`; its options are 0 (nothing), 1 (inspect), 2 \
-                    (repair)";
+    let expected = "returned 'mend' (str) for `choice` for seat `component_0`; its options are 0 (nothing), 1 \
+                    (inspect), 2 (repair)";
     assert!(found.contains(expected), "{found}");
     let valve = environment(&place, "own.py:Valve");
     for how in ["half", "option"] {
@@ -168,7 +168,7 @@ fn actions_of_other_kinds_are_refused_with_what_there_is() {
     assert!(found.contains(expected), "{found}");
 }
 
-/// What makes a learner in the tank, and what is said of it.
+/// A maker of a learner in the tank, and the words of its refusal.
 const LEARNERS: &[(&str, &str, &str)] = &[
     (
         "rules.py:Rule",

@@ -37,26 +37,7 @@ fn a_killed_trial_goes_on_or_starts_over_to_the_same_bits() {
     place.bench.write("regimen.toml", "checkpoint_every_s = 0.2\n");
     for make in ["own.py:Slow", "own.py:Held", "own.py:Forgetful"] {
         long(&place, make);
-        place
-            .bench
-            .ok(&["run", "study.yaml", "-j", "1", "--store", "whole"]);
-        let mut run = place.bench.command(&["run", "study.yaml", "-j", "1"]);
-        let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        until("there is a checkpoint", || has_checkpoint(&place));
-        assert!(!processes_of(&place).is_empty());
-        child.kill().unwrap();
-        child.wait().unwrap();
-        until("Python is gone with its worker", || {
-            processes_of(&place).is_empty()
-        });
-        place.bench.ok(&["run", "study.yaml", "-j", "1"]);
-        assert_eq!(
-            place.bench.digests("store"),
-            place.bench.digests("whole"),
-            "{make}"
-        );
-        fs::remove_dir_all(place.bench.path("whole")).unwrap();
-        fs::remove_dir_all(place.bench.path("store")).unwrap();
+        place.goes_on_after_a_kill();
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A study of which one trial is odd and another one is well.
-fn beside_a_tank(place: &Place, how: &str, options: &[&str]) -> Answer {
+/// Writes a study of which one trial is odd and another one is well.
+fn beside_a_tank(place: &Place, how: &str) {
     let (odd, tank) = (
         place.with("own.py:Odd", &format!("how: {how}")),
         place.with("own.py:Tank", ""),
@@ -16,26 +16,12 @@ fn beside_a_tank(place: &Place, how: &str, options: &[&str]) -> Answer {
              final_episodes: 2 }} }}\n"
         ),
     );
-    place
-        .bench
-        .run(&[&["run", "study.yaml", "-j", "1"], options].concat())
 }
 
 fn ends_as(how: &str, options: &[&str], state: &str, reasons: &[&str]) {
     let Some(place) = Place::new() else { return };
-    let answer = beside_a_tank(&place, how, options);
-    assert_eq!(answer.code, 100, "{how}: {}", answer.err);
-    assert!(answer.err.contains("ok       tank sac"), "{how}: {}", answer.err);
-    assert!(
-        answer.err.contains(&format!("{state:<8} odd sac")),
-        "{how}: {}",
-        answer.err
-    );
-    let status = place.bench.run(&["status", "study.yaml"]).out;
-    for reason in reasons {
-        assert!(status.contains(reason), "{how}: `{reason}` is not in {status}");
-    }
-    until("Python is gone", || processes_of(&place).is_empty());
+    beside_a_tank(&place, how);
+    place.one_trial_ends(options, ["odd sac", "tank sac"], state, reasons);
 }
 
 #[test]

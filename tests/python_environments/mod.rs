@@ -67,6 +67,49 @@ impl Place {
         )
     }
 
+    /// Runs `study.yaml`, of which the trial `odd` ends as `state` for these reasons and the trial `well` ends well.
+    pub(crate) fn one_trial_ends(
+        &self,
+        options: &[&str],
+        [odd, well]: [&str; 2],
+        state: &str,
+        reasons: &[&str],
+    ) {
+        let answer = self
+            .bench
+            .run(&[&["run", "study.yaml", "-j", "1"], options].concat());
+        assert_eq!(answer.code, 100, "{}", answer.err);
+        assert!(answer.err.contains(&format!("ok       {well}")), "{}", answer.err);
+        assert!(
+            answer.err.contains(&format!("{state:<8} {odd}")),
+            "{}",
+            answer.err
+        );
+        let status = self.bench.run(&["status", "study.yaml"]).out;
+        for reason in reasons {
+            assert!(status.contains(reason), "`{reason}` is not in {status}");
+        }
+        until("Python is gone", || processes_of(self).is_empty());
+    }
+
+    /// Runs `study.yaml` once without interruption and once with a kill after its first checkpoint: the bits are the
+    /// same, and nothing is left but the folder.
+    pub(crate) fn goes_on_after_a_kill(&self) {
+        self.bench
+            .ok(&["run", "study.yaml", "-j", "1", "--store", "whole"]);
+        let mut run = self.bench.command(&["run", "study.yaml", "-j", "1"]);
+        let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        until("there is a checkpoint", || continuing::has_checkpoint(self));
+        assert!(!processes_of(self).is_empty());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        until("Python is gone with its worker", || processes_of(self).is_empty());
+        self.bench.ok(&["run", "study.yaml", "-j", "1"]);
+        assert_eq!(self.bench.digests("store"), self.bench.digests("whole"));
+        fs::remove_dir_all(self.bench.path("whole")).unwrap();
+        fs::remove_dir_all(self.bench.path("store")).unwrap();
+    }
+
     /// A study of one environment in Python, whose agents learn from a few steps.
     fn study(&self, make: &str, arguments: &str, agent: &str, protocol: &str) -> PathBuf {
         let python = self.with(make, arguments);

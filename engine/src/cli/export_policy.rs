@@ -75,7 +75,7 @@ pub(super) fn of_study(subject: &Subject<'_>, store: &Store, folder: &Path) -> R
         let file = store
             .file(id)?
             .ok_or_else(|| refused(format!("trial {id} is gone")))?;
-        // What a learner in Python saved is of no form for other runtimes.
+        // No other runtime reads the bytes that a learner in Python saved.
         let files = if file.files.contains_key(SAVED_FILE) {
             None
         } else {

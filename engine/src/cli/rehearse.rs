@@ -18,7 +18,7 @@ use crate::{
 use clap::Args;
 use std::{collections::BTreeSet, sync::Arc};
 
-/// What `check` looks at, besides the studies themselves.
+/// The options of `check`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CheckOptions {
     #[command(flatten)]
@@ -226,7 +226,7 @@ fn first_measurement(trial: &Trial) -> Option<u64> {
         .then_some(every)
 }
 
-/// What a rehearsed trial recorded up to its first measurement; or why it recorded nothing. A quick program ends before
+/// The record of a rehearsed trial up to its first measurement, or why there is none. A quick program ends before
 /// it is stopped there.
 fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
     if let Some(partial) = store.partial(&trial.id)? {

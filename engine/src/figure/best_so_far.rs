@@ -123,7 +123,8 @@ fn note(searched: &Searched<'_>, has_fresh: bool) -> String {
         ""
     };
     format!(
-        "Each dot is a setting that went to its end, by {seeds} of the search; the line is the best of them so far{rest}."
+        "Each dot is a setting that went to its end, by {seeds} of the search; the line is the best of them so \
+         far{rest}."
     )
 }
 

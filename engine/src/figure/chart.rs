@@ -172,8 +172,8 @@ pub enum Shape {
     Images(Tiles),
     /// Boxes and arrows, without axes.
     Graph(Graph),
-    /// Upright axes in place of those of the panel: one over each name of the horizontal axis, with ticks at places from
-    /// 0 to 1.
+    /// Upright axes in place of those of the panel: one over each name of the horizontal axis, with ticks at places
+    /// from 0 to 1.
     Axes(Vec<Vec<Tick>>),
 }
 

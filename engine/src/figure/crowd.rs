@@ -8,8 +8,8 @@ const MOST_NAMED: usize = 8;
 /// So many of the best lines keep their names where there are more.
 const KEPT: usize = 5;
 
-/// Makes all but the best lines grey where a chart has too many names, and says so. Levels, agents that do not learn and
-/// published curves are what lines are held against, and stay. With several panels the mean rank counts.
+/// Makes all but the best lines grey where a chart has too many names, and says so. Levels, agents that do not learn
+/// and published curves stay: lines are held against them. With several panels the mean rank counts.
 pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
     let lines = names(chart, is_line);
     if names(chart, |_| true).len() <= MOST_NAMED || lines.len() <= KEPT {
@@ -67,7 +67,8 @@ fn names(chart: &Chart, is: fn(&Series) -> bool) -> Vec<String> {
     names
 }
 
-/// The rank of each line of a panel by the mean of the last values of its name: how many are better. A line without a value is the last.
+/// The rank of each line of a panel by the mean of the last values of its name: how many are better. A line without
+/// a value is the last.
 fn ranks(panel: &Panel, lines: &[String], better: Better) -> Vec<usize> {
     let merit = |name: &String| {
         let named = panel

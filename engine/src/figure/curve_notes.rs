@@ -59,7 +59,8 @@ impl Drawn<'_> {
         };
         (!names.is_empty()).then(|| {
             format!(
-                "Runs that were not measured at the same steps ({which}) count at each step with their last value up to it."
+                "Runs that were not measured at the same steps ({which}) count at each step with their last value up \
+                 to it."
             )
         })
     }

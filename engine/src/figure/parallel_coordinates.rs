@@ -197,22 +197,13 @@ fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::Numbers;
+    use crate::search::tests::numbers;
 
     fn texts(range: &Range) -> Vec<(String, f64)> {
         let ticks = of_range(range).into_iter().filter(|tick| !tick.text.is_empty());
         ticks
             .map(|tick| (tick.text, (100.0 * tick.value).round()))
             .collect()
-    }
-
-    fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
-        Range::Numbers(Numbers {
-            low,
-            high,
-            log,
-            integer,
-        })
     }
 
     fn named<const N: usize>(ticks: [(&str, f64); N]) -> Vec<(String, f64)> {

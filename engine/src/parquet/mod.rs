@@ -15,7 +15,7 @@ use parquet::{data_type::ByteArray, errors::ParquetError};
 use reading::Cells;
 use std::path::Path;
 
-/// What a column holds.
+/// The cells of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Values<'a> {
     /// Words.

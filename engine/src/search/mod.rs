@@ -460,4 +460,4 @@ fn share_of(count: usize, share: f64) -> usize {
 
 #[cfg(test)]
 #[path = "tests.rs"]
-mod tests;
+pub(crate) mod tests;

@@ -3,7 +3,7 @@
 use super::*;
 use proptest::prelude::*;
 
-fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
+pub(crate) fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
     Range::Numbers(Numbers {
         low,
         high,

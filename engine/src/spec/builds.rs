@@ -112,7 +112,8 @@ impl Measures {
         }
     }
 
-    /// What is given in the place of what an agent that `learns`, or not, learns from; `None` where it can learn from it.
+    /// The thing that a protocol gives and the agent cannot learn from; `None` where it can learn from it, or does not
+    /// learn.
     fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
         match entry.datasets {
             _ if entry.designs && !self.asks_for_designs && self.experience > 0 => Some(Given::NoDemand),

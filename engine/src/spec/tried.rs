@@ -43,7 +43,7 @@ impl Builder<'_> {
     /// Tries out the agent of a cell in its environment.
     ///
     /// # Errors
-    /// What it refuses.
+    /// The problems that it found.
     pub(super) fn try_out(&mut self, cell: &Cell, agent: &mut dyn Agent) -> Outcome<()> {
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let config = self.config(cell, 0);

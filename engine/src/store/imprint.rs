@@ -1,4 +1,4 @@
-//! What a stored trial is known by, so that two copies of it can be held against each other.
+//! The identity of a stored result, by which two copies of it are held against each other.
 
 use super::{METRICS, Store, TrialFile};
 use crate::{Build, results::EndState};

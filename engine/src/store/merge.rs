@@ -93,7 +93,7 @@ pub struct Merge<'a> {
     into: &'a Store,
     /// `None` where it is only said what would happen.
     leases: Option<&'a Leases>,
-    /// What would have been taken before, by id, and from where.
+    /// Trials that a dry run has taken in so far, by id, with their stores.
     would_have: BTreeMap<String, (TrialFile, Store)>,
 }
 

@@ -132,8 +132,8 @@ impl BestSettings {
             cells: shown.iter().map(cells).collect(),
             format: self.decimals.map_or_else(|| fitting(shown), NumberFormat::Fixed),
             notes: vec![
-                "In the search values are means over its own seeds; the best of many looks better there than it is, so its \
-                 value on fresh seeds counts."
+                "In the search values are means over its own seeds; the best of many looks better there than it is, so \
+                 its value on fresh seeds counts."
                     .into(),
             ],
             ..Grid::default()

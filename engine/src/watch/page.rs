@@ -186,7 +186,8 @@ mod tests {
             "<meta http-equiv=\"refresh\" content=\"5\">",
             "<title>a &lt;b&gt;</title>",
             "3 of 6 trials: 2 ok, 1 nan, 2 running, 1 missing",
-            "<progress value=\"0.375\"></progress></td><td class=\"n\">300 of 800 steps</td><td class=\"n\">return 4.000",
+            "<progress value=\"0.375\"></progress></td><td class=\"n\">300 of 800 steps</td>\
+             <td class=\"n\">return 4.000",
             "Best so far in four_cells: <b>equal</b>, return 0.0 (1)",
             "one &amp; all",
             "<svg",

@@ -13,8 +13,8 @@ use ratatui::{
 /// Columns of the bars of running trials.
 const BAR: usize = 10;
 
-/// A line for each running trial: agent with setting, seed, how far it is, the last value of the metric, and the process
-/// where there is room.
+/// A line for each running trial: agent with setting, seed, how far it is, the last value of the metric, and the
+/// process where there is room.
 pub(super) fn running_lines(
     running: &[&RunningView],
     metric: &str,

@@ -13,8 +13,8 @@ const LEVELS: [(Option<usize>, Option<usize>); 6] = [
 ];
 
 /// Names in `room` columns each, such as `learner rate=0.002 batch_size=16`, all shortened alike: values are
-/// rounded first, and then the words of keys become shorter, as far as different names stay different. Names that are too
-/// long even so are cut.
+/// rounded first, and then the words of keys become shorter, as far as different names stay different. Names that are
+/// too long even so are cut.
 pub(super) fn shortened(names: &[&str], room: usize) -> Vec<String> {
     let distinct = |names: &[String]| names.iter().collect::<BTreeSet<_>>().len();
     let whole: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();

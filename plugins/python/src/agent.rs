@@ -1,7 +1,7 @@
 //! The agent `python`: a rule or a learner of a person's own, in a process of the server that holds environments.
 //!
-//! Every call passes numbers behind a byte ([`Process::ask`]): observations of all rows there, actions back. What is
-//! drawn comes from the trial's streams: a seed when it is made, and one with every call.
+//! Every call passes numbers behind a byte ([`Process::ask`]): observations of all rows there, actions back. All
+//! draws come from the trial's streams: a seed when it is made, and one with every call.
 
 use crate::{
     AgentConfig,
@@ -38,11 +38,11 @@ pub struct PythonAgent {
     face: Face,
     updates: u64,
     decisions: u64,
-    /// What went wrong where no error can be said.
+    /// An error that came where none can be returned.
     trouble: Option<Error>,
 }
 
-/// What Python says of an agent that was made.
+/// Python's answer about an agent that was made.
 #[derive(Debug, Deserialize)]
 struct Face {
     /// True where it has `save` and `load`.

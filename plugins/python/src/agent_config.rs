@@ -1,4 +1,4 @@
-//! What a study says of an agent in Python.
+//! The config of an agent in Python.
 
 use crate::{
     config::of_ones_own,
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AgentConfig {
-    /// What makes the agent: `FILE.py:CLASS`, a file beside the study and the class or function in it that is called.
+    /// The maker of the agent: `FILE.py:CLASS`, a file beside the study and the class or function in it that is called.
     pub make: Make,
     /// Arguments by name for what makes it. In place of a value, `{ file: PATH }` passes the path of a file whose
     /// content enters the trial's id.
@@ -60,7 +60,7 @@ pub fn said_of(config: &Value) -> (bool, Vec<Metric>) {
 }
 
 impl AgentConfig {
-    /// What Python is told, with what it is told of the seats and of the seed.
+    /// The text that Python gets, with the seats and the seed in it.
     ///
     /// # Errors
     /// [`Error::Config`] for a config that names nothing to make or no lock file, and for metrics that cannot be

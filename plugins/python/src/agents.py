@@ -12,7 +12,7 @@ class Batch:
 
 
 class OwnSeat:
-    """What a seat sees and does, and where its numbers lie in a row."""
+    """The observation and the action of a seat, and where its numbers lie in a row."""
 
     def __init__(self, form, is_only, seen, done):
         self.name, whose = form["name"], "" if is_only else f" for seat `{form['name']}`"
@@ -49,7 +49,7 @@ class OwnAgent:
         self.learn_of = self.method("learn") if told["learns"] else None
 
     def given(self, call, asked):
-        """What it is made with besides the arguments of the study: what the function asks for by name."""
+        """The arguments besides those of the study: all that the function asks for by name."""
         makers = {
             "seed": lambda: asked["agent"]["seed"],
             "seats": lambda: [seat.name for seat in self.seats],
@@ -195,7 +195,7 @@ def names_of_parameters(call):
 
 
 def more_of(wanted, rng, **more):
-    """What a method takes by name: a generator of the trial's stream, and the rest as it is."""
+    """The arguments that a method takes by name: a generator of the trial's stream, and the rest as it is."""
     if "rng" in wanted:
         import numpy
 

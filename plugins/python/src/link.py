@@ -2,9 +2,8 @@
 
 Requests to environments and answers are numbers in shared memory, one block per environment: the kind of request, a seed and the
 actions; then how the episode stands, the rewards, the observations, the full state and the metrics. One byte on
-standard input says that requests lie there, one byte on standard output that their answers do. What is no number passes
-as texts behind such a byte, each with its length before it; so do the numbers of agents. What is printed goes to
-standard error.
+standard input says that requests lie there, one byte on standard output that their answers do. Everything else passes
+as texts behind such a byte, each with its length before it; so do the numbers of agents. Prints go to standard error.
 
 The files beside this one follow it in one text: `guard.py`, `spaces.py`, `returns.py`, `making.py`, `server.py`,
 `actions.py`, `agents.py`, `serving.py`.

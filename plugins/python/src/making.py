@@ -25,7 +25,7 @@ class Sources(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def function_of(make, sources):
-    """What is called to make an environment or an agent."""
+    """The call that makes an environment or an agent."""
     if "file" in make:
         sys.meta_path.insert(0, Sources([make["file"], *sources]))
         module = importlib.import_module(os.path.splitext(os.path.basename(make["file"]["path"]))[0])

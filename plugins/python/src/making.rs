@@ -1,4 +1,4 @@
-//! What a study says of code in Python: what makes it, the files that it reads, and what Python is told of them.
+//! Code in Python as a study names it: its maker, the files that it reads, and the text that Python gets of them.
 
 use engine::{DataFile, Error};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -14,7 +14,7 @@ pub struct NamedFile {
     pub file: DataFile,
 }
 
-/// What makes an environment or an agent.
+/// The maker of an environment or an agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Written", into = "Written")]
 pub enum Make {
@@ -29,7 +29,7 @@ pub enum Make {
     },
 }
 
-/// What stands in a config.
+/// A maker as a config writes it.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged, expecting = "`PACKAGE:NAME`, or `FILE.py:FUNCTION`")]
 enum Written {
@@ -86,7 +86,7 @@ impl JsonSchema for Make {
     }
 }
 
-/// What Python is told.
+/// The text that Python gets.
 #[derive(Debug, Clone)]
 pub struct Told {
     /// With the texts of files of its own, and the paths of others.
@@ -96,7 +96,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// What tells it from others: what is told, and what the files hold.
+    /// Its identity: the text that Python gets, and the content of the files.
     ///
     /// # Errors
     /// [`Error::File`] where one cannot be read.
@@ -107,9 +107,9 @@ impl Told {
     }
 }
 
-/// What a config says of the code, whatever it makes.
+/// The keys that name the code of environments and agents alike.
 pub struct Code<'a> {
-    /// What is called.
+    /// The class or function that is called.
     pub make: Value,
     /// Arguments by name.
     pub arguments: &'a BTreeMap<String, Value>,
@@ -122,7 +122,7 @@ pub struct Code<'a> {
 }
 
 impl Code<'_> {
-    /// What Python is told, with more keys beside those of the code.
+    /// The text that Python gets, with more keys beside those of the code.
     ///
     /// # Errors
     /// [`Error::Config`] where no lock file is named; [`Error::File`] where a file cannot be read.
@@ -157,7 +157,7 @@ impl Code<'_> {
 }
 
 impl Make {
-    /// What is called to make an environment.
+    /// The call that makes an environment.
     ///
     /// # Errors
     /// [`Error::Config`] where nothing is named; [`Error::File`] where a file cannot be read.
@@ -179,7 +179,7 @@ impl Make {
         }
     }
 
-    /// What is called to make an agent.
+    /// The call that makes an agent.
     ///
     /// # Errors
     /// [`Error::Config`] where no file of a person's own is named; [`Error::File`] where it cannot be read.
@@ -189,14 +189,14 @@ impl Make {
             Self::Word(word) => Err(Error::config(
                 "make",
                 format!(
-                    "`{word}` names nothing that makes an agent: write `FILE.py:CLASS`, as `rules.py:Rule`, with a file \
-                     of your own and a class or function in it"
+                    "`{word}` names nothing that makes an agent: write `FILE.py:CLASS`, as `rules.py:Rule`, with a \
+                     file of your own and a class or function in it"
                 ),
             )),
         }
     }
 
-    /// What it makes, in words.
+    /// The thing that it makes, in words.
     pub fn in_words(&self) -> String {
         match self {
             Self::Word(word) => word.clone(),

@@ -1,4 +1,4 @@
-//! What `check` tries with an agent in Python before any trial runs: it acts and learns for some steps in two
+//! `check` tries an agent in Python before any trial runs: it acts and learns for some steps in two
 //! environments, twice, and goes on from what it saved.
 
 use crate::agent::PythonAgent;
@@ -32,7 +32,7 @@ pub fn rehearse(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
     }
 }
 
-/// What went wrong in the code that `make` names, said of it.
+/// An error of the code that `make` names, said of it.
 fn of_code(error: Error) -> Error {
     match error {
         Error::Model { problem, .. } => Error::config("make", problem),
@@ -55,8 +55,8 @@ fn tried(
     for step in 1..=STEPS {
         if let Some(difference) = difference(&first.step(agent)?, &second.step(again)?) {
             let problem = format!(
-                "the same seed does not give the same actions the second time: at step {step}, {difference}. All that it \
-                 draws must come from `rng`, which its methods may take as an argument, or from a generator made of the \
+                "the same seed does not give the same actions the second time: at step {step}, {difference}. All that \
+                 it draws must come from `rng`, which its methods may take as an argument, or from a generator made of the \
                  `seed` that it is made with"
             );
             return Err(Error::config("make", problem));

@@ -327,10 +327,10 @@ fn when(row: usize) -> String {
     }
 }
 
-/// What Python says of itself when it has made what it was told to make.
+/// Python's answer about itself once it has made the environment or the agent.
 ///
 /// # Errors
-/// What it refuses, at the key that it names.
+/// Its refusal, at the key that it names.
 pub fn face_in<T: DeserializeOwned>(answer: Answer) -> Result<T, Error> {
     match answer {
         Answer::Done(text) => serde_json::from_slice(&text).map_err(|source| failed(source.to_string())),
