@@ -182,7 +182,8 @@ prepare:
     agent: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64, actor_learning_rate: 0.01 } }
     protocol: { train_evaluate: { steps: 96, environments: 8, evaluate_every: 48, episodes: 1, final_episodes: 2, leave_checkpoint: true } }
 exclude: [{ environment: other }]
-protocol: { train_evaluate: { steps: 192, environments: 8, evaluate_every: 48, episodes: 1, final_episodes: 2, go_on_from: { from: early } } }
+protocol: { train_evaluate: { steps: 192, environments: 8, evaluate_every: 48, episodes: 1, final_episodes: 2, \
+go_on_from: { from: early } } }
 seeds: 2
 figures: { curve: { learning_curve: { metric: cycle_length } } }
 tables: { lengths: { comparison: { rows: agent, value: cycle_length } } }

@@ -186,7 +186,8 @@ fn long_logs_make_a_page_of_a_usual_size_and_their_data_lie_beside() {
 #[test]
 fn a_figure_that_cannot_be_made_costs_itself_alone_and_the_exit_code() {
     let runs = [vec![(0, 1.0), (50, 2.0)], vec![(60, 3.0), (90, 4.0)]];
-    let figures = "figures: { good: { learning_curve: {} }, bad: { sample_efficiency: { agents: [theirs], normalise: { env: [-2000, 0] } } } }";
+    let figures = "figures: { good: { learning_curve: {} }, bad: { sample_efficiency: { agents: [theirs], \
+     normalise: { env: [-2000, 0] } } } }";
     let bench = bench(figures, &runs);
     let answer = run(&bench);
     assert_eq!(answer.code, 102, "{}", answer.err);

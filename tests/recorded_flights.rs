@@ -9,7 +9,8 @@ fn study(file: &str) -> String {
         "study: recorded\n\
          environments:\n\
          \x20 examples: {{ turbofan_samples: {{ recorded: {{ file: {file} }}, sensors: [n2_rpm, t24_k, t48_k, p30_pa] }} }}\n\
-         \x20 flown: {{ turbofan_calibration: {{ recorded: {{ file: {file}, units: [11] }}, sensors: [n2_rpm, t24_k, t48_k, p30_pa], trajectory: units }} }}\n\
+         \x20 flown: {{ turbofan_calibration: {{ recorded: {{ file: {file}, units: [11] }}, sensors: [n2_rpm, \
+         t24_k, t48_k, p30_pa], trajectory: units }} }}\n\
          prepare:\n\
          \x20 surrogate:\n\
          \x20   environment: examples\n\

@@ -8,11 +8,13 @@ const STUDY: &str = "\
 study: lives
 environments:
   training: { turbofan_calibration: { fleet: { units: 6, degradation: { life: { cycles: 40, samples: 10 } } } } }
-  unseen: { turbofan_calibration: { fleet: { units: 4, first_unit: 6, degradation: { life: { cycles: 40, samples: 10 } } }, trajectory: units } }
+  unseen: { turbofan_calibration: { fleet: { units: 4, first_unit: 6, degradation: { life: { cycles: 40, \
+  samples: 10 } } }, trajectory: units } }
 prepare:
   fitted:
     environment: training
-    agent: { network_regression: { inputs: [altitude_m, mach, delta_t_k, turbine_inlet_temperature_k, target_], width: 32, updates_per_batch: 16, memory: 10000 } }
+    agent: { network_regression: { inputs: [altitude_m, mach, delta_t_k, turbine_inlet_temperature_k, target_], \
+    width: 32, updates_per_batch: 16, memory: 10000 } }
     protocol: { supervised_fit: { steps: 400, batch: 64, evaluate_every: 0, final_examples: 20 } }
   middle:
     environment: training
@@ -26,7 +28,8 @@ seeds: 1
 exclude: [{ environment: training }]
 figures:
   lives:
-    trajectory: { channels: [inferred_hpt_efficiency], references: [true_hpt_efficiency], agents: [end_to_end, constant], environment: unseen, episodes: 4 }
+    trajectory: { channels: [inferred_hpt_efficiency], references: [true_hpt_efficiency], agents: [end_to_end, \
+    constant], environment: unseen, episodes: 4 }
 ";
 
 /// True and inferred health of an agent, sample by sample, over all lives.

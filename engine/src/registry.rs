@@ -353,7 +353,8 @@ impl Registry {
 }
 
 fn no_seats(agent: &'static str) -> Error {
-    let problem = "the environment is named alone, and has no seats in which an agent could act: only an agent that                    trains itself can be used in it, as a program is";
+    let problem = "the environment is named alone, and has no seats in which an agent could act: only an agent that \
+                   trains itself can be used in it, as a program is";
     Error::Mismatch {
         agent,
         problem: problem.into(),

@@ -16,7 +16,8 @@ fn study(program: &str) -> String {
     )
 }
 
-/// Every value that was measured of agents of a plugin, or of taken policies without one, to the bit: by seed, phase, step, episode and metric.
+/// Every value that was measured of agents of a plugin, or of taken policies without one, to the bit: by seed,
+/// phase, step, episode and metric.
 fn measured(bench: &Bench, plugin: &str, phases: &[Phase]) -> BTreeMap<(u64, Phase, u64, u64, String), u64> {
     let mut found = BTreeMap::new();
     for file in trial_files(&bench.path("store")) {

@@ -84,7 +84,8 @@ fn files_are_read_as_imported_ones_are() {
 #[test]
 fn what_a_program_is_given_is_what_the_study_says() {
     let program = "echo r=1; printf '%s\\n' \"$PYTHONHASHSEED $OMP_NUM_THREADS $OWN ${PYTHONPATH#$PWD/} $2\" > told; ls -A > \
-                   listed; cat \"$3\" >> told; [ \"$(cat told)\" = \"0 1 a b .regimen/python 1000\ncases\" ] || { cat told listed >&2; exit 1; }\n";
+                   listed; cat \"$3\" >> told; [ \"$(cat told)\" = \"0 1 a b .regimen/python 1000\ncases\" ] || \
+                   { cat told listed >&2; exit 1; }\n";
     let bench = Bench::new();
     bench.write("a.sh", program);
     bench.write("cases.txt", "cases");

@@ -105,8 +105,8 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
     }
 }
 
-/// Notes rounds of confirmations that are computed for the first time, before their first trial: what each asks of which
-/// seeds.
+/// Notes rounds of confirmations that are computed for the first time, before their first trial: what each asks of
+/// which seeds.
 ///
 /// # Errors
 /// [`Error::File`] where a record cannot be written.

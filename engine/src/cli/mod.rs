@@ -84,8 +84,10 @@ struct Command {
     common: Common,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study cannot be checked for want of something that this machine lacks (check), 4 nothing selected, 100 some trials failed, \
-101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, selftest), 102 a table or figure could not be made, 106 incomplete, 128+n signal n.";
+const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study cannot be checked for want of \
+ something that this machine lacks (check), 4 nothing selected, 100 some trials failed, \
+101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, \
+selftest), 102 a table or figure could not be made, 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
 #[derive(Debug, Clone, Args)]

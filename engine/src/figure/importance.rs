@@ -96,7 +96,8 @@ fn notes(searched: &Searched<'_>, found: &Importance, exchanges: usize) -> Vec<S
     let (settings, by) = (searched.values.len(), spaced(&searched.result.search.by));
     let explained = 100.0 * found.explained;
     let how = format!(
-        "A forest of {TREES} trees forecasts the {by} of settings that it has not seen ({settings} settings, in fifths); bars are what it loses \
+        "A forest of {TREES} trees forecasts the {by} of settings that it has not seen ({settings} settings, in \
+         fifths); bars are what it loses \
          when the values of a key are exchanged, mean and standard deviation over {exchanges} exchanges."
     );
     let what = if found.explained < LITTLE {

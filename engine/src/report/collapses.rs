@@ -144,7 +144,8 @@ mod tests {
         assert_eq!(notes.len(), 1, "{notes:?}");
         assert!(
             notes[0].starts_with(
-                "learner: 1 of 4 seeds are no better than an agent that learned nothing (25 %, 1 to 81 % by the exact 95 % interval); the mean of the rest is 5.1"
+                "learner: 1 of 4 seeds are no better than an agent that learned nothing (25 %, 1 to 81 % by the \
+                 exact 95 % interval); the mean of the rest is 5.1"
             ),
             "{notes:?}"
         );

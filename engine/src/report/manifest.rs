@@ -213,8 +213,8 @@ mod tests {
         replaced
     }
 
-    /// Tables and figures that a report cannot make stay as an earlier one made them, however many such reports follow, until one
-    /// makes them or the study has them no more.
+    /// Tables and figures that a report cannot make stay as an earlier one made them, however many such reports
+    /// follow, until one makes them or the study has them no more.
     #[test]
     fn what_could_not_be_made_stays_until_it_is_made_or_no_more_asked_for() {
         let dir = tempfile::tempdir().unwrap();

@@ -203,7 +203,8 @@ pub struct ReportPaths {
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md`, `index.html` and `verdicts.json` into a folder. Each file appears whole or not at all.
+/// Writes `tables/`, `figures/`, `report.md`, `index.html` and `verdicts.json` into a folder. Each file appears
+/// whole or not at all.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the

@@ -12,8 +12,8 @@ const FIRST_CLAIMS: usize = 6;
 /// Columns of the word before an answer or a claim.
 const WORD: usize = 20;
 
-/// The report as plain text of at most `width` characters a line: the answers, the first table and the path of the page,
-/// or everything.
+/// The report as plain text of at most `width` characters a line: the answers, the first table and the path of the
+/// page, or everything.
 #[must_use]
 pub fn summary(
     study: &StudyInfo,

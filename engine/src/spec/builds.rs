@@ -434,7 +434,8 @@ impl<'a> Builder<'a> {
         let mut known = measures.metrics.iter().chain(&facts.metrics);
         let taken = known.find(|known| recorded.iter().any(|it| it.name == known.name))?;
         let problem = format!(
-            "`{}` is measured of the other agents of this environment, and another thing than a program says of              itself: take another name, as `own_{}`",
+            "`{}` is measured of the other agents of this environment, and another thing than a program says of \
+             itself: take another name, as `own_{}`",
             taken.name, taken.name
         );
         (!facts.interface.seats.is_empty()).then(|| Error::config("metrics", problem))

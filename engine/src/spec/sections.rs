@@ -48,7 +48,8 @@ pub(super) struct Sections {
     /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
     /// value, with `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
     summary: String,
-    /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for each.
+    /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
+    /// each.
     answers: Vec<AnswerText>,
     /// What differs from the source, one sentence each.
     departures: Vec<String>,

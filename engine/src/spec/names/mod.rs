@@ -54,8 +54,8 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`. Entries
-    /// that the check against the schema refused are passed over.
+    /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`.
+    /// Entries that the check against the schema refused are passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();

@@ -1,5 +1,5 @@
-//! The files and lines of a program, as metrics of a study: which keys and columns have values, where their steps stand, and which of
-//! them is the return.
+//! The files and lines of a program, as metrics of a study: which keys and columns have values, where their steps
+//! stand, and which of them is the return.
 
 use super::probe::Ran;
 use crate::{

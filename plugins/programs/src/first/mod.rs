@@ -1,7 +1,7 @@
 //! A first study of a program: from its command, or from the sweep of another tool.
 //!
-//! The program is asked for its options and runs once for some seconds, in a folder of its own. Its output and files are read
-//! as a trial would read them. All that is proposed stands in the study with a comment.
+//! The program is asked for its options and runs once for some seconds, in a folder of its own. Its output and files
+//! are read as a trial would read them. All that is proposed stands in the study with a comment.
 
 mod command;
 mod error;

@@ -1,5 +1,5 @@
-//! The files of a program: its script, what it imports from beside it, configs that it names, and its lock file. A proposal,
-//! which the person looks at.
+//! The files of a program: its script, what it imports from beside it, configs that it names, and its lock file. A
+//! proposal, which the person looks at.
 
 use std::{
     collections::BTreeSet,
