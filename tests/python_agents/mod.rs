@@ -10,12 +10,12 @@ mod refusals;
 use crate::{
     book::blocks,
     program::{Answer, repository},
-    python_environments::{Place, continuing::has_checkpoint, processes_of},
+    python_environments::{Place, processes_of},
     slurm::until,
 };
 use engine::{Agent, Environment, Error, Interface, Mode, Observation, random::stream};
 use serde_json::{Value, json};
-use std::{fs, process::Stdio};
+use std::fs;
 
 /// The keys of an agent in a study.
 fn agent(place: &Place, make: &str, more: &str) -> String {

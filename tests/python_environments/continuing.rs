@@ -13,7 +13,7 @@ fn long(place: &Place, make: &str) {
 }
 
 /// True where a checkpoint of the running trial lies in the store.
-pub(crate) fn has_checkpoint(place: &Place) -> bool {
+pub(super) fn has_checkpoint(place: &Place) -> bool {
     let entries = |folder: PathBuf| {
         fs::read_dir(folder)
             .into_iter()

@@ -2,7 +2,7 @@
 //! what a trial comes to whose Python fails, hangs, is killed or goes on elsewhere.
 
 mod choices;
-pub(crate) mod continuing;
+mod continuing;
 mod ends;
 mod hostile;
 mod reading;
