@@ -48,6 +48,7 @@ impl Bench {
             .current_dir(self.folder.path())
             .env("XDG_STATE_HOME", self.path("state"))
             .env("XDG_CONFIG_HOME", self.path("config"))
+            .env_remove("CUDA_VISIBLE_DEVICES")
             .env_remove("REGIMEN_STORE")
             .env_remove("REGIMEN_JOBS");
         command
@@ -70,6 +71,7 @@ impl Bench {
             .current_dir(self.folder.path())
             .env("XDG_STATE_HOME", self.path("state"))
             .env("XDG_CONFIG_HOME", self.path("config"))
+            .env_remove("CUDA_VISIBLE_DEVICES")
             .env_remove("REGIMEN_STORE")
             .env_remove("REGIMEN_JOBS");
         command

@@ -59,6 +59,7 @@ pub mod record;
 pub mod recorder;
 pub mod registry;
 pub mod report;
+pub mod resources;
 pub mod results;
 pub mod rollout;
 pub mod scheduler;

@@ -1,7 +1,7 @@
 //! Agents that train themselves, such as programs that are not ours: the protocol waits while they do, takes in
 //! what they measure, and steps no environment.
 
-use crate::{Error, Metric};
+use crate::{Error, Metric, resources::Share};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -49,7 +49,7 @@ pub struct Simulator {
     pub stream_id: String,
 }
 
-/// Where a training has its files, and how long it has.
+/// Where a training has its files, how long it has, and what of the machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     /// The folder of the trial's work, which stays until the trial ends.
@@ -58,6 +58,8 @@ pub struct Place {
     pub until: Option<u64>,
     /// The time for which nothing may be heard of it; `None` for any.
     pub patience: Option<Duration>,
+    /// Its share of the machine.
+    pub share: Share,
 }
 
 /// The values of a metric so far, each at its step, in the order of the training.

@@ -1,8 +1,10 @@
 //! What is known of a study's trials: the frame that tables, figures and claims read.
 
+mod repeats;
 mod searched;
 mod told;
 
+pub use repeats::{Recorded, Repeated, Repeats, sentences as repeats_in_words};
 pub use searched::{SearchResult, Sight, TriedSetting};
 pub use told::{Cost, Printed, Ran, Told};
 
@@ -427,6 +429,8 @@ pub struct Results {
     pub drawings: BTreeMap<String, Drawings>,
     /// Where imported runs come from, which are among the trials.
     pub imported: Vec<Origin>,
+    /// Programs of which a trial was computed twice.
+    pub repeated: Vec<Repeated>,
     /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
 }

@@ -10,6 +10,7 @@ mod new_from;
 mod reading;
 mod rehearsing;
 mod resuming;
+mod sharing;
 mod trial;
 
 use crate::{
@@ -54,6 +55,13 @@ impl Place {
             &study_of("[sh, a.sh, \"{seed}\", \"{steps}\"]", metrics, more),
         );
         Self { bench }
+    }
+
+    /// Writes other text into the study.
+    fn edit(&self, from: &str, to: &str) {
+        let study = fs::read_to_string(self.bench.path("study.yaml")).unwrap();
+        assert!(study.contains(from), "{from} is not in\n{study}");
+        self.bench.write("study.yaml", &study.replace(from, to));
     }
 
     fn run(&self, options: &[&str]) -> Answer {

@@ -2,6 +2,7 @@
 
 use super::{
     Common, Failure, INCOMPLETE, LimitOptions, OK, Selection, TRIALS_FAILED, complain,
+    fitting::Machines,
     prepare::{Ends, failed_in_words},
     progress::Progress,
     settings::Settings,
@@ -12,6 +13,7 @@ use crate::{
     count::{count, either},
     limits::Limits,
     pace::Paces,
+    resources::{Capacity, Needs},
     results::TrialEnd,
     scheduler::{self, Task, Workers, hosts::Hosts},
     store::{Store, is_missing},
@@ -57,6 +59,13 @@ pub(super) struct Ran {
     blocked: BTreeSet<usize>,
 }
 
+impl Ran {
+    /// Whether it was asked to stop.
+    pub(super) fn stopped(&self) -> bool {
+        self.stopped
+    }
+}
+
 impl Compute<'_> {
     /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are,
     /// 100 where some of them failed.
@@ -71,6 +80,7 @@ impl Compute<'_> {
             complain(&self.nothing_runs(planned, &ends));
             return Ok(OK);
         }
+        self.refuse_unfit(&tasks)?;
         let missing: BTreeSet<&str> = tasks.iter().map(|task| task.trial.id.as_str()).collect();
         let runs = |one: &&Planned| one.plan.trials.iter().any(|it| missing.contains(it.id.as_str()));
         for one in planned.iter().filter(runs) {
@@ -153,6 +163,19 @@ impl Compute<'_> {
         })
     }
 
+    /// Runs the tasks without a word.
+    pub(super) fn work_quietly(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
+        let stop = Arc::new(AtomicBool::new(false));
+        listen_for_signals(&stop)?;
+        let (events, _) = mpsc::channel();
+        scheduler::run(tasks, store, &self.workers(&stop), &events)?;
+        Ok(Ran {
+            failed: false,
+            stopped: stop.load(Ordering::SeqCst),
+            blocked: BTreeSet::new(),
+        })
+    }
+
     /// What is said where no trial is missing.
     pub(super) fn nothing_runs(&self, planned: &[Planned], ends: &Ends) -> String {
         let failed = self.failed(of_all(planned, ends));
@@ -211,7 +234,10 @@ impl Compute<'_> {
     fn workers(&self, stop: &Arc<AtomicBool>) -> Workers {
         let lease_expiry = self.settings.lease_expiry;
         Workers {
-            count: self.workers,
+            capacity: Capacity {
+                cores: self.workers,
+                gpus: self.settings.gpus.clone(),
+            },
             hosts: self.hosts.clone(),
             stop: Arc::clone(stop),
             fail_fast: self.limits.fail_fast,
@@ -260,6 +286,7 @@ impl Compute<'_> {
                         before: end.clone(),
                         after,
                         until,
+                        needs: self.needs(trial),
                     });
                 }
             }
@@ -280,6 +307,7 @@ impl Compute<'_> {
                 before: None,
                 after: trial.key.sources(),
                 until: one.pauses.get(&trial.id).copied(),
+                needs: self.needs(trial),
             };
             one.paused.iter().map(task)
         };
@@ -288,6 +316,29 @@ impl Compute<'_> {
         tasks
             .filter(|task| !has_paused(task, store) && seen.insert(task.trial.id.as_str()))
             .collect()
+    }
+
+    /// Refuses trials that fit no machine.
+    pub(super) fn refuse_unfit(&self, tasks: &[Task<'_>]) -> Result<(), Failure> {
+        let mut machines = Machines::here(self.settings, self.workers);
+        if !self.hosts.all.is_empty() {
+            machines = Machines {
+                all: self
+                    .hosts
+                    .all
+                    .iter()
+                    .map(|host| host.capacity().clone())
+                    .collect(),
+                name: "the largest host",
+                keys: "`workers` in [ssh] of regimen.toml".into(),
+            };
+        }
+        let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
+        machines.refuse_unfit(self.registry, agents)
+    }
+
+    fn needs(&self, trial: &Trial) -> Needs {
+        Needs::of(self.registry, trial.key.agent.agent())
     }
 
     /// The study's limits, tightened by the machine's, and what the command line says in their place.

@@ -175,6 +175,15 @@ pub(super) fn shown<'a>(registry: &Registry, parts: impl Iterator<Item = &'a Par
     parts.filter_map(words).map(|words| in_words(&words)).collect()
 }
 
+/// The program that an agent is, for messages.
+pub(super) fn in_short(registry: &Registry, part: &Part) -> String {
+    let words = written(registry, part).ok().flatten();
+    words.map_or_else(
+        || part.plugin.clone(),
+        |words| in_words(&words[..words.len().min(2)]),
+    )
+}
+
 /// The folder of the project that a study is part of.
 fn project(study: &Path) -> PathBuf {
     Reach::of(study.parent().unwrap_or(Path::new(".")))

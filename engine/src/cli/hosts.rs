@@ -1,12 +1,7 @@
 //! `run --executor ssh`: reaches the hosts before anything runs, and refuses what they could not run.
 
 use super::{BAD_SPEC, Failure, INCOMPLETE, complain, compute::Compute, study::Planned};
-use crate::{
-    build,
-    executor::Access,
-    scheduler::hosts::{Found, Host},
-    world::fs,
-};
+use crate::{build, executor::Access, scheduler::hosts::Found, world::fs};
 
 /// Lets the hosts of `access` run what is computed.
 ///
@@ -32,7 +27,7 @@ pub(super) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access)
             text: "error: no host can be reached; nothing runs".into(),
         });
     }
-    how.workers = found.hosts.all.iter().map(Host::workers).sum();
+    how.workers = found.hosts.all.iter().map(|host| host.capacity().cores).sum();
     how.hosts = found.hosts;
     Ok(())
 }

@@ -11,6 +11,7 @@ mod describe;
 mod export;
 mod export_dataset;
 mod export_policy;
+mod fitting;
 mod folders;
 mod fsck;
 mod hosts;

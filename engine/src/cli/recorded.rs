@@ -271,6 +271,7 @@ fn results(one: &Planned, record: &Record, manifest: &Manifest, folder: &Path) -
     });
     Ok(Results {
         searches: searches.collect(),
+        repeated: record.told.repeated.clone(),
         told: Some(record.told.clone()),
         ..run::assembled(&one.study, trials)
     })

@@ -1,22 +1,25 @@
-//! `check --rehearse`: starts each program of a study twice, with one seed and for a short time, and says whether it
-//! comes to the same values again.
+//! Whether programs repeat. `check --rehearse` starts each program of a study twice, with one seed and for a short time;
+//! `run` computes one trial of each program a second time, up to its first measurement, for the report.
 
 use super::{
     BAD_SPEC, Common, Failure, Format, LimitOptions, OK, Selection, TRIALS_FAILED, compute::Compute, consent,
     say, settings, study, study::Planned,
 };
 use crate::{
-    Error, Phase, Registry,
-    count::count,
+    Error, Registry,
     limits::Limits,
     recorder::Row,
-    results::EndState,
+    resources::Needs,
+    results::{EndState, Recorded, Repeated, Repeats, TrialResult},
     scheduler::Task,
     store::{MetricsTable, Store},
     trial::Trial,
 };
 use clap::Args;
-use std::{collections::BTreeSet, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The options of `check`.
 #[derive(Debug, Clone, Args)]
@@ -31,72 +34,6 @@ pub(super) struct CheckOptions {
     rehearse_for: u32,
     #[command(flatten)]
     consent: consent::Consent,
-}
-
-/// How the values of two runs with one seed compare.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Repeats {
-    /// Every bit is the same.
-    ToTheBit,
-    /// They differ by less than this power of ten, relative to the larger value.
-    Within(i32),
-    /// They differ by more, or stand at other steps.
-    Not,
-}
-
-/// A larger relative difference comes from more than the order of sums.
-const LARGEST_POWER: i32 = -3;
-
-impl Repeats {
-    fn of(one: &MetricsTable, other: &MetricsTable) -> Self {
-        if one.rows.len() != other.rows.len() {
-            return Self::Not;
-        }
-        let mut largest: f64 = 0.0;
-        let mut same_bits = true;
-        for (first, second) in one.rows.iter().zip(&other.rows) {
-            let place = |table: &MetricsTable, row: &Row| {
-                (
-                    row.phase,
-                    row.step,
-                    table.names.get(usize::from(row.metric)).cloned(),
-                )
-            };
-            if place(one, first) != place(other, second) {
-                return Self::Not;
-            }
-            let (first, second) = (first.value, second.value);
-            same_bits &= first.to_bits() == second.to_bits();
-            let scale = first.abs().max(second.abs());
-            largest = largest.max(if scale > 0.0 {
-                (first - second).abs() / scale
-            } else {
-                0.0
-            });
-        }
-        match power_above(largest) {
-            _ if same_bits => Self::ToTheBit,
-            power if power <= LARGEST_POWER => Self::Within(power),
-            _ => Self::Not,
-        }
-    }
-
-    fn in_words(self) -> String {
-        match self {
-            Self::ToTheBit => "repeats to the bit".into(),
-            Self::Within(power) => format!("repeats to 1e{power}"),
-            Self::Not => "does not repeat".into(),
-        }
-    }
-}
-
-/// The smallest power of ten that is no less than a difference, and no smaller than numbers can differ by.
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "a logarithm of a number between 1e-15 and 2"
-)]
-fn power_above(difference: f64) -> i32 {
-    difference.max(1e-15).log10().ceil() as i32
 }
 
 /// `check`, with its rehearsal where that is asked for and every study holds.
@@ -174,46 +111,142 @@ fn rehearsed(
     let trials = first_of_each(how.registry, one);
     let tasks: Vec<Task<'_>> = trials
         .iter()
-        .map(|(trial, cost)| Task {
-            trial,
-            cost: *cost,
-            pace_s: None,
-            limits: Arc::clone(limits),
-            before: None,
-            after: trial.key.sources(),
-            until: first_measurement(trial),
-        })
+        .map(|(trial, cost)| task(how, trial, *cost, limits))
         .collect();
     if tasks.is_empty() {
         return Ok(Vec::new());
     }
-    let temporary = |_| {
-        let made = tempfile::Builder::new().prefix("regimen-rehearsal-").tempdir();
-        made.map_err(Error::file("create a folder in", &std::env::temp_dir()))
-    };
-    let folders = [temporary(0)?, temporary(1)?];
+    how.refuse_unfit(&tasks)?;
+    let folders = [temporary()?, temporary()?];
     let stores = [&folders[0], &folders[1]].map(|folder| Store::at(folder.path()));
     for store in &stores {
         how.work(&tasks, store)?;
     }
     let line = |(trial, _): &(&Arc<Trial>, u64)| {
         let name = format!("`{}` in `{}`", trial.cell.agent, trial.cell.environment);
-        Ok(
-            match (recorded(trial, &stores[0])?, recorded(trial, &stores[1])?) {
-                (Ok(first), Ok(second)) => {
-                    let repeats = Repeats::of(&first, &second).in_words();
-                    Ok(format!(
-                        "  {name} {repeats} ({})",
-                        count(first.rows.len(), "value")
-                    ))
-                }
-                (Err(problem), _) | (_, Err(problem)) => {
-                    Err(format!("  {name} was not rehearsed: {problem}"))
-                }
-            },
-        )
+        let repeats = match (recorded(trial, &stores[0])?, recorded(trial, &stores[1])?) {
+            (Ok(first), Ok(second)) => first.compared(&second, trial),
+            (Err(problem), _) | (_, Err(problem)) => {
+                return Ok(Err(format!("  {name} was not rehearsed: {problem}")));
+            }
+        };
+        Ok(Ok(format!("  {name} {}", repeats.in_words())))
     };
     trials.iter().map(line).collect()
+}
+
+/// The trials of a program in an environment of which nobody knows whether it repeats, and that have not ended.
+pub(super) type Unknown = Vec<Arc<Trial>>;
+
+/// For each program in each environment of which no trial was computed twice: those that are missing. `run` is about
+/// to start them, so that the person has agreed to them.
+pub(super) fn unknown(registry: &Registry, planned: &[Planned], store: &Store) -> Vec<Unknown> {
+    let mut programs: BTreeMap<(&str, &str, &str), Option<Unknown>> = BTreeMap::new();
+    for one in planned
+        .iter()
+        .filter(|one| consent::has_programs(registry, &one.plan))
+    {
+        for trial in &one.plan.trials {
+            let part = trial.key.agent.agent();
+            let entry = part.and_then(|part| registry.agents.get(part.plugin.as_str()));
+            if !entry.is_some_and(|entry| entry.trains_itself) {
+                continue;
+            }
+            let cell = &trial.cell;
+            let key = (&*one.study.name, &*cell.environment, &*cell.agent);
+            let trials = programs.entry(key).or_insert_with(|| Some(Vec::new()));
+            if store.repeats(&trial.id).is_some() {
+                *trials = None;
+            } else if let Some(trials) = trials
+                && !matches!(store.end(&trial.id), Ok(Some(_)))
+            {
+                trials.push(Arc::clone(trial));
+            }
+        }
+    }
+    programs.into_values().flatten().collect()
+}
+
+/// Computes one of the trials of each program again, beside the store, up to its first measurement, and keeps whether
+/// it came to the same values.
+pub(super) fn compute_again(how: &Compute<'_>, unknown: &[Unknown], store: &Store) -> Result<(), Failure> {
+    let limits = Arc::new(Limits {
+        wall_time_s: Some(AGAIN_S),
+        retries: Some(0),
+        ..Limits::default()
+    });
+    let ended_well = |trial: &&Arc<Trial>| {
+        let end = store.end(&trial.id).ok().flatten();
+        end.is_some_and(|end| end.state == EndState::Ok)
+    };
+    let chosen: Vec<&Arc<Trial>> = unknown
+        .iter()
+        .filter_map(|of| of.iter().find(ended_well))
+        .collect();
+    let (quick, slow): (Vec<_>, Vec<_>) = chosen
+        .into_iter()
+        .partition(|trial| first_measurement(trial).is_some() && trial.key.sources().is_empty());
+    for trial in slow {
+        let problem = "nothing is measured before its end".to_owned();
+        store.keep_repeats(&trial.id, &Repeats::Unknown(problem));
+    }
+    if quick.is_empty() {
+        return Ok(());
+    }
+    let folder = temporary()?;
+    let beside = Store::at(folder.path());
+    let tasks: Vec<Task<'_>> = quick.iter().map(|trial| task(how, trial, 0, &limits)).collect();
+    let ran = how.work_quietly(&tasks, &beside)?;
+    for trial in quick {
+        let repeats = match (recorded(trial, store)?, recorded(trial, &beside)?) {
+            (Ok(first), Ok(second)) => first.compared(&second, trial),
+            _ if ran.stopped() => continue,
+            (Err(problem), _) | (_, Err(problem)) => Repeats::Unknown(problem),
+        };
+        store.keep_repeats(&trial.id, &repeats);
+    }
+    Ok(())
+}
+
+/// Longest time for which a program runs a second time without being asked for it, in seconds.
+const AGAIN_S: f64 = 60.0;
+
+/// What the store knows of programs that were computed twice.
+pub(super) fn found_out(trials: &[TrialResult], store: &Store) -> Vec<Repeated> {
+    let repeated = |it: &TrialResult| {
+        let trial = &it.trial;
+        Some(Repeated {
+            environment: trial.cell.environment.to_string(),
+            agent: trial.cell.agent.to_string(),
+            seed: trial.key.seed,
+            repeats: store.repeats(&trial.id)?,
+        })
+    };
+    let mut known = BTreeSet::new();
+    let new = |it: &Repeated| known.insert((it.environment.clone(), it.agent.clone()));
+    match store.has_repeats() {
+        true => trials.iter().filter_map(repeated).filter(new).collect(),
+        false => Vec::new(),
+    }
+}
+
+/// A trial of a program as a task, up to its first measurement.
+fn task<'a>(how: &Compute<'_>, trial: &'a Arc<Trial>, cost: u64, limits: &Arc<Limits>) -> Task<'a> {
+    Task {
+        trial,
+        cost,
+        pace_s: None,
+        limits: Arc::clone(limits),
+        before: None,
+        after: trial.key.sources(),
+        until: first_measurement(trial),
+        needs: Needs::of(how.registry, trial.key.agent.agent()),
+    }
+}
+
+fn temporary() -> Result<tempfile::TempDir, Failure> {
+    let made = tempfile::Builder::new().prefix("regimen-rehearsal-").tempdir();
+    Ok(made.map_err(Error::file("create a folder in", &std::env::temp_dir()))?)
 }
 
 /// The step of the first measurement; `None` where there is none but the last.
@@ -226,67 +259,41 @@ fn first_measurement(trial: &Trial) -> Option<u64> {
         .then_some(every)
 }
 
-/// The record of a rehearsed trial up to its first measurement, or why there is none. A quick program ends before
-/// it is stopped there.
-fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
+/// The record of a trial.
+struct Taken {
+    names: Vec<String>,
+    rows: Vec<Row>,
+}
+
+impl Taken {
+    /// A quick program ends before it is stopped at its first measurement.
+    fn compared(&self, other: &Self, trial: &Trial) -> Repeats {
+        let [one, other] = [self, other].map(|it| Recorded {
+            names: &it.names,
+            rows: &it.rows,
+        });
+        Repeats::of(one, other, first_measurement(trial))
+    }
+}
+
+/// The record of a trial, or why there is none.
+fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<Taken, String>, Failure> {
     if let Some(partial) = store.partial(&trial.id)? {
-        return Ok(Ok(partial.table));
+        let MetricsTable { names, rows } = partial.table;
+        return Ok(Ok(Taken { names, rows }));
     }
     let result = store.load(trial)?;
-    let until = first_measurement(trial);
-    let counts = |row: &Row| until.is_none_or(|until| row.step <= until && row.phase != Phase::Final);
     Ok(match result.end.as_deref() {
-        Some(end) if end.state == EndState::Ok => Ok(MetricsTable {
+        Some(end) if end.state == EndState::Ok => Ok(Taken {
             names: result.names.to_vec(),
-            rows: result.rows.into_iter().filter(counts).collect(),
+            rows: result.rows,
         }),
         Some(end) if end.state == EndState::Timeout => Err(format!(
-            "{}; `--rehearse-for` gives it longer, and a smaller `evaluate_every` measures earlier",
+            "{}; `check --rehearse` with `--rehearse-for` gives it longer, and a smaller `evaluate_every` measures \
+             earlier",
             end.reason
         )),
         Some(end) => Err(format!("it ended as {}: {}", end.state.name(), end.reason)),
         None => Err("it was stopped".into()),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn table(values: &[f64]) -> MetricsTable {
-        let row = |(step, value): (u64, &f64)| Row {
-            phase: Phase::Evaluate,
-            step,
-            episode: 0,
-            seat: 0,
-            metric: 0,
-            value: *value,
-        };
-        MetricsTable {
-            names: vec!["return".into()],
-            rows: (1..).zip(values).map(row).collect(),
-        }
-    }
-
-    #[test]
-    fn the_words_are_those_of_the_largest_difference() {
-        let words = |other: &[f64]| Repeats::of(&table(&[1.0, -200.0]), &table(other)).in_words();
-        assert_eq!(words(&[1.0, -200.0]), "repeats to the bit");
-        assert_eq!(words(&[1.0, -200.000_1]), "repeats to 1e-6");
-        assert_eq!(words(&[1.000_000_01, -200.000_1]), "repeats to 1e-6");
-        assert_eq!(words(&[1.000_5, -200.0]), "repeats to 1e-3");
-        assert_eq!(words(&[1.01, -200.0]), "does not repeat");
-        assert_eq!(words(&[1.0]), "does not repeat");
-        assert_eq!(Repeats::of(&table(&[0.0]), &table(&[-0.0])), Repeats::Within(-15));
-    }
-
-    #[test]
-    fn other_steps_and_metrics_do_not_repeat() {
-        let (one, mut other) = (table(&[1.0]), table(&[1.0]));
-        other.rows[0].step = 7;
-        assert_eq!(Repeats::of(&one, &other), Repeats::Not);
-        other.rows[0].step = 1;
-        other.names[0] = "cost".into();
-        assert_eq!(Repeats::of(&one, &other), Repeats::Not);
-    }
 }

@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, Failure, INCOMPLETE, OK, ReportOptions, RunOptions, Selection, TRIALS_FAILED,
     WorkerOptions, complain,
     compute::Compute,
-    confirmations, folders, hosts, looks, overview, pack, reports, searches, settings, stages,
+    confirmations, folders, hosts, looks, overview, pack, rehearse, reports, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -69,10 +69,16 @@ pub(super) fn run(
         }
     }
     looks::fix(&planned, &store)?;
+    let unknown = match (&kind, &on_hosts) {
+        (None, None) => rehearse::unknown(registry, &planned, &store),
+        // Programs start where the trials do.
+        _ => Vec::new(),
+    };
     let computed = match compute_all(&mut how, kind.as_ref(), &mut planned, &store, options)? {
         Computed::Left(code) => return Ok(code),
         Computed::Here(code) => code,
     };
+    rehearse::compute_again(&how, &unknown, &store)?;
     let mut code = OK;
     for study in confirmations::by_study(&planned) {
         code = code.max(reports::write(
@@ -351,6 +357,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     };
     Results {
         drawings,
+        repeated: rehearse::found_out(&trials, store),
         ..assembled(&one.study, trials)
     }
 }

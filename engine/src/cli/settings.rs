@@ -3,7 +3,8 @@
 //! ```toml
 //! store = "store"
 //! bucket = "s3://lab/team"    # shares the store with machines that see another folder
-//! workers = 2
+//! workers = 2                 # cores for trials
+//! gpus = 2                    # graphics cards for trials, or their names: ["0", "3"]
 //! checkpoint_every_s = 60     # time between two checkpoints of a trial
 //! lease_expiry_s = 30         # when leases of silent machines count as dead
 //! executor = "local"          # or "slurm"
@@ -55,6 +56,8 @@ pub(super) struct Settings {
     pub(super) bucket: Option<String>,
     /// Worker processes.
     pub(super) workers: usize,
+    /// Graphics cards for trials, as `CUDA_VISIBLE_DEVICES` names them.
+    pub(super) gpus: Vec<String>,
     /// Time between two checkpoints of a trial.
     pub(super) checkpoint_every: Duration,
     /// Leases of machines that are silent for this long count as dead.
@@ -77,10 +80,61 @@ struct Table {
     store: Option<PathBuf>,
     bucket: Option<String>,
     workers: Option<usize>,
+    gpus: Option<Cards>,
     checkpoint_every_s: Option<f64>,
     lease_expiry_s: Option<f64>,
     limits: Option<Limits>,
     executor: Option<Name>,
+}
+
+/// Graphics cards for trials.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "a number of graphics cards, or a list of their names")]
+enum Cards {
+    /// So many of those that are seen.
+    Number(usize),
+    /// These.
+    Names(Vec<String>),
+}
+
+impl Cards {
+    /// The cards for trials: those that are said, of those that this process may see.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "a batch system says by a variable which cards a job has, and none reaches a result"
+    )]
+    fn visible(said: Option<Self>) -> Vec<String> {
+        let seen = std::env::var("CUDA_VISIBLE_DEVICES").ok();
+        Self::among(said, seen.as_deref(), || {
+            fs::read_dir("/proc/driver/nvidia/gpus").map_or(0, Iterator::count)
+        })
+    }
+
+    /// As [`visible`](Self::visible): `seen` is the variable, which lists what may be seen, and `installed` counts the
+    /// cards of the machine.
+    fn among(said: Option<Self>, seen: Option<&str>, installed: impl FnOnce() -> usize) -> Vec<String> {
+        let numbered = |number: usize| (0..number).map(|card| card.to_string()).collect();
+        let seen: Option<Vec<String>> = seen.map(|text| {
+            let names = text.split(',').map(|name| name.trim().to_owned());
+            // A name that is none hides what follows it.
+            names
+                .take_while(|name| !["", "-1", "NoDevFiles"].contains(&name.as_str()))
+                .collect()
+        });
+        match (said, seen) {
+            (None, None) => numbered(installed()),
+            (None, Some(seen)) => seen,
+            (Some(Self::Number(number)), None) => numbered(number),
+            (Some(Self::Number(number)), Some(mut seen)) => {
+                seen.truncate(number);
+                seen
+            }
+            (Some(Self::Names(names)), None) => names,
+            (Some(Self::Names(names)), Some(seen)) => {
+                names.into_iter().filter(|it| seen.contains(it)).collect()
+            }
+        }
+    }
 }
 
 /// The name of an executor that runs trials.
@@ -190,6 +244,7 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
             .unwrap_or_else(|| "store".into()),
         bucket: common.bucket.clone().or(profile.bucket).or(top.bucket),
         workers: some(profile.workers.or(top.workers), "workers")?.unwrap_or(cores),
+        gpus: Cards::visible(profile.gpus.or(top.gpus)),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: some_time("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
@@ -366,6 +421,27 @@ mod tests {
             }
         );
         assert_eq!(settings.checkpoint_every, Duration::from_secs(60));
+    }
+
+    #[test]
+    fn cards_are_those_that_are_said_of_those_that_are_seen() {
+        let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let of = |said: Option<&str>, seen: Option<&str>| {
+            let table: Table = toml::from_str(said.unwrap_or_default()).unwrap();
+            Cards::among(table.gpus, seen, || 3)
+        };
+        assert_eq!(of(None, None), names(&["0", "1", "2"]));
+        assert_eq!(of(None, Some("4,GPU-5")), names(&["4", "GPU-5"]));
+        assert_eq!(of(None, Some("")), names(&[]));
+        assert_eq!(of(None, Some("1,-1,2")), names(&["1"]));
+        assert_eq!(of(Some("gpus = 2"), None), names(&["0", "1"]));
+        assert_eq!(of(Some("gpus = 2"), Some("7")), names(&["7"]));
+        assert_eq!(of(Some("gpus = [\"0\", \"7\"]"), Some("7,8")), names(&["7"]));
+        let wrong = combine("gpus = \"all\"", Path::new(""), &common(None))
+            .err()
+            .unwrap()
+            .text;
+        assert!(wrong.contains("a number of graphics cards"), "{wrong}");
     }
 
     #[test]

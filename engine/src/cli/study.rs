@@ -4,7 +4,9 @@ use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, UNCHECKED,
     absent, complain,
     confirmations::{self, Confirms},
-    consent, cost, looks,
+    consent, cost,
+    fitting::Machines,
+    looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -316,7 +318,12 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
         return Err(nothing_selected());
     }
     checked.iter().for_each(|(_, study)| warn_of(study));
+    let machines = Machines::of(&settings::read(common)?)?;
     for (trials, study) in checked {
+        let agents = study.built_agents();
+        if let Some(machines) = &machines {
+            machines.refuse_unfit(registry, agents.iter().map(|it| &**it))?;
+        }
         say(&format!(
             "{}: ok, {}, {}, {}, {}{}",
             study.name,
@@ -326,7 +333,7 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
             count(study.claims.len(), "claim"),
             any_difference(&study)
         ));
-        for program in consent::shown(registry, study.built_agents().iter().map(|it| &**it)) {
+        for program in consent::shown(registry, agents.iter().map(|it| &**it)) {
             say(&format!("  `run` starts `{program}`"));
         }
     }

@@ -5,6 +5,7 @@ use super::{
     complain,
     compute::{Compute, has_paused, listen_for_signals},
     consent::{self, Consent},
+    fitting::Machines,
     prepare::Ends,
     progress::Progress,
     say, settings,
@@ -97,6 +98,8 @@ pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>,
     set_aside_damaged(&dispatch.store)?;
     let ends = asked.how.prepare(asked.planned, &Store::at(&dispatch.store))?;
     let tasks = asked.how.tasks(asked.planned, &ends, |_| true);
+    let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
+    Machines::tasks(&*executor, asked.kind.name).refuse_unfit(asked.how.registry, agents)?;
     if tasks.is_empty() {
         complain(&asked.how.nothing_runs(asked.planned, &ends));
         return Ok(None);

@@ -13,6 +13,7 @@ use crate::{
     count::count,
     limits::Limits,
     plan::Plan,
+    resources::Needs,
     results::EndState,
     scheduler::Task,
     store::{Imprint, Store, TrialFile, write_durably},
@@ -389,6 +390,7 @@ fn one_round(
             count(tasks.len(), "trial"),
             how.processes(tasks.len())
         ));
+        how.refuse_unfit(&tasks)?;
         how.work(&tasks, beside)?;
     }
     for (entry, member) in entries.iter_mut().zip(members) {
@@ -472,6 +474,7 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
         before: None,
         after: member.trial.key.sources(),
         until: member.until,
+        needs: Needs::of(how.registry, member.trial.key.agent.agent()),
     };
     members.iter().zip(costs).map(task).collect()
 }

@@ -50,6 +50,11 @@ pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
 
+    /// Graphics cards of a task.
+    fn gpus_per_task(&self) -> usize {
+        0
+    }
+
     /// Missing trials that are worth a task.
     fn trials_per_task(&self) -> NonZeroUsize;
 

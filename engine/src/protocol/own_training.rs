@@ -19,6 +19,7 @@ use super::{
 use crate::{
     Error, OwnTraining, Phase, Recorder,
     own_training::{Advance, Assignment, Curve, Place},
+    resources::Share,
     results::OWN_STEPS,
     statistics::estimators::mean,
     world::clock,
@@ -159,6 +160,7 @@ fn place(run: &mut Run<'_>, temporary: &mut Option<tempfile::TempDir>) -> Result
         folder,
         until: None,
         patience: None,
+        share: Share::default(),
     })
 }
 

@@ -42,6 +42,7 @@ pub fn told(study: &StudyInfo, results: &Results) -> Told {
         budgets: sheet(study, results).map(Printed::from),
         cost: cost(results),
         ran: Ran::of(results),
+        repeated: results.repeated.clone(),
     }
 }
 

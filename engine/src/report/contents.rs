@@ -7,7 +7,9 @@ use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
     imported::marked,
-    results::{CellName, Cost, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
+    results::{
+        CellName, Cost, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times, repeats_in_words,
+    },
     spec::ClaimSpec,
     statistics::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
@@ -119,7 +121,7 @@ impl Contents {
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
-            chart.notes = with_origins(notes, results, |name| shows(&chart, &spec.labels[name]));
+            chart.notes = with_agents(notes, results, |name| shows(&chart, &spec.labels[name]));
             if let Some(sentence) = figure::lacking(&chart) {
                 warnings.push(format!("figure `{name}`: {sentence}"));
                 chart.notes.push(sentence);
@@ -444,8 +446,8 @@ fn shows(chart: &Chart, label: &str) -> bool {
     })
 }
 
-/// Notes with a sentence on all imported runs that are shown.
-fn with_origins(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -> bool) -> Vec<String> {
+/// Notes with sentences on the agents that are shown: on imported runs, and on programs that were computed twice.
+fn with_agents(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -> bool) -> Vec<String> {
     let origins: Vec<_> = results
         .imported
         .iter()
@@ -457,6 +459,7 @@ fn with_origins(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) 
         )),
         _ => notes.extend(origins.into_iter().map(|origin| origin.sentence.clone())),
     }
+    notes.extend(repeats_in_words(&results.repeated, shown));
     notes
 }
 
@@ -479,7 +482,7 @@ pub(super) fn make_table(
         .flat_map(|cell| &cell.rests_on)
         .map(|cell| cell.1.as_str())
         .collect();
-    grid.notes = with_origins(
+    grid.notes = with_agents(
         with_times(spec, std::mem::take(&mut grid.notes)),
         results,
         |name| behind.contains(name),
@@ -779,7 +782,7 @@ fn held_in<'r>(
     }
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
-    verdict.notes = with_origins(notes, results, is_there);
+    verdict.notes = with_agents(notes, results, is_there);
     Held {
         verdict,
         matters,

@@ -29,6 +29,7 @@ use crate::{
     cast::Seating,
     limits::Limits,
     product::Taken,
+    resources::{Capacity, Needs},
     results::EndState,
     store::{Leases, Owner, Store, is_missing},
     trial::{Part, Trial, TrialCell, TrialKey},
@@ -153,7 +154,7 @@ impl Bench {
 
     /// One slot that runs these tasks.
     fn work(&self, place: usize, tasks: &[Task<'_>], store: &Store, leases: &Leases) -> Result<(), Error> {
-        let (queue, halt, workers) = (Queue::new(tasks), AtomicBool::new(false), workers());
+        let (queue, halt, workers) = (Queue::new(tasks, [one_core()]), AtomicBool::new(false), workers());
         let all = Shared {
             tasks,
             store,
@@ -169,7 +170,7 @@ impl Bench {
             place,
             leases,
         };
-        Slot::new(0, all, runner, &events).work()
+        Slot::new((0, 0), all, runner, &events).work()
     }
 }
 
@@ -182,13 +183,19 @@ fn task(trial: &Trial) -> Task<'_> {
         before: None,
         after: trial.key.taken().into_iter().map(|taken| taken.trial).collect(),
         until: None,
+        needs: Needs::default(),
     }
+}
+
+fn one_core() -> Capacity {
+    let gpus = Vec::new();
+    Capacity { cores: 1, gpus }
 }
 
 fn workers() -> Workers {
     Workers {
         hosts: super::hosts::Hosts::default(),
-        count: 1,
+        capacity: one_core(),
         stop: Arc::default(),
         fail_fast: false,
         wait_for_others: true,

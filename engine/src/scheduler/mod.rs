@@ -24,6 +24,7 @@ pub use worker::{Reply, Request, serve};
 use crate::{
     Error,
     limits::Limits,
+    resources::{Capacity, Needs},
     results::TrialEnd,
     store::{BucketLeases, Leases, Owner, Store},
     trial::Trial,
@@ -164,13 +165,15 @@ pub struct Task<'a> {
     pub after: Vec<String>,
     /// The step at which it pauses, once that is measured; `None` to go to its end.
     pub until: Option<u64>,
+    /// What it needs of the machine that runs it.
+    pub needs: Needs,
 }
 
 /// How to run trials.
 #[derive(Debug, Clone)]
 pub struct Workers {
-    /// Number of worker processes on this machine, where there are no hosts.
-    pub count: usize,
+    /// What this machine has, where there are no hosts: a worker process for each of its cores.
+    pub capacity: Capacity,
     /// The hosts that run trials in the place of this machine, where there are any.
     pub hosts: hosts::Hosts,
     /// Set from outside to stop: no new trial starts and running ones save a checkpoint and leave.
@@ -208,7 +211,7 @@ pub fn run(
     let shared_leases = bucket.map(|bucket| BucketLeases::open(bucket, workers.lease_expiry));
     let shared_leases = shared_leases.transpose()?;
     let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
-    let queue = Queue::new(tasks);
+    let queue = Queue::new(tasks, machines(workers));
     let places = places(workers);
     let count = places.len().min(tasks.len());
     let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
@@ -224,12 +227,12 @@ pub fn run(
                     queue: &queue,
                     halt: &halt,
                 };
-                let (place, child) = (places[number], &children[number]);
-                let runner: Box<dyn slot::Runner + Send> = match place {
+                let (machine, child) = (places[number], &children[number]);
+                let runner: Box<dyn slot::Runner + Send> = match workers.hosts.all.get(machine) {
                     None => Box::new(process::Worker::new(&program, child)),
                     Some(host) => Box::new(hosts::Remote::new(host, store, child)),
                 };
-                let mut slot = slot::Slot::new(number, shared, runner, events);
+                let mut slot = slot::Slot::new((number, machine), shared, runner, events);
                 scope.spawn(move || slot.work())
             })
             .collect();
@@ -255,14 +258,19 @@ pub fn run(
     })
 }
 
-/// The place of each slot: a host, or `None` for this machine. The hosts take turns, so that few trials spread over
-/// all of them.
-fn places(workers: &Workers) -> Vec<Option<&hosts::Host>> {
-    let hosts = &workers.hosts.all;
-    if hosts.is_empty() {
-        return vec![None; workers.count];
+/// What each machine has: the hosts, or this one.
+fn machines(workers: &Workers) -> Vec<Capacity> {
+    match &workers.hosts.all[..] {
+        [] => vec![workers.capacity.clone()],
+        hosts => hosts.iter().map(|host| host.capacity().clone()).collect(),
     }
-    let most = hosts.iter().map(hosts::Host::workers).max().unwrap_or(0);
-    let round = |turn: usize| hosts.iter().filter(move |host| host.workers() > turn).map(Some);
+}
+
+/// The machine of each slot. Hosts take turns, so that few trials spread over all of them.
+fn places(workers: &Workers) -> Vec<usize> {
+    let cores: Vec<usize> = machines(workers).iter().map(|it| it.cores).collect();
+    let most = cores.iter().copied().max().unwrap_or(0);
+    let cores = &cores;
+    let round = |turn: usize| (0..cores.len()).filter(move |machine| cores[*machine] > turn);
     (0..most).flat_map(round).collect()
 }

@@ -1,19 +1,23 @@
 //! Which trial is next: of those whose sources have ended, the one that begins the longest remaining path of
 //! trials that take from each other; then those whose retry is due and those that other programs may have
-//! left.
+//! left. A trial begins where its machine has free what it needs.
 
 use super::Task;
 use crate::{
     pace::{Paces, steps},
+    resources::{Capacity, Pool, Share},
     results::TrialEnd,
     world::clock,
 };
 use std::{
     cmp::Reverse,
-    collections::{BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
+
+/// Time between two looks for a trial while others run.
+const BUSY_FOR: Duration = Duration::from_millis(50);
 
 /// How long a trial that another program has is left alone before it is looked after again.
 const HELD_FOR: Duration = Duration::from_millis(300);
@@ -37,6 +41,8 @@ pub(super) struct Turn {
     pub(super) attempt: u32,
     /// The stored end that is no reason not to try.
     pub(super) before: Option<TrialEnd>,
+    /// The share of the machine that it has.
+    pub(super) share: Share,
 }
 
 /// The trials that are left.
@@ -57,9 +63,11 @@ struct State<'a> {
     /// How many of a task's sources this program has still to run, or is running.
     awaited: Vec<usize>,
     later: Vec<Later>,
-    /// Trials that some slot works on: one of them may come back as a retry, or be what another one waits
-    /// for.
-    busy: usize,
+    /// What is free of each machine.
+    pools: Vec<Pool>,
+    /// Trials that some slot works on, each with its machine and its share: one of them may come back as a retry, or
+    /// be what another one waits for.
+    busy: BTreeMap<usize, (usize, Share)>,
 }
 
 struct Later {
@@ -68,8 +76,8 @@ struct Later {
 }
 
 impl<'a> Queue<'a> {
-    /// All tasks; each trial is a task once.
-    pub(super) fn new(tasks: &'a [Task<'a>]) -> Self {
+    /// All tasks, each trial once, for these machines.
+    pub(super) fn new(tasks: &'a [Task<'a>], machines: impl IntoIterator<Item = Capacity>) -> Self {
         let by_id: HashMap<&str, usize> = tasks
             .iter()
             .enumerate()
@@ -101,7 +109,8 @@ impl<'a> Queue<'a> {
             ready,
             awaited,
             later: Vec::new(),
-            busy: 0,
+            pools: machines.into_iter().map(Pool::of).collect(),
+            busy: BTreeMap::new(),
         };
         Self {
             tasks,
@@ -126,34 +135,31 @@ impl<'a> Queue<'a> {
             .collect();
     }
 
-    /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
-    pub(super) fn next(&self) -> Next {
+    /// The next trial for a machine; its slot says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
+    pub(super) fn next(&self, machine: usize) -> Next {
         let mut state = self.lock();
         let now = clock::now();
-        if let Some(position) = state.later.iter().position(|later| later.due <= now) {
-            let Later { turn, .. } = state.later.swap_remove(position);
-            state.busy += 1;
+        let due = state.due(self.tasks, machine, now);
+        let next = due.or_else(|| state.first_that_fits(self.tasks, machine));
+        if let Some(turn) = next {
+            state.busy.insert(turn.task, (machine, turn.share.clone()));
             return Next::Try(turn);
         }
-        if let Some((_, task)) = state.ready.pop_first() {
-            state.busy += 1;
-            return Next::Try(Turn {
-                task,
-                attempt: 1,
-                before: self.tasks[task].before.clone(),
-            });
-        }
-        match state.later.iter().map(|later| later.due).min() {
-            Some(due) => Next::Wait(due.saturating_duration_since(now)),
-            None if state.busy > 0 => Next::Wait(Duration::from_millis(50)),
+        let could_fit = |task: usize| state.pools[machine].could_fit(&self.tasks[task].needs);
+        let later = state.later.iter().filter(|later| could_fit(later.turn.task));
+        match later.map(|later| later.due).min() {
+            Some(due) if due > now => Next::Wait(due.saturating_duration_since(now)),
+            Some(_) => Next::Wait(BUSY_FOR),
+            None if !state.busy.is_empty() => Next::Wait(BUSY_FOR),
             None => Next::Done,
         }
     }
 
-    /// The trial with this id needs nothing more, however it ended: what takes from it is looked at.
-    pub(super) fn done(&self, id: &str) {
+    /// The trial needs nothing more, however it ended: what takes from it is looked at.
+    pub(super) fn done(&self, task: usize) {
         let mut state = self.lock();
-        state.busy -= 1;
+        state.give_back(self.tasks, task);
+        let id = self.tasks[task].trial.id.as_str();
         for &taker in self.takers.get(id).into_iter().flatten() {
             state.awaited[taker] -= 1;
             if state.awaited[taker] == 0 {
@@ -166,7 +172,7 @@ impl<'a> Queue<'a> {
     /// The trial is to be tried again after a wait.
     pub(super) fn retry(&self, turn: Turn, wait: Duration) {
         let mut state = self.lock();
-        state.busy -= 1;
+        state.give_back(self.tasks, turn.task);
         state.later.push(Later {
             due: clock::now() + wait,
             turn,
@@ -181,6 +187,57 @@ impl<'a> Queue<'a> {
     fn lock(&self) -> MutexGuard<'_, State<'a>> {
         // No operation above can panic half-way, so that a poisoned queue is still whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State<'_> {
+    /// A trial whose wait is over.
+    fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<Turn> {
+        let pool = &mut self.pools[machine];
+        let mut due = self
+            .later
+            .iter()
+            .enumerate()
+            .filter(|(_, later)| later.due <= now);
+        let (place, share) =
+            due.find_map(|(place, later)| Some((place, pool.take(&tasks[later.turn.task].needs)?)))?;
+        let Later { turn, .. } = self.later.swap_remove(place);
+        Some(Turn { share, ..turn })
+    }
+
+    /// The first trial in order that fits what is free. Those before it keep what they lack from those behind them.
+    fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<Turn> {
+        let mut free = self.pools[machine].clone();
+        let mut fitting = None;
+        for &(path, task) in &self.ready {
+            let needs = &tasks[task].needs;
+            if free.is_full() {
+                return None;
+            }
+            if free.take(needs).is_some() {
+                fitting = Some((path, task));
+                break;
+            }
+            if free.could_fit(needs) {
+                free.reserve(needs);
+            }
+        }
+        let (path, task) = fitting?;
+        let share = self.pools[machine].take(&tasks[task].needs)?;
+        self.ready.remove(&(path, task));
+        Some(Turn {
+            task,
+            attempt: 1,
+            before: tasks[task].before.clone(),
+            share,
+        })
+    }
+
+    /// A slot works on the trial no longer.
+    fn give_back(&mut self, tasks: &[Task<'_>], task: usize) {
+        if let Some((machine, share)) = self.busy.remove(&task) {
+            self.pools[machine].give_back(&tasks[task].needs, &share);
+        }
     }
 }
 
@@ -227,6 +284,7 @@ mod tests {
     use super::*;
     use crate::{
         cast::Seating,
+        resources::Needs,
         trial::{Part, Trial, TrialCell, TrialKey},
     };
 
@@ -258,11 +316,18 @@ mod tests {
             before: None,
             after,
             until: None,
+            needs: Needs::default(),
         }
     }
 
+    /// A machine with so many cores.
+    fn machine(cores: usize) -> [Capacity; 1] {
+        let gpus = Vec::new();
+        [Capacity { cores, gpus }]
+    }
+
     fn next(queue: &Queue<'_>) -> Option<usize> {
-        match queue.next() {
+        match queue.next(0) {
             Next::Try(turn) => Some(turn.task),
             Next::Wait(_) | Next::Done => None,
         }
@@ -279,23 +344,23 @@ mod tests {
             task(taker, 70, &["source", "short"]),
             task(last, 60, &["taker"]),
         ];
-        let queue = Queue::new(&tasks);
+        let queue = Queue::new(&tasks, machine(8));
         assert_eq!(
             [next(&queue), next(&queue), next(&queue), next(&queue)],
             [Some(2), Some(0), Some(1), None]
         );
-        queue.done("source");
+        queue.done(2);
         assert!(
-            matches!(queue.next(), Next::Wait(_)),
+            matches!(queue.next(0), Next::Wait(_)),
             "what is running may be waited for"
         );
-        queue.done("short");
+        queue.done(0);
         assert_eq!([next(&queue), next(&queue)], [Some(3), None]);
-        queue.done("long");
-        queue.done("taker");
+        queue.done(1);
+        queue.done(3);
         assert_eq!(next(&queue), Some(4));
-        queue.done("last");
-        assert!(matches!(queue.next(), Next::Done));
+        queue.done(4);
+        assert!(matches!(queue.next(0), Next::Done));
     }
 
     #[test]
@@ -313,7 +378,7 @@ mod tests {
                 )
             })
             .collect();
-        let queue = Queue::new(&tasks);
+        let queue = Queue::new(&tasks, machine(8));
         let paths = queue.lock().paths.clone();
         assert_eq!((paths[0], paths[19_999], next(&queue)), (40_000, 2, Some(0)));
     }
@@ -335,14 +400,79 @@ mod tests {
             task(fast_again, 499, &[]),
             task(slow_again, 99, &[]),
         ];
-        let queue = Queue::new(&tasks);
+        let queue = Queue::new(&tasks, machine(8));
         // As slow as the slowest known one, 100 steps take less than 500 of the known agent.
         assert_eq!([next(&queue), next(&queue)], [Some(0), Some(2)]);
-        let queue = Queue::new(&tasks);
+        let queue = Queue::new(&tasks, machine(8));
         queue.note_pace(1, 50.0);
         assert_eq!(
             [next(&queue), next(&queue), next(&queue)],
             [Some(1), Some(3), Some(0)]
         );
+    }
+
+    fn needing(trial: &Trial, cost: u64, cores: u32, gpus: impl Into<Option<f64>>) -> Task<'_> {
+        let gpus = gpus.into();
+        Task {
+            needs: Needs { cores, gpus },
+            ..task(trial, cost, &[])
+        }
+    }
+
+    #[test]
+    fn a_wide_trial_is_not_passed_by_narrow_ones_for_ever() {
+        let trials = ["wide", "one", "two", "three"].map(trial);
+        let [wide, one, two, three] = &trials;
+        let tasks = [
+            needing(wide, 50, 2, None),
+            needing(one, 100, 1, None),
+            needing(two, 40, 1, None),
+            needing(three, 30, 1, None),
+        ];
+        let queue = Queue::new(&tasks, machine(2));
+        assert_eq!(
+            [next(&queue), next(&queue)],
+            [Some(1), None],
+            "a core is kept for the wide one"
+        );
+        queue.done(1);
+        assert_eq!([next(&queue), next(&queue)], [Some(0), None]);
+        queue.done(0);
+        assert_eq!([next(&queue), next(&queue)], [Some(2), Some(3)]);
+    }
+
+    #[test]
+    fn cores_that_no_card_is_left_for_work_meanwhile() {
+        let trials = ["card", "another", "core"].map(trial);
+        let [card, another, core] = &trials;
+        let tasks = [
+            needing(card, 100, 1, 1.0),
+            needing(another, 90, 1, 0.5),
+            needing(core, 10, 1, None),
+        ];
+        let gpus = vec!["7".to_owned()];
+        let queue = Queue::new(&tasks, [Capacity { cores: 2, gpus }]);
+        let Next::Try(turn) = queue.next(0) else { panic!() };
+        assert_eq!(turn.share.gpus, Some(vec!["7".into()]));
+        assert_eq!([next(&queue), next(&queue)], [Some(2), None]);
+        queue.retry(turn, Duration::from_secs(100));
+        assert_eq!(next(&queue), Some(1), "a trial that waits holds no card");
+    }
+
+    #[test]
+    fn each_machine_takes_what_fits_it_and_leaves_when_nothing_will() {
+        let trials = ["wide", "narrow"].map(trial);
+        let tasks = [needing(&trials[0], 100, 4, None), needing(&trials[1], 1, 1, None)];
+        let gpus = Vec::new;
+        let machines = [1, 4].map(|cores| Capacity { cores, gpus: gpus() });
+        let queue = Queue::new(&tasks, machines);
+        assert_eq!(next(&queue), Some(1));
+        assert!(
+            matches!(queue.next(0), Next::Wait(_)),
+            "what runs may be tried again"
+        );
+        queue.done(1);
+        assert!(matches!(queue.next(0), Next::Done));
+        assert!(matches!(queue.next(1), Next::Try(Turn { task: 0, .. })));
     }
 }

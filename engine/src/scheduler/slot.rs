@@ -94,6 +94,8 @@ pub(super) struct Shared<'a> {
 /// One slot.
 pub(super) struct Slot<'a, R> {
     number: usize,
+    /// Place of its machine among all.
+    machine: usize,
     all: Shared<'a>,
     runner: R,
     events: &'a Sender<Event>,
@@ -116,9 +118,15 @@ enum Attempt {
 
 impl<'a, R: Runner> Slot<'a, R> {
     /// A slot that has run nothing yet.
-    pub(super) fn new(number: usize, all: Shared<'a>, runner: R, events: &'a Sender<Event>) -> Self {
+    pub(super) fn new(
+        (number, machine): (usize, usize),
+        all: Shared<'a>,
+        runner: R,
+        events: &'a Sender<Event>,
+    ) -> Self {
         Self {
             number,
+            machine,
             all,
             runner,
             events,
@@ -130,7 +138,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     /// Works until nothing is left or the run is stopped.
     pub(super) fn work(&mut self) -> Result<(), Error> {
         while !self.stopping() && !self.is_given_up {
-            match self.all.queue.next() {
+            match self.all.queue.next(self.machine) {
                 Next::Try(turn) => {
                     let (trial, store) = (turn.task, self.all.store);
                     let id = &self.all.tasks[trial].trial.id;
@@ -144,7 +152,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                         // What cannot be written now cannot be written by the other slots either: nothing new
                         // begins.
                         self.all.halt.store(true, Ordering::SeqCst);
-                        self.all.queue.done(id);
+                        self.all.queue.done(trial);
                         self.tell(Event::Broken {
                             slot: self.number,
                             problem: error.to_string(),
@@ -165,7 +173,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     fn pass_over(&self, trial: usize, obstacle: &Error) {
         let reason = obstacle.to_string();
         self.tell(Event::Obstructed { trial, reason });
-        self.all.queue.done(&self.all.tasks[trial].trial.id);
+        self.all.queue.done(trial);
     }
 
     fn stopping(&self) -> bool {
@@ -205,7 +213,7 @@ impl<'a, R: Runner> Slot<'a, R> {
 
     fn give_up(&self, trial: usize, reason: String) {
         self.tell(Event::Unready { trial, reason });
-        self.all.queue.done(&self.all.tasks[trial].trial.id);
+        self.all.queue.done(trial);
     }
 
     /// Claims a trial and runs it, unless another program has it or has ended it.
@@ -245,7 +253,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     /// Another program has the trial: this one waits for it, or goes without it.
     fn leave_to(&self, owner: Owner, turn: Turn) {
         if !self.all.workers.wait_for_others {
-            self.all.queue.done(&self.all.tasks[turn.task].trial.id);
+            self.all.queue.done(turn.task);
             return;
         }
         self.tell(Event::Held {
@@ -260,7 +268,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         // The end may have been stored after the list of missing trials was made.
         if let Some(end) = self.new_end(task, &turn) {
             self.tell(Event::EndedElsewhere { trial: index, end });
-            self.all.queue.done(&task.trial.id);
+            self.all.queue.done(index);
             return Ok(());
         }
         // Another program may have taken it to its pause meanwhile.
@@ -269,7 +277,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             .until
             .is_some_and(|until| measured().is_some_and(|step| step >= until))
         {
-            self.all.queue.done(&task.trial.id);
+            self.all.queue.done(index);
             return Ok(());
         }
         self.tell(Event::Started {
@@ -279,14 +287,14 @@ impl<'a, R: Runner> Slot<'a, R> {
         match self.attempt(task, &turn)? {
             Attempt::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
-                self.all.queue.done(&task.trial.id);
+                self.all.queue.done(index);
             }
             Attempt::Paused => {
                 self.tell(Event::Paused {
                     slot: self.number,
                     trial: index,
                 });
-                self.all.queue.done(&task.trial.id);
+                self.all.queue.done(index);
                 if let Some(bucket) = self.all.store.bucket() {
                     bucket.bring(self.all.store, &task.trial.id)?;
                 }
@@ -350,7 +358,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                     end,
                 });
                 let (id, store) = (&self.all.tasks[index].trial.id, self.all.store);
-                self.all.queue.done(id);
+                self.all.queue.done(index);
                 if let Some(bucket) = store.bucket() {
                     bucket.bring(store, id)?;
                 }
@@ -366,6 +374,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
             until: task.until,
             stalled_after_s: task.limits.stalled_after_s,
+            share: turn.share.clone(),
         };
         let (slot, events, started) = (self.number, self.events, clock::now());
         let mut progress = |done, total| {

@@ -3,6 +3,7 @@
 use crate::{
     Error, Recorder, Registry, panics,
     plain_text::brief,
+    resources::Share,
     results::{EndState, TrialEnd},
     store::{RunningTrial, Store},
     trial::Trial,
@@ -45,6 +46,9 @@ pub struct Request {
     /// How long nothing may be heard of a program that trains itself.
     #[serde(default)]
     pub stalled_after_s: Option<f64>,
+    /// The share of the machine that the trial has.
+    #[serde(default)]
+    pub share: Share,
 }
 
 /// What a worker says.
@@ -200,7 +204,8 @@ fn attempt(
     let patience = request.stalled_after_s.map(Duration::try_from_secs_f64);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, stop)
         .until(request.until)
-        .patient(patience.and_then(Result::ok));
+        .patient(patience.and_then(Result::ok))
+        .sharing(request.share.clone());
     let outcome = panics::caught(|| {
         trial.key.run_after(
             registry,

@@ -8,7 +8,7 @@ use super::{
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
     merge::acknowledged_files,
-    metrics_file, names, pack, partial, running,
+    metrics_file, names, pack, partial, repeats, running,
     seal::hash,
 };
 use crate::{
@@ -152,7 +152,8 @@ impl<'a> Check<'a> {
     fn root(&mut self) {
         for name in self.names(Path::new("")) {
             let path = PathBuf::from(&name);
-            let is_own = ["trials", LOOKS, pack::FOLDER, announced::FOLDER].contains(&name.as_str())
+            let is_own = ["trials", LOOKS, pack::FOLDER, announced::FOLDER, repeats::FOLDER]
+                .contains(&name.as_str())
                 || KNOWN.contains(&name.as_str());
             if !is_own {
                 self.foreign(path, "the store has no such file");

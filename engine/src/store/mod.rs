@@ -39,6 +39,7 @@ mod pack;
 mod parcel;
 mod partial;
 mod products;
+mod repeats;
 mod running;
 mod seal;
 mod sealed_folder;

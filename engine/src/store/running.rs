@@ -28,6 +28,7 @@ use crate::{
     Agent, Error, Keeper, Phase, Recorder,
     own_training::Place,
     recorder::Running,
+    resources::Share,
     world::{clock, fs},
 };
 use serde::{Deserialize, Serialize};
@@ -62,6 +63,8 @@ pub struct RunningTrial {
     until: Option<u64>,
     /// How long nothing may be heard of an agent that trains itself.
     patience: Option<Duration>,
+    /// The share of the machine that such an agent has.
+    share: Share,
     /// What was recorded up to there, once it has come there.
     paused: Option<Recorder>,
     /// Rows that were all finite when they were looked at, or saved by an earlier process.
@@ -104,6 +107,7 @@ impl RunningTrial {
             stop,
             until: None,
             patience: None,
+            share: Share::default(),
             paused: None,
             looked_at: 0,
             failed: Recorder::default(),
@@ -129,6 +133,13 @@ impl RunningTrial {
     #[must_use]
     pub fn patient(mut self, patience: Option<Duration>) -> Self {
         self.patience = patience;
+        self
+    }
+
+    /// The same for a trial that has another share of the machine than one core.
+    #[must_use]
+    pub fn sharing(mut self, share: Share) -> Self {
+        self.share = share;
         self
     }
 
@@ -346,6 +357,7 @@ impl Keeper for RunningTrial {
             folder,
             until: self.until,
             patience: self.patience,
+            share: self.share.clone(),
         }))
     }
 

@@ -179,6 +179,7 @@ impl OwnTraining for ProgramAgent {
                 &self.config,
                 started(&self.config, words)?,
                 &place,
+                &within.share,
             )?)
         };
         self.training = Some(Training {

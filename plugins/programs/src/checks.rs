@@ -28,6 +28,7 @@ impl ProgramConfig {
                            of the program, as `{ return: episodic_return }`";
             return Err(Error::config("metrics", problem));
         }
+        self.needs.check()?;
         self.measures()?;
         self.sources.0.keys().try_for_each(|name| within(name))?;
         self.metrics.keys().try_for_each(|name| of_ones_own(name))?;

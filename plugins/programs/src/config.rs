@@ -5,6 +5,7 @@ use engine::{
     guard::StopSignal,
     imported::{Step, SumOf},
     own_training::Measured,
+    resources::Needs,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,10 @@ pub struct ProgramConfig {
     /// Names of environment variables of the machine that it is given besides. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub inherit: Vec<String>,
+    /// What a trial needs of a machine: `{ cores: 2, gpus: 1 }`. No part of a trial's id.
+    #[schemars(extend("x-identity" = false))]
+    #[serde(skip_serializing_if = "is_usual")]
+    pub needs: Needs,
     /// The program that runs in the place of the first word: one on the path, or its place, as
     /// `.venv/bin/python`; empty for the first word itself. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
@@ -202,6 +207,10 @@ fn one() -> u64 {
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_one(last: &u64) -> bool {
     *last == one()
+}
+
+fn is_usual(needs: &Needs) -> bool {
+    *needs == Needs::default()
 }
 
 /// How a metric is shown.

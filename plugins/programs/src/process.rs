@@ -10,6 +10,7 @@ use crate::{
 use engine::{
     Error,
     guard::{Ending, Guarded, Left, Order},
+    resources::Share,
 };
 use std::{path::Path, time::Duration};
 
@@ -30,9 +31,14 @@ impl Process {
     ///
     /// # Errors
     /// [`Error::Worker`] where no guard can be started, and [`Error::File`].
-    pub fn start(config: &ProgramConfig, words: Vec<String>, place: &Workplace) -> Result<Self, Error> {
+    pub fn start(
+        config: &ProgramConfig,
+        words: Vec<String>,
+        place: &Workplace,
+        share: &Share,
+    ) -> Result<Self, Error> {
         let filters = STREAMS.map(|stream| filter(config, stream));
-        Self::start_with(config, words, place, filters)
+        Self::start_with(config, words, (place, share), filters)
     }
 
     /// As [`start`](Self::start), with other filters of what is noted.
@@ -42,7 +48,7 @@ impl Process {
     pub fn start_with(
         config: &ProgramConfig,
         words: Vec<String>,
-        place: &Workplace,
+        (place, share): (&Workplace, &Share),
         filters: [Filter; 2],
     ) -> Result<Self, Error> {
         let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
@@ -53,7 +59,7 @@ impl Process {
             signal: config.stop.signal,
             grace_ms: u64::try_from(grace(config).as_millis()).unwrap_or(u64::MAX),
         };
-        let variables = variables::given(config, place);
+        let variables = variables::given(config, place, share);
         let (guarded, streams) = Guarded::start(order, &variables)?;
         let listening = Listening::to(streams, filters, &place.notes())?;
         Ok(Self {

@@ -2,6 +2,7 @@
 //! declared.
 
 use crate::{ProgramConfig, output, workplace::Workplace};
+use engine::resources::Share;
 use std::{collections::BTreeMap, ffi::OsString};
 
 /// Passed on as they are; a `*` at the end stands for any letters.
@@ -40,18 +41,20 @@ const SET: [(&str, &str); 6] = [
     ("WANDB_MODE", "offline"),
     ("TERM", "dumb"),
 ];
-/// Libraries that would take all processors of a machine; a trial has one.
+/// Libraries that would take all processors of a machine; a trial has the cores of its share.
 const THREADS: [&str; 4] = ["OMP", "OPENBLAS", "MKL", "NUMEXPR"];
 
 /// The variables of a program: those of the machine that are passed on, those that are set for every trial, those
 /// of the study, and those by which the program finds what is its trial's.
-pub fn given(config: &ProgramConfig, place: &Workplace) -> BTreeMap<String, String> {
+pub fn given(config: &ProgramConfig, place: &Workplace, share: &Share) -> BTreeMap<String, String> {
     #[expect(
         clippy::disallowed_methods,
         reason = "a program is found by the variables of its machine; the study declares all others"
     )]
     let machine = std::env::vars_os();
-    let mut all = chosen(machine, &config.inherit, &config.variables);
+    let mut all = chosen(machine, &config.inherit);
+    all.extend(of_share(share));
+    all.extend(config.variables.clone());
     all.extend(of_trial(place, all.get("PYTHONPATH")));
     all
 }
@@ -69,10 +72,17 @@ fn of_trial(place: &Workplace, python_path: Option<&String>) -> [(String, String
     ]
 }
 
+/// The variables by which libraries keep to a share of the machine.
+fn of_share(share: &Share) -> BTreeMap<String, String> {
+    let threads = THREADS.map(|library| (format!("{library}_NUM_THREADS"), share.cores.to_string()));
+    let cards = share.gpus.as_ref();
+    let cards = cards.map(|names| ("CUDA_VISIBLE_DEVICES".to_owned(), names.join(",")));
+    threads.into_iter().chain(cards).collect()
+}
+
 fn chosen(
     machine: impl Iterator<Item = (OsString, OsString)>,
     inherit: &[String],
-    own: &BTreeMap<String, String>,
 ) -> BTreeMap<String, String> {
     let passed = |name: &str| {
         let is_passed = |pattern: &&str| match pattern.strip_suffix('*') {
@@ -88,8 +98,6 @@ fn chosen(
         .filter(|(name, _)| passed(name))
         .collect();
     all.extend(SET.map(|(name, value)| (name.to_owned(), value.to_owned())));
-    all.extend(THREADS.map(|library| (format!("{library}_NUM_THREADS"), "1".to_owned())));
-    all.extend(own.clone());
     all
 }
 
@@ -107,8 +115,7 @@ mod tests {
             ("KEY", "s"),
         ];
         let machine = machine.map(|(name, value)| (OsString::from(name), OsString::from(value)));
-        let own = [("PYTHONHASHSEED".to_owned(), "5".to_owned())].into();
-        let all = chosen(machine.into_iter(), &["KEY".to_owned()], &own);
+        let all = chosen(machine.into_iter(), &["KEY".to_owned()]);
         let value = |name: &str| all.get(name).map(String::as_str);
         assert_eq!(
             (value("PATH"), value("LC_ALL"), value("KEY")),
@@ -122,8 +129,26 @@ mod tests {
         assert_eq!(of_trial(Some(&own))["PYTHONPATH"], "own:folder/.regimen/python");
         assert_eq!(of_trial(None)["REGIMEN_LOG"], "folder/.regimen/log.jsonl");
         assert_eq!(
-            (value("OMP_NUM_THREADS"), value("PYTHONHASHSEED")),
-            (Some("1"), Some("5"))
+            (value("PYTHONHASHSEED"), value("MPLBACKEND")),
+            (Some("0"), Some("Agg"))
         );
+    }
+
+    #[test]
+    fn libraries_are_told_the_share_of_the_machine() {
+        let told = |cores, gpus: Option<&[&str]>| {
+            let gpus = gpus.map(|names| names.iter().map(ToString::to_string).collect());
+            of_share(&Share { cores, gpus })
+        };
+        let two = told(3, Some(&["0", "GPU-7"]));
+        assert_eq!(
+            (
+                two["MKL_NUM_THREADS"].as_str(),
+                two["CUDA_VISIBLE_DEVICES"].as_str()
+            ),
+            ("3", "0,GPU-7")
+        );
+        assert_eq!(told(1, Some(&[]))["CUDA_VISIBLE_DEVICES"], "");
+        assert!(!told(1, None).contains_key("CUDA_VISIBLE_DEVICES"));
     }
 }

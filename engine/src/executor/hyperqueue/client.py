@@ -83,9 +83,10 @@ def job_of(hq, request):
     # A worker that fails says nothing about the others.
     job = hq.Job(max_fails=None, name=request["name"])
     seconds = request["min_time_s"]
+    cards = {"gpus/nvidia": request["gpus"]} if request["gpus"] else None
     for _ in range(request["tasks"]):
         min_time = datetime.timedelta(seconds=seconds) if seconds else None
-        resources = ResourceRequest(cpus=request["cpus"], min_time=min_time)
+        resources = ResourceRequest(cpus=request["cpus"], min_time=min_time, resources=cards)
         job.program(request["command"], cwd=request["folder"], stdout=None, stderr=None, resources=resources)
     return job
 

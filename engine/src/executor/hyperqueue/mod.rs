@@ -72,6 +72,10 @@ impl Executor for HyperQueue {
         self.options.cpus_per_task()
     }
 
+    fn gpus_per_task(&self) -> usize {
+        self.options.gpus_per_task.map_or(0, NonZeroUsize::get)
+    }
+
     fn trials_per_task(&self) -> NonZeroUsize {
         self.options.trials_per_task()
     }

@@ -19,6 +19,8 @@ pub struct Options {
     pub python: Option<String>,
     /// Cores of one task, each with a worker process; 1.
     pub cpus_per_task: Option<NonZeroUsize>,
+    /// Graphics cards of one task, as the resource `gpus/nvidia`; none.
+    pub gpus_per_task: Option<NonZeroUsize>,
     /// Seconds that a worker of HyperQueue must still have of its time limit when it is given a task; 0. A task is not
     /// begun at the end of an allocation then.
     pub min_time_s: Option<NonZeroU32>,

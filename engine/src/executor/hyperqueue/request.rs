@@ -8,7 +8,10 @@ use crate::{
     world::fs,
 };
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::{
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+};
 
 /// The tasks of one job, which are all alike.
 #[derive(Debug, Serialize)]
@@ -19,6 +22,8 @@ pub struct Request {
     tasks: usize,
     /// Cores of each.
     cpus: usize,
+    /// Graphics cards of each.
+    gpus: usize,
     /// What a worker of HyperQueue must still have of its time, seconds.
     min_time_s: Option<u32>,
     /// The folder that tasks run in.
@@ -54,6 +59,7 @@ impl Request {
             name: submission.job_name(),
             tasks: submission.arrays[array].tasks,
             cpus: options.cpus_per_task().get(),
+            gpus: options.gpus_per_task.map_or(0, NonZeroUsize::get),
             min_time_s: options.min_time_s.map(Into::into),
             folder: submission.work.folder.clone(),
             command: ["sh".into(), "-c".into(), script(submission, array, options)],
@@ -136,16 +142,18 @@ mod tests {
 
     #[test]
     fn a_request_says_who_it_is_and_becomes_the_worker() {
-        let options: Options =
-            toml::from_str("cpus_per_task = 2\nmin_time_s = 600\nsetup = [\"module load regimen\"]").unwrap();
+        let options: Options = toml::from_str(
+            "cpus_per_task = 2\ngpus_per_task = 1\nmin_time_s = 600\nsetup = [\"module load regimen\"]",
+        )
+        .unwrap();
         let request = Request::of(&submission(Path::new("/shared/a store"), &options), 0, &options);
         let expected = "exec >> '/shared/a store/submissions/ID/array-0-task-'\"$HQ_TASK_ID\".log 2>&1\n\
                         module load regimen\n\
                         exec /opt/regimen/bin/regimen worker '/shared/my studies/table.yaml' -j 2 --submission ID";
         assert_eq!(request.command, ["sh", "-c", expected]);
         assert_eq!(
-            (request.tasks, request.cpus, request.min_time_s),
-            (3, 2, Some(600))
+            (request.tasks, request.cpus, request.gpus, request.min_time_s),
+            (3, 2, 1, Some(600))
         );
         assert_eq!(
             request.note,

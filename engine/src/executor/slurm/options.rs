@@ -21,6 +21,8 @@ pub struct Options {
     pub time: Option<String>,
     /// Cores of one task, each with a worker process; 1.
     pub cpus_per_task: Option<NonZeroUsize>,
+    /// Graphics cards of one task, as `--gres=gpu:N`; none. Their kind is an argument: `["--gres=gpu:a100:1"]`.
+    pub gpus_per_task: Option<NonZeroUsize>,
     /// Memory of one task in megabytes; the cluster's default.
     pub memory_mb: Option<NonZeroU32>,
     /// Tasks that may run at a time; 100.

@@ -43,6 +43,7 @@ fn directives(submission: &Submission, array: usize, options: &Options) -> Vec<S
         format!("--cpus-per-task={}", options.cpus_per_task()),
         format!("--signal=B:USR1@{}", options.signal_lead_s()),
     ];
+    all.extend(options.gpus_per_task.map(|gpus| format!("--gres=gpu:{gpus}")));
     let given = [
         ("partition", &options.partition),
         ("account", &options.account),
@@ -109,7 +110,7 @@ mod tests {
     #[test]
     fn a_script_says_who_it_is_and_becomes_the_worker() {
         let options: Options = toml::from_str(
-            "partition = \"long\"\naccount = \"rl\"\ntime = \"4:00:00\"\ncpus_per_task = 2\nmemory_mb = \
+            "partition = \"long\"\naccount = \"rl\"\ntime = \"4:00:00\"\ncpus_per_task = 2\ngpus_per_task = 1\nmemory_mb = \
              4000\n\
              arguments = [\"--qos=high\", \"--constraint=a b\"]\nsetup = [\"module load regimen\"]",
         )

@@ -21,7 +21,9 @@ pub(super) use remote::Remote;
 use crate::{
     Error,
     executor::{Access, Stop, quoted, tell},
-    input_file, store,
+    input_file,
+    resources::Capacity,
+    store,
     world::{
         fs::File,
         process::{self, Command, Stdio},
@@ -39,7 +41,8 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Host {
     name: String,
-    workers: usize,
+    /// What it has: a worker process for each core.
+    capacity: Capacity,
     /// The command that runs a line of shell there, without the line.
     shell: Vec<OsString>,
     /// The line that starts the program there.
@@ -80,10 +83,10 @@ const LOOKED_AT_WITHIN: Duration = Duration::from_secs(60);
 const BROUGHT_WITHIN: Duration = Duration::from_secs(900);
 
 impl Host {
-    /// Worker processes that run there.
+    /// What it has for trials: a worker process for each core.
     #[must_use]
-    pub fn workers(&self) -> usize {
-        self.workers
+    pub fn capacity(&self) -> &Capacity {
+        &self.capacity
     }
 
     /// Its name, as `ssh` knows it.
@@ -170,12 +173,13 @@ impl Asked<'_> {
         let folder = quoted(&self.access.folder);
         let look = format!(
             "mkdir -p {folder} && cd {folder} && uname -sm && getconf _NPROCESSORS_ONLN && \
+             {{ ls /proc/driver/nvidia/gpus 2>/dev/null || true; }} | wc -l && \
              if test -x {name}; then echo there; else echo absent; fi",
             name = self.name
         );
         let said = self.run(host, &look, Stdio::null(), LOOKED_AT_WITHIN)?;
         let lines: Vec<&str> = said.lines().map(str::trim).rev().collect();
-        let [has, cores, system, ..] = lines[..] else {
+        let [has, gpus, cores, system, ..] = lines[..] else {
             return Err(format!("it said `{}`", said.trim()));
         };
         if self.access.program.is_none() {
@@ -188,10 +192,17 @@ impl Asked<'_> {
                 self.bring(host)?;
             }
         }
-        let cores = cores.parse().map_err(|_| format!("it said `{}`", said.trim()))?;
+        let number = |text: &str| {
+            text.parse::<usize>()
+                .map_err(|_| format!("it said `{}`", said.trim()))
+        };
+        let (cores, gpus) = (number(cores)?, number(gpus)?);
         Ok(Host {
             name: host.to_owned(),
-            workers: self.access.workers.map_or(cores, NonZeroUsize::get),
+            capacity: Capacity {
+                cores: self.access.workers.map_or(cores, NonZeroUsize::get),
+                gpus: (0..gpus).map(|card| card.to_string()).collect(),
+            },
             shell: self.shell(host),
             line: in_shell(&self.line()),
             program: self.version.to_owned(),
@@ -297,7 +308,7 @@ mod tests {
             .hosts
             .all
             .iter()
-            .map(|host| (host.name(), host.workers()))
+            .map(|host| (host.name(), host.capacity().cores))
             .collect();
         assert_eq!(names, [("near", 3)]);
         assert_eq!(

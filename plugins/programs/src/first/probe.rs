@@ -10,7 +10,7 @@ use crate::{
     process::Process,
     workplace::Workplace,
 };
-use engine::{DataFile, Error, imported::matching, reach::Reach};
+use engine::{DataFile, Error, imported::matching, reach::Reach, resources::Share};
 use std::{path::Path, time::Duration};
 
 /// How long a program may take to say its options.
@@ -132,6 +132,11 @@ impl Probe {
             numbers: true,
             ..Filter::default()
         });
-        Ok(Process::start_with(&self.config, words, &place, filters)?)
+        Ok(Process::start_with(
+            &self.config,
+            words,
+            (&place, &Share::default()),
+            filters,
+        )?)
     }
 }

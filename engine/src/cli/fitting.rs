@@ -1,0 +1,86 @@
+//! What trials need, held against what a machine, a host or a task of a queue has, before anything runs.
+
+use super::{BAD_SPEC, Failure, consent, settings::Settings};
+use crate::{
+    Registry,
+    executor::{self, LOCAL, Way},
+    resources::{Capacity, Needs},
+    trial::Part,
+};
+
+/// Machines on which trials would run, and the keys that say what these have.
+pub(super) struct Machines {
+    /// What each of them has.
+    pub(super) all: Vec<Capacity>,
+    /// What they are called: `this machine`, `a task`.
+    pub(super) name: &'static str,
+    /// Where it is said what they have.
+    pub(super) keys: String,
+}
+
+impl Machines {
+    /// This machine, with so many worker processes.
+    pub(super) fn here(settings: &Settings, workers: usize) -> Self {
+        Self {
+            all: vec![Capacity {
+                cores: workers,
+                gpus: settings.gpus.clone(),
+            }],
+            name: "this machine",
+            keys: "`workers` (`-j`) and `gpus` of regimen.toml".into(),
+        }
+    }
+
+    /// The tasks of an executor that has a queue.
+    pub(super) fn tasks(executor: &dyn executor::Executor, name: &str) -> Self {
+        let cores = executor.cpus_per_task().get();
+        let gpus = (0..executor.gpus_per_task()).map(|card| card.to_string());
+        Self {
+            all: vec![Capacity {
+                cores,
+                gpus: gpus.collect(),
+            }],
+            name: "a task",
+            keys: format!("`cpus_per_task` and `gpus_per_task` in [{name}] of regimen.toml"),
+        }
+    }
+
+    /// The machines of the executor that the settings name; `None` for hosts, which are not reached yet.
+    pub(super) fn of(settings: &Settings) -> Result<Option<Self>, Failure> {
+        if settings.executor == LOCAL {
+            return Ok(Some(Self::here(settings, settings.workers)));
+        }
+        let kind = executor::find(&settings.executor).filter(|kind| !matches!(kind.way, Way::Hosts(_)));
+        let Some(kind) = kind else { return Ok(None) };
+        let executor = settings.executor(&kind, None)?;
+        Ok(Some(Self::tasks(&*executor, kind.name)))
+    }
+
+    /// Refuses agents whose trials fit none of these.
+    pub(super) fn refuse_unfit<'a>(
+        &self,
+        registry: &Registry,
+        agents: impl Iterator<Item = &'a Part>,
+    ) -> Result<(), Failure> {
+        for part in agents {
+            let needs = Needs::of(registry, Some(part));
+            if self.all.iter().any(|machine| machine.fits(&needs)) {
+                continue;
+            }
+            let Some(largest) = self.all.iter().max_by_key(|it| (it.gpus.len(), it.cores)) else {
+                continue;
+            };
+            let text = format!(
+                "error: a trial of `{}` needs {}, and {} has {}\nhelp: `needs` of the program says the first, {} the \
+                 second",
+                consent::in_short(registry, part),
+                needs.in_words(),
+                self.name,
+                largest.in_words(),
+                self.keys
+            );
+            return Err(Failure { code: BAD_SPEC, text });
+        }
+        Ok(())
+    }
+}
