@@ -8,6 +8,7 @@ mod fake;
 use crate::{
     needs,
     program::{Answer, Bench, answer, repository},
+    programs,
 };
 use std::{
     path::PathBuf,
@@ -72,6 +73,7 @@ fn trials_through_slurm_equal_local_ones() {
     a_cancelled_submission_ends_the_wait(&cluster);
     a_failing_trial_is_one_row(&cluster);
     a_search_chooses_what_it_chooses_here(&cluster);
+    a_program_has_the_cores_and_cards_of_its_task(&cluster);
     a_task_that_is_requeued_goes_on(&cluster, &expected);
     cancelled_tasks_are_submitted_again(&cluster, &expected);
     a_time_limit_costs_no_trial(&cluster);
@@ -170,6 +172,38 @@ fn a_search_chooses_what_it_chooses_here(cluster: &Cluster) {
     let read =
         |folder: &str| std::fs::read_to_string(bench.path(folder).join("tables/settings.csv")).unwrap();
     assert_eq!(read("there"), read("here"));
+}
+
+/// Each node has one core and one card, of which Slurm says the number alone.
+fn a_program_has_the_cores_and_cards_of_its_task(cluster: &Cluster) {
+    let bench = Bench::new();
+    bench.write(
+        "a.sh",
+        "echo r=$1\necho \"$1 cards=$CUDA_VISIBLE_DEVICES threads=$OMP_NUM_THREADS\" >>\"$2\"\n",
+    );
+    let notes = bench.path("notes");
+    let words = format!("[sh, a.sh, \"{{seed}}\", {}]", notes.display());
+    let study = programs::study_of(&words, "{ return: r }", "      needs: { cores: 1, gpus: 1 }");
+    bench.write("study.yaml", &study.replace("seeds: 1", "seeds: 4"));
+    bench.write("regimen.toml", SETTINGS);
+    let refused = cluster.run(&bench, &["run", "study.yaml", "--yes"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(
+        refused.err.contains("a task has 1 core and no GPU"),
+        "{}",
+        refused.err
+    );
+    bench.write("regimen.toml", &format!("{SETTINGS}gpus_per_task = 1\n"));
+    let ran = cluster.run(&bench, &["run", "study.yaml", "--yes"]);
+    assert_eq!(ran.code, 0, "{}\n{}\n{}", ran.out, ran.err, logs(&bench));
+    let mut noted: Vec<String> = std::fs::read_to_string(notes)
+        .unwrap()
+        .lines()
+        .map(Into::into)
+        .collect();
+    noted.sort();
+    let expected: Vec<String> = (0..4).map(|seed| format!("{seed} cards=0 threads=1")).collect();
+    assert_eq!(noted, expected);
 }
 
 fn a_task_that_is_requeued_goes_on(cluster: &Cluster, expected: &Expected) {

@@ -7,6 +7,7 @@ mod stopped;
 use crate::{
     needs,
     program::{Answer, Bench, answer, trial_files},
+    programs,
     slurm::STUDY,
 };
 use std::{
@@ -276,6 +277,46 @@ fn hosts_get_what_trials_take_and_the_files_of_the_study() {
     let refused = bench.run(&["run", "pausing.yaml", "--store", "far", "-o", "pausing"]);
     assert_eq!(refused.code, 2, "{}", refused.err);
     assert!(refused.err.contains("`rates` pauses trials"), "{}", refused.err);
+}
+
+/// The files of a program are brought to a host; it runs there and what it says comes home.
+#[test]
+fn programs_run_on_hosts_with_their_sources() {
+    let Some(hosts) = Hosts::start(&["one", "two"]) else {
+        return;
+    };
+    let bench = Bench::new();
+    bench.write("train.sh", programs::WALKER);
+    bench.write("more.sh", "echo \"brought to $(pwd)\" >&2\n");
+    let run = "[sh, -c, \". ./more.sh; sh train.sh 0.5 $0 $1\", \"{seed}\", \"{steps}\"]";
+    let study = programs::study_of(
+        run,
+        "{ return: charts/return }",
+        "      reads: { step: global_step }",
+    );
+    bench.write("study.yaml", &study.replace("seeds: 1", "seeds: 4"));
+    bench.ok(&["run", "study.yaml", "-j", "2", "--store", "here", "--yes"]);
+    bench.write("regimen.toml", &hosts.settings(&["one", "two"], "workers = 1\n"));
+    let ran = bench.run(&["run", "study.yaml", "--store", "far", "--yes"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert_eq!(bench.digests("far"), bench.digests("here"));
+    let outputs: Vec<PathBuf> = trial_files(&bench.path("far"))
+        .iter()
+        .map(|file| file.with_file_name("output.gz"))
+        .collect();
+    assert!(outputs.iter().all(|output| output.exists()), "{outputs:?}");
+    // A trial that no host has room for is refused.
+    bench.write(
+        "study.yaml",
+        &study.replace("reads:", "needs: { cores: 3 }\n      reads:"),
+    );
+    let refused = bench.run(&["run", "study.yaml", "--store", "none", "--yes"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(
+        refused.err.contains("the largest host has 1 core and no GPU"),
+        "{}",
+        refused.err
+    );
 }
 
 /// Waits until so many trials run on a host.

@@ -22,7 +22,7 @@ use serde_json::Value;
 use std::{fs, path::PathBuf};
 
 /// A learner whose return grows with its rate, and has noise of its seed: lines of JSON on standard output.
-const WALKER: &str = r#"#!/bin/sh
+pub(crate) const WALKER: &str = r#"#!/bin/sh
 # train.sh RATE SEED STEPS
 awk -v rate="$1" -v seed="$2" -v steps="$3" 'BEGIN {
   for (step = 100; step <= steps; step += 100) {
@@ -33,7 +33,7 @@ awk -v rate="$1" -v seed="$2" -v steps="$3" 'BEGIN {
 "#;
 
 /// A study of one program, whose words, metrics and further keys are given.
-fn study_of(run: &str, metrics: &str, more: &str) -> String {
+pub(crate) fn study_of(run: &str, metrics: &str, more: &str) -> String {
     format!(
         "study: one\nenvironments:\n  task: {{ named: {{ id: Walk-v0 }} }}\nagents:\n  mine:\n    program:\n      run: {run}\n      \
          sources: [\"*.sh\"]\n      lock: none\n      metrics: {metrics}\n{more}\nprotocol: {{ train_evaluate: {{ steps: 1000, \

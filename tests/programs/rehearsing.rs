@@ -25,7 +25,7 @@ fn rehearse(place: &Place, options: &[&str]) -> Answer {
 fn a_program_that_repeats_is_told_from_those_that_nearly_do_and_do_not() {
     let cases = [
         ("0", "repeats to the bit"),
-        ("starts * 1e-8", "repeats to 1e-6"),
+        ("starts * 1e-8", "repeats to 1e-8"),
         ("starts", "does not repeat"),
     ];
     for (more, words) in cases {

@@ -1,7 +1,7 @@
 //! Files as they are read: unpacked, told from files of other kinds by their first bytes, and counted once where
 //! one is a copy of another.
 
-use super::{event_files, input, sha256};
+use super::{arrays, event_files, input, sha256, wandb};
 use crate::{Error, input_file};
 use flate2::read::MultiGzDecoder;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,10 @@ pub(super) enum Form {
     Events,
     /// Tables in Parquet.
     Parquet,
+    /// Arrays of NumPy in an archive.
+    Arrays,
+    /// Runs of W&B that were kept offline.
+    Wandb,
     /// JSON: a document, or a line for every record.
     Json,
     /// Text with a separator between columns.
@@ -29,12 +33,7 @@ pub(super) enum Form {
 }
 
 /// First bytes of files that are not read, with their names and a way to convert each.
-const FOREIGN: [(&[u8], &str, &str); 17] = [
-    (
-        b"PK\x03\x04",
-        "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write",
-        "save the table as CSV",
-    ),
+const FOREIGN: [(&[u8], &str, &str); 15] = [
     (
         b"\x89HDF\r\n",
         "an HDF5 file",
@@ -87,11 +86,6 @@ const FOREIGN: [(&[u8], &str, &str); 17] = [
         "a pickle of Python",
         "pandas.DataFrame(pandas.read_pickle(FILE)).to_csv(\"log.csv\")",
     ),
-    (
-        b":W&B",
-        "a transaction log of W&B",
-        "wandb.Api().run(PATH).history().to_csv(\"log.csv\")",
-    ),
     (b"\xff\xfe", "text in UTF-16", "save the file as UTF-8"),
     (b"\xfe\xff", "text in UTF-16", "save the file as UTF-8"),
     (b"%PDF", "a PDF file", "name the table that it was made of"),
@@ -124,9 +118,15 @@ impl Content {
         if is(b"PAR1") {
             return Ok(Form::Parquet);
         }
+        if is(arrays::MAGIC) {
+            return Ok(Form::Arrays);
+        }
+        if is(wandb::MAGIC) {
+            return Ok(Form::Wandb);
+        }
         if let Some((_, kind, way)) = FOREIGN.iter().find(|(magic, ..)| is(magic)) {
-            let read =
-                "CSV, JSON, JSON lines, Parquet and TensorBoard's event files are read, also packed by gzip";
+            let read = "CSV, JSON, JSON lines, Parquet, arrays of NumPy (.npz), TensorBoard's event files and offline runs of W&B \
+                 are read, also packed by gzip";
             return Err(self.wrong(None, format!("it is {kind}, which is not read: {way} ({read})")));
         }
         let text = self.bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.bytes);
@@ -184,7 +184,8 @@ impl Content {
     }
 
     fn is_binary(&self) -> bool {
-        self.bytes.starts_with(b"PAR1") || event_files::begins(&self.bytes)
+        let begins = |magic| self.bytes.starts_with(magic);
+        begins(b"PAR1") || begins(arrays::MAGIC) || begins(wandb::MAGIC) || event_files::begins(&self.bytes)
     }
 }
 
@@ -315,6 +316,8 @@ mod tests {
     fn a_file_is_told_by_its_first_bytes() {
         for (bytes, form) in [
             (&b"PAR1x"[..], Form::Parquet),
+            (b"PK\x03\x04", Form::Arrays),
+            (b":W&B\xe1\xbe", Form::Wandb),
             (b" {\"a\": 1}", Form::Json),
             (b"\xef\xbb\xbf[1]", Form::Json),
             (b"step,x\n", Form::Separated),

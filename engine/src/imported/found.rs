@@ -30,7 +30,8 @@ pub struct Found {
     pub purged: usize,
 }
 
-/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip. Files of
+/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip; archives of
+/// NumPy and offline runs of W&B. Files of
 /// other kinds are told by their first bytes.
 ///
 /// # Errors

@@ -7,6 +7,7 @@
 //! | seed | as the study says | [`FIRST_SEED`] and more, so that no run is paired with an own trial |
 //! | where | the store | the files that the study names |
 
+mod arrays;
 mod columns;
 mod content;
 mod event_files;
@@ -19,6 +20,7 @@ mod restarts;
 mod separated;
 mod table;
 mod tables;
+mod wandb;
 
 pub use found::{Columns, Found, columns, read};
 pub use json::of_line;

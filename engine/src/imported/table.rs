@@ -1,6 +1,8 @@
 //! Tables, whatever file they come from: names of columns, and lines of cells as text.
 
-use super::{Content, columns::Missing, content::Form, input, json, mapping::Mapping, separated};
+use super::{
+    Content, arrays, columns::Missing, content::Form, input, json, mapping::Mapping, separated, wandb,
+};
 use crate::{Error, panics, parquet::Table as ParquetTable, reach::quoted};
 use csv::StringRecord;
 use std::path::{Path, PathBuf};
@@ -51,6 +53,8 @@ impl Table {
     pub(super) fn read(file: &Content, form: Form) -> Result<Self, Error> {
         match form {
             Form::Json => json::table(file),
+            Form::Arrays => arrays::table(file),
+            Form::Wandb => wandb::table(file),
             Form::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
             _ => separated::table(file),
         }

@@ -121,7 +121,9 @@ impl Contents {
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
-            chart.notes = with_agents(notes, results, |name| shows(&chart, &spec.labels[name]));
+            chart.notes = with_agents(notes, results, |name| {
+                shows(&chart, spec.labels.get(name).map_or(name, String::as_str))
+            });
             if let Some(sentence) = figure::lacking(&chart) {
                 warnings.push(format!("figure `{name}`: {sentence}"));
                 chart.notes.push(sentence);
