@@ -3,9 +3,6 @@
 
 use engine::{Build, Registry};
 
-/// The study with which the program tests itself; it has a profile `smoke`.
-pub const SELFTEST: &str = include_str!("../experiments/first/quickstart.yaml");
-
 /// All plugins by name, the version of the numerical code that they share, and the source code that they are
 /// built from.
 #[must_use]

@@ -68,7 +68,6 @@ fn trials_through_slurm_equal_local_ones() {
     let Some(cluster) = Cluster::start() else { return };
     let expected = Expected::compute();
     both_nodes_work_and_a_second_run_does_nothing(&cluster, &expected);
-    the_self_test_finds_slurm_equal(&cluster);
     a_detached_submission_is_found_again_and_not_doubled(&cluster, &expected);
     a_cancelled_submission_ends_the_wait(&cluster);
     a_failing_trial_is_one_row(&cluster);
@@ -80,19 +79,6 @@ fn trials_through_slurm_equal_local_ones() {
     a_lost_node_costs_no_trial(&cluster, &expected);
     // Last: the controller may give ids of jobs again that the nodes still know, and then drains them.
     a_controller_that_crashes_costs_no_trial(&cluster, &expected);
-}
-
-fn the_self_test_finds_slurm_equal(cluster: &Cluster) {
-    let bench = Bench::new();
-    bench.write("regimen.toml", SETTINGS);
-    let told = cluster.run(
-        &bench,
-        &["selftest", "--slurm", "--folder", ".", "--format", "json"],
-    );
-    assert_eq!(told.code, 0, "{}\n{}", told.out, told.err);
-    let told: serde_json::Value = serde_json::from_str(&told.out).unwrap();
-    let slurm = told["ways"].as_array().unwrap().last().unwrap();
-    assert!(slurm["way"] == "Slurm" && slurm["equal"] == true, "{told}");
 }
 
 fn both_nodes_work_and_a_second_run_does_nothing(cluster: &Cluster, expected: &Expected) {

@@ -4,21 +4,9 @@ use crate::program::{Bench, answer, repository};
 
 #[test]
 fn plugins_of_another_program_are_computed_to_the_same_bits_in_every_way() {
-    let bench = Bench::new();
-    let told = answer(
-        &bench
-            .built("third-party", &["selftest", "--format", "json"])
-            .output()
-            .unwrap(),
-    );
-    assert_eq!(told.code, 0, "{}\n{}", told.out, told.err);
-    let told: serde_json::Value = serde_json::from_str(&told.out).unwrap();
-    let ways = told["ways"].as_array().unwrap();
-    // Two agents with two seeds.
-    assert!(told["trials"] == 4 && ways.len() == 5, "{told}");
-    assert!(
-        ways.iter().all(|way| way["equal"] == true && way["stored"] == 4),
-        "{told}"
+    crate::ways::hold(
+        "third-party",
+        &repository().join("examples/third_party/study.yaml"),
     );
 }
 

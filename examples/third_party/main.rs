@@ -3,7 +3,6 @@
 //!
 //! ```text
 //! third-party run examples/third_party/study.yaml --profile smoke
-//! third-party selftest            computes the embedded study in every way there is and compares the bits
 //! ```
 
 mod episodes;
@@ -14,7 +13,7 @@ use engine::Registry;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    engine::cli::main(registry, include_str!("study.yaml"))
+    engine::cli::main(registry)
 }
 
 fn registry() -> Registry {

@@ -33,7 +33,6 @@ mod rollout;
 mod run;
 mod running;
 mod searches;
-mod selftest;
 mod settings;
 mod shell;
 mod stages;
@@ -87,8 +86,8 @@ struct Command {
 
 const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study cannot be checked for want of \
  something that this machine lacks (check), 4 nothing selected, 100 some trials failed, \
-101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, \
-selftest), 102 a table or figure could not be made, 106 incomplete, 128+n signal n.";
+101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify), \
+102 a table or figure could not be made, 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
 #[derive(Debug, Clone, Args)]
@@ -409,9 +408,6 @@ enum Verb {
     /// Compute stored trials again, beside the store, and compare digests of metrics and products; 101 where they
     /// differ, 106 where one could not be compared. It works in the system's temporary folder.
     Verify(verify::VerifyOptions),
-    /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the
-    /// digests.
-    Selftest(selftest::SelftestOptions),
     /// Hand what is missing to a cluster and leave, or write what would be handed over.
     Submit {
         #[command(flatten)]
@@ -466,10 +462,9 @@ enum Verb {
     },
 }
 
-/// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the
-/// self-test computes.
+/// Reads the command line and does what it says.
 #[must_use]
-pub fn main(registry: impl FnOnce() -> Registry, selftest: &str) -> ExitCode {
+pub fn main(registry: impl FnOnce() -> Registry) -> ExitCode {
     // Once for every trial of a program, before anything is built.
     if let Some(code) = guard::serve_if_asked() {
         return code;
@@ -479,7 +474,7 @@ pub fn main(registry: impl FnOnce() -> Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = parse(registry);
     common.input_mb.into_iter().for_each(input_file::allow);
     patience::say_by(complain);
-    let answered = answer(registry, selftest, verb, &common);
+    let answered = answer(registry, verb, &common);
     ExitCode::from(match answered.and_then(if_said) {
         Ok(code) => code,
         Err(failure) => {
@@ -497,7 +492,7 @@ fn parse(registry: &Registry) -> Command {
     Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
-fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> Result<u8, Failure> {
+fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failure> {
     match verb {
         Verb::Check(options) => rehearse::check(registry, &options, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
@@ -529,7 +524,6 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Export(options) => export::export(registry, &options, common),
         Verb::Import(options) => import::import(&options, common),
         Verb::Verify(options) => verify::verify(registry, &options, common),
-        Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker(options) => worker(registry, &options, common),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
