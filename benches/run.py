@@ -1,7 +1,7 @@
 """Runs every speed comparison side by side, pair by pair, and prints the ratios as a Markdown table.
 
 Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r benches/peers/requirements.txt, and our
-Python package: V/bin/maturin build --release --manifest-path wheel/Cargo.toml --out target/wheels && V/bin/pip install target/wheels/regimen-*.whl
+Python package: PATH="$PWD/V/bin:$PATH" wheel/build target/wheels && V/bin/pip install target/wheels/regimen_rl-*.whl
 usage: run.py PYTHON_OF_THE_PEERS [ROUNDS] [ONLY...]
 """
 
@@ -13,6 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
+
+import programs
 
 PEERS = sys.argv[1]
 ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
@@ -68,6 +70,11 @@ protocol: {{ train_evaluate: {{ steps: 0, final_episodes: 1, trace_episodes: 0 }
 seeds: {trials}
 """
     return {"who": "Regimen, 2 workers", "s_per_trial": timed(study, 2) / trials, "trials": trials}
+
+
+def trivial_programs(starts):
+    seconds = programs.under_regimen(f"{TARGET}/release/regimen", programs.SHELL, starts, 2, TARGET)["s"]
+    return {"who": "Regimen, 2 workers", "s_per_trial": seconds / starts, "trials": starts}
 
 
 def measured(command, folder):
@@ -160,6 +167,8 @@ for gas in ("TABULAR", "CEA"):
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_ray.py", 40), False)
+for script, starts in (("programs_submitit.py", 100), ("programs_ray.py", 100)):
+    compare("trivial program (s)", "s_per_trial", lambda: trivial_programs(1000), lambda: peer(script, starts, *programs.SHELL), False)
 for agent in ("tdom_ac", "rommeo", "pr2"):
     compare(f"joint update of {agent} (s)", "median_s", lambda: bench("joint_learning", agent, 5), lambda: peer("joint_torch.py", agent, 5, cpu=0), False)
 IMAGES = [("convolve_3x3", 16, 16, 16), ("convolve_3x3", 32, 32, 16), ("convolve_3x3", 3, 16, 32), ("convolve_3x3", 16, 3, 32)]
