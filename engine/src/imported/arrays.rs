@@ -72,13 +72,14 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
 #[allow(clippy::type_complexity, reason = "names with arrays, and sentences")]
 fn arrays(file: &Content) -> Result<(Vec<(String, Array)>, Vec<String>), Error> {
     let damaged = |problem: &dyn std::fmt::Display| {
-        file.wrong(None, format!("it is an archive that cannot be read: {problem}"))
+        let kind = "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write";
+        file.wrong(None, format!("it is {kind}, and cannot be read: {problem}"))
     };
     let mut archive = ZipArchive::new(Cursor::new(&file.bytes[..])).map_err(|error| damaged(&error))?;
     let is_array = |name: Result<std::borrow::Cow<'_, str>, _>| name.is_ok_and(|name| name.ends_with(".npy"));
     if archive.is_empty() || !archive.file_names().all(is_array) {
         let problem =
-            "it is a ZIP archive without arrays of NumPy, as Excel (.xlsx) writes: save the table as CSV";
+            "it is a ZIP archive, as Excel (.xlsx) writes, without arrays of NumPy: save the table as CSV";
         return Err(file.wrong(None, problem.into()));
     }
     let (mut arrays, mut notes) = (Vec::new(), Vec::new());
@@ -308,7 +309,7 @@ mod tests {
     #[test]
     fn what_is_no_archive_of_arrays_is_refused_with_a_reason() {
         let torn = read(&EVALUATIONS[..EVALUATIONS.len() / 2]).unwrap_err();
-        assert!(torn.contains("it is an archive that cannot be read"), "{torn}");
+        assert!(torn.contains("NumPy (.npz) write, and cannot be read"), "{torn}");
         let mut other = Vec::new();
         let mut archive = zip::ZipWriter::new(Cursor::new(&mut other));
         let options = zip::write::SimpleFileOptions::default();
@@ -317,7 +318,7 @@ mod tests {
         assert!(
             read(&other)
                 .unwrap_err()
-                .contains("as Excel (.xlsx) writes: save the table as CSV")
+                .contains("without arrays of NumPy: save the table as CSV")
         );
     }
 }

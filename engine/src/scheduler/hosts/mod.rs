@@ -332,7 +332,7 @@ mod tests {
     #[test]
     fn a_host_of_another_kind_is_told_what_to_write() {
         let dir = tempfile::tempdir().unwrap();
-        let other = "echo 'Darwin arm64'; echo 8; echo absent";
+        let other = "echo 'Darwin arm64'; echo 8; echo 0; echo absent";
         let access = access(dir.path(), other);
         let found = Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
         assert!(found.hosts.all.is_empty());
