@@ -341,6 +341,13 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
          record no number of \
          updates."
     ));
+    if !results.repeated.is_empty() {
+        notes.push(
+            "Whether a program repeats is known from one of its trials, which was computed twice up to the first \
+             measurement."
+                .into(),
+        );
+    }
     if budgets.iter().any(|budget| budget.agent == "all casts") {
         notes.push("Casts of a play are policies that other trials trained.".into());
     }

@@ -121,7 +121,7 @@ impl Contents {
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
-            chart.notes = with_agents(notes, results, |name| {
+            chart.notes = with_agents(notes, results, Said::Lacks, |name| {
                 shows(&chart, spec.labels.get(name).map_or(name, String::as_str))
             });
             if let Some(sentence) = figure::lacking(&chart) {
@@ -449,7 +449,12 @@ fn shows(chart: &Chart, label: &str) -> bool {
 }
 
 /// Notes with sentences on the agents that are shown: on imported runs, and on programs that were computed twice.
-fn with_agents(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -> bool) -> Vec<String> {
+fn with_agents(
+    mut notes: Vec<String>,
+    results: &Results,
+    repeats: Said,
+    shown: impl Fn(&str) -> bool,
+) -> Vec<String> {
     let origins: Vec<_> = results
         .imported
         .iter()
@@ -461,8 +466,17 @@ fn with_agents(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -
         )),
         _ => notes.extend(origins.into_iter().map(|origin| origin.sentence.clone())),
     }
-    notes.extend(repeats_in_words(&results.repeated, shown));
+    notes.extend(repeats_in_words(&results.repeated, repeats == Said::Lacks, shown));
     notes
+}
+
+/// What notes say of programs that were computed twice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Said {
+    /// How each of them repeats.
+    All,
+    /// Which of them do not repeat to the bit.
+    Lacks,
 }
 
 /// Notes with the sentence on times, where a table or figure shows some.
@@ -487,6 +501,7 @@ pub(super) fn make_table(
     grid.notes = with_agents(
         with_times(spec, std::mem::take(&mut grid.notes)),
         results,
+        Said::All,
         |name| behind.contains(name),
     );
     if let Some(metric) = spec.kind.metric_of_unit() {
@@ -784,7 +799,7 @@ fn held_in<'r>(
     }
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
-    verdict.notes = with_agents(notes, results, is_there);
+    verdict.notes = with_agents(notes, results, Said::Lacks, is_there);
     Held {
         verdict,
         matters,

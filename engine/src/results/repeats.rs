@@ -2,7 +2,7 @@
 
 use crate::{Phase, count::count, recorder::Row};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A trial of a program that was computed twice, up to its first measurement.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,29 +101,32 @@ impl<'a> Recorded<'a> {
     }
 }
 
-/// Sentences on the programs that are shown, one for each answer of a program.
+/// Sentences on the programs that are shown, one for each answer; with `only_lacks` those alone that do not repeat to the
+/// bit.
 #[must_use]
-pub fn sentences(all: &[Repeated], shown: impl Fn(&str) -> bool) -> Vec<String> {
-    let mut answers: BTreeMap<(&str, String), Vec<&Repeated>> = BTreeMap::new();
+pub fn sentences(all: &[Repeated], only_lacks: bool, shown: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut answers: BTreeMap<(u8, String), Vec<&Repeated>> = BTreeMap::new();
     for one in all.iter().filter(|it| shown(&it.agent)) {
-        let words = one.repeats.in_words();
-        answers.entry((&one.agent, words)).or_default().push(one);
-    }
-    let several = |agent: &str| answers.keys().filter(|(it, _)| *it == agent).count() > 1;
-    let sentence = |((agent, words), of): (&(&str, String), &Vec<&Repeated>)| {
-        let environments: Vec<String> = of.iter().map(|it| format!("`{}`", it.environment)).collect();
-        let place = if several(agent) {
-            format!(" in {}", environments.join(", "))
-        } else {
-            String::new()
+        let answer = match &one.repeats {
+            Repeats::ToTheBit(_) if only_lacks => continue,
+            Repeats::ToTheBit(_) => (0, "Repeats to the bit with the same seed".to_owned()),
+            Repeats::Within(power) => (1, format!("Repeats to 1e{power} with the same seed")),
+            Repeats::Not => (2, "Does not repeat with the same seed".into()),
+            Repeats::Unknown(problem) => (3, format!("Not known to repeat ({problem})")),
         };
-        match of[0].repeats {
-            Repeats::Unknown(_) => format!("`{agent}`{place} {words}."),
-            _ => format!(
-                "`{agent}`{place} {words}: its seed {} was computed twice up to the first measurement.",
-                of[0].seed
-            ),
-        }
+        answers.entry(answer).or_default().push(one);
+    }
+    let is_everywhere = |one: &Repeated, of: &[&Repeated]| {
+        let environments = all.iter().filter(|it| it.agent == one.agent).count();
+        of.iter().filter(|it| it.agent == one.agent).count() == environments
+    };
+    let sentence = |((_, words), of): (&(u8, String), &Vec<&Repeated>)| {
+        let name = |one: &&Repeated| match is_everywhere(one, of) {
+            true => format!("`{}`", one.agent),
+            false => format!("`{}` in `{}`", one.agent, one.environment),
+        };
+        let names: BTreeSet<String> = of.iter().map(name).collect();
+        format!("{words}: {}.", names.into_iter().collect::<Vec<_>>().join(", "))
     };
     answers.iter().map(sentence).collect()
 }
@@ -199,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn one_sentence_says_what_holds_everywhere_and_otherwise_where() {
+    fn a_sentence_names_all_programs_with_its_answer_and_where_it_holds_if_not_everywhere() {
         let of = |environment: &str, repeats| Repeated {
             environment: environment.into(),
             agent: "mine".into(),
@@ -207,15 +210,24 @@ mod tests {
             repeats,
         };
         let one = [of("a", Repeats::Not), of("b", Repeats::Not)];
-        let said = "`mine` does not repeat: its seed 3 was computed twice up to the first measurement.";
-        assert_eq!(sentences(&one, |_| true), [said]);
-        assert!(sentences(&one, |_| false).is_empty());
-        let two = [
-            of("a", Repeats::Not),
+        assert_eq!(
+            sentences(&one, false, |_| true),
+            ["Does not repeat with the same seed: `mine`."]
+        );
+        assert!(sentences(&one, false, |_| false).is_empty());
+        let three = [
+            of("a", Repeats::ToTheBit(3)),
             of("b", Repeats::Unknown("it is slow".into())),
+            Repeated {
+                agent: "other".into(),
+                ..of("a", Repeats::ToTheBit(7))
+            },
         ];
-        let said = sentences(&two, |_| true);
-        assert!(said[0].starts_with("`mine` in `a` does not repeat"), "{said:?}");
-        assert_eq!(said[1], "`mine` in `b` was not computed twice: it is slow.");
+        let said = [
+            "Repeats to the bit with the same seed: `mine` in `a`, `other`.",
+            "Not known to repeat (it is slow): `mine` in `b`.",
+        ];
+        assert_eq!(sentences(&three, false, |_| true), said);
+        assert_eq!(sentences(&three, true, |_| true), said[1..]);
     }
 }
