@@ -17,9 +17,11 @@ use std::{
 };
 
 /// Pythons that are asked, the one on the path last: `.ci/run` makes the others.
-const PYTHONS: [&str; 3] = [
+const PYTHONS: [&str; 5] = [
     concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"),
     concat!(env!("CARGO_MANIFEST_DIR"), "/target/stable-baselines3/bin/python"),
+    concat!(env!("CARGO_MANIFEST_DIR"), "/target/jax/bin/python"),
+    concat!(env!("CARGO_MANIFEST_DIR"), "/target/pymarlzooplus/bin/python"),
     "python3",
 ];
 
@@ -99,8 +101,9 @@ fn remedy_for(missing: &str) -> String {
     let of_the_lists = names
         .split(", ")
         .any(|name| !name.is_empty() && name != "regimen");
+    let of_ci = ["stable_baselines3", "rejax", "pymarlzooplus"];
     let command = match (names.contains("regimen"), of_the_lists) {
-        _ if names.contains("stable_baselines3") => ".ci/run",
+        _ if of_ci.iter().any(|name| names.contains(name)) => ".ci/run",
         (false, false) => "apt-get install python3 python3-venv",
         (true, false) => "python3 -m pip install ./wheel",
         (false, true) => "python3 -m pip install -r tests/python/requirements.txt",

@@ -135,3 +135,27 @@ fn the_command_of_the_zoo_of_stable_baselines3_runs_unchanged() {
     experiment(&place, "zoo-cartpole.yaml");
     experiment(&place, "zoo-cartpole-rates.yaml");
 }
+
+#[test]
+fn a_trainer_that_jax_compiles_runs_by_the_lines_of_its_tour() {
+    let Some(python) = needs::python("rejax, jax") else {
+        return;
+    };
+    experiment(&Place::new(python), "jax-cartpole.yaml");
+}
+
+#[test]
+fn the_command_of_a_trainer_of_several_agents_runs_unchanged() {
+    let Some(python) = needs::python("pymarlzooplus, torch") else {
+        return;
+    };
+    experiment(&Place::new(python), "marl-speaker-listener.yaml");
+}
+
+#[test]
+fn an_agent_of_stable_baselines3_is_measured_on_the_battery_beside_our_own() {
+    let Some(python) = needs::python("regimen, stable_baselines3") else {
+        return;
+    };
+    experiment(&Place::new(python), "sb3-battery.yaml");
+}
