@@ -12,6 +12,7 @@ mod rehearsing;
 mod resuming;
 mod sharing;
 mod trial;
+mod unheard;
 
 use crate::{
     book::blocks,

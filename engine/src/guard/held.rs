@@ -11,12 +11,8 @@ use crate::{
     },
 };
 use std::{
-    collections::BTreeMap,
-    io::{Read, Write},
-    os::unix::process::CommandExt as _,
-    path::Path,
-    process::ExitStatus,
-    time::Duration,
+    collections::BTreeMap, fs::File, io::Write, os::unix::process::CommandExt as _, path::Path,
+    process::ExitStatus, time::Duration,
 };
 
 /// How long a guard may take beyond the grace of its program.
@@ -48,15 +44,17 @@ pub enum Left {
     Unguarded(Option<i32>),
 }
 
-/// Standard output and standard error of a program.
-pub type Output = [Box<dyn Read + Send>; 2];
-
 impl Guarded {
-    /// Starts a program that sees these environment variables alone.
+    /// Starts a program that sees these environment variables alone, with its standard output and standard error in files:
+    /// what it said stays, whoever is killed.
     ///
     /// # Errors
     /// [`Error::Worker`] where there is no guard to be had.
-    pub fn start(order: Order, variables: &BTreeMap<String, String>) -> Result<(Self, Output), Error> {
+    pub fn start(
+        order: Order,
+        variables: &BTreeMap<String, String>,
+        [output, errors]: [File; 2],
+    ) -> Result<Self, Error> {
         for old in [ended(&order.notes), unstarted(&order.notes)] {
             // There may be none.
             let _ = fs::remove_file(old);
@@ -66,22 +64,20 @@ impl Guarded {
         command.arg(VERBS[0]).env_clear().envs(variables).process_group(0);
         command
             .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
+            .stdout(Stdio::from(output))
+            .stderr(Stdio::from(errors));
         let mut guard = command.spawn().map_err(broken)?;
-        let pipes = (guard.stdin.take(), guard.stdout.take(), guard.stderr.take());
-        let (Some(mut orders), Some(output), Some(errors)) = pipes else {
-            return Err(broken("its pipes are missing"));
+        let Some(mut orders) = guard.stdin.take() else {
+            return Err(broken("its pipe is missing"));
         };
         let text = serde_json::to_string(&order).map_err(broken)?;
         // One that is gone shows when its end is asked for.
         let _ = writeln!(orders, "{text}");
-        let guarded = Self {
+        Ok(Self {
             guard,
             orders: Some(orders),
             order,
-        };
-        Ok((guarded, [Box::new(output), Box::new(errors)]))
+        })
     }
 
     /// Tells the program to end; it has its grace for that.
@@ -91,7 +87,7 @@ impl Guarded {
         }
     }
 
-    /// True once the guard is gone, and the program with it, whatever holds their output open.
+    /// True once the guard is gone, and the program with it.
     pub fn has_left(&mut self) -> bool {
         !matches!(self.guard.try_wait(), Ok(None))
     }
@@ -135,11 +131,16 @@ impl Drop for Guarded {
     }
 }
 
-/// How the program ended that ran last with these notes; `None` where none did, or where its end was not noted.
+/// How the program ended that ran last with these notes; `None` where none did, or where its end was not noted. After a
+/// loss of power nothing is known: what the program wrote may be gone.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
-    let Ended { how, was_asked } = read(&ended(notes))?;
-    Some(Left::Ended { how, was_asked })
+    let Ended {
+        place,
+        how,
+        was_asked,
+    } = read(&ended(notes))?;
+    (place == here()).then_some(Left::Ended { how, was_asked })
 }
 
 /// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! worker --orders--> guard --starts--> program, in a group of its own
-//!        <------ the program's output ------
+//!        <-- files with the program's output --
 //! ```
 //!
 //! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input means
@@ -13,7 +13,7 @@
 
 mod held;
 
-pub use held::{Guarded, Left, Output, end_leftover, last_ending};
+pub use held::{Guarded, Left, end_leftover, last_ending};
 
 use crate::{
     Error, footprint,
@@ -91,9 +91,10 @@ struct Standing {
     program: (u32, u64),
 }
 
-/// How a program ended.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+/// How a program ended, with the machine and boot on which it did.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Ended {
+    place: [String; 2],
     how: Ending,
     was_asked: bool,
 }
@@ -188,7 +189,15 @@ fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<(
     let was_asked = asked.load(Ordering::SeqCst);
     drop::<Sender<()>>(told);
     end_all();
-    write(&ended(&order.notes), &Ended { how, was_asked })
+    let place = here();
+    write(
+        &ended(&order.notes),
+        &Ended {
+            place,
+            how,
+            was_asked,
+        },
+    )
 }
 
 fn start(order: &Order) -> std::io::Result<u32> {
@@ -258,13 +267,10 @@ fn end_all() {
     }
 }
 
-/// A file that is there whole or not at all, and outlives the power.
+/// A file that is there whole or not at all. It means nothing after a loss of power, and need not outlive one.
 fn write(path: &Path, what: &impl Serialize) -> std::io::Result<()> {
-    use std::io::Write as _;
     let beside = path.with_extension("new");
-    let mut file = fs::File::create(&beside)?;
-    file.write_all(&serde_json::to_vec(what)?)?;
-    file.sync_all()?;
+    fs::write(&beside, serde_json::to_vec(what)?)?;
     fs::rename(&beside, path)
 }
 

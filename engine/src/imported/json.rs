@@ -12,6 +12,10 @@ use std::{borrow::Cow, collections::BTreeMap};
 const FORMS: &str = "JSON is read as an object on every line, a list of objects, an object of lists, and as metrics.json and \
                      info.json of Sacred: convert it with pandas.DataFrame(...).to_csv(\"log.csv\")";
 
+/// The key of a line that is no record: a program goes on from a checkpoint here, and what it logs from now on counts in
+/// the place of what stands before at the same and later steps.
+pub const BEGINS_AGAIN: &str = "regimen_begins_again";
+
 /// The table that a file holds.
 pub(super) fn table(file: &Content) -> Result<Table, Error> {
     let text = with_numbers_quoted(file.text()?);
@@ -37,6 +41,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
             }
         };
         match value {
+            Value::Object(object) if object.contains_key(BEGINS_AGAIN) => rows.begins_again = true,
             Value::Object(object) => {
                 if documents.is_empty() && rows.lines.is_empty() {
                     documents.push(object.clone());
@@ -85,6 +90,8 @@ struct Rows {
     places: BTreeMap<String, usize>,
     lines: Vec<Line>,
     notes: Vec<String>,
+    /// Whether the next line is the first one after a restart.
+    begins_again: bool,
 }
 
 impl Rows {
@@ -112,7 +119,7 @@ impl Rows {
         let cells = StringRecord::from(all);
         self.lines.push(Line {
             number,
-            begins_again: false,
+            begins_again: std::mem::take(&mut self.begins_again),
             cells,
         });
     }

@@ -23,7 +23,7 @@ mod tables;
 mod wandb;
 
 pub use found::{Columns, Found, columns, read};
-pub use json::of_line;
+pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
 pub use pattern::{PatternError, matching};
 

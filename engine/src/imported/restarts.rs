@@ -104,8 +104,7 @@ impl Rules {
                 match self.restart {
                     None => return Err(self.goes_back(&entry, back, files)),
                     Some(Restart::NewRun) => passes.push(pass.split(&entry)),
-                    Some(Restart::Resume) if back.is_some() => pass.purge(&entry),
-                    Some(Restart::Resume) => {}
+                    Some(Restart::Resume) => pass.purge(&entry),
                 }
                 last = pass.last(slots);
             } else if let Some(before) = before.filter(|before| before.step == entry.step) {

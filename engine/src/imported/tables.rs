@@ -134,6 +134,9 @@ impl<'m> Gathered<'m> {
             let seed = keys.seed.map(|column| table.whole(line, column)).transpose()?;
             let run = keys.run.map(|column| table.cell(line, column).to_owned());
             let group = self.group(table, run, seed);
+            if line.begins_again && self.mapping.is_own && self.mapping.restart == Some(Restart::Resume) {
+                self.groups[group].group.log.begins.insert((file, line.number));
+            }
             let slots = slots
                 .entry(group)
                 .or_insert_with(|| self.groups[group].group.slots(&chosen));

@@ -4,6 +4,7 @@ use crate::{
     ProgramConfig,
     link::Link,
     metrics::Metrics,
+    output::{self, Listening},
     policy::Policy,
     process::{self, Process},
     words::{Known, OTHERS, Word, filled, parsed},
@@ -39,13 +40,37 @@ pub struct ProgramAgent {
     policy: Option<Policy>,
 }
 
+/// The program of a training.
+#[derive(Debug)]
+enum Work {
+    /// It was started.
+    Running(Process),
+    /// It had ended before: what it said is there.
+    Done(Listening),
+}
+
+impl Work {
+    fn process(&mut self) -> Option<&mut Process> {
+        match self {
+            Self::Running(process) => Some(process),
+            Self::Done(_) => None,
+        }
+    }
+
+    fn listening(&self) -> &Listening {
+        match self {
+            Self::Running(process) => process.listening(),
+            Self::Done(listening) => listening,
+        }
+    }
+}
+
 /// A training that was begun.
 #[derive(Debug)]
 struct Training {
     folder: PathBuf,
     metrics: Metrics,
-    /// `None` where it had ended before.
-    process: Option<Process>,
+    work: Work,
     /// Where it asks to be measured.
     link: Option<Link>,
     has_ended: bool,
@@ -162,30 +187,37 @@ impl OwnTraining for ProgramAgent {
         // Measurements that were asked for are in no file.
         let is_asked = self.config.measured == Some(Measured::Calls);
         let has_ended = process::has_ended_well(&place.notes()) && !is_asked;
-        let goes_on = !self.resume.is_empty() && place.has_checkpoint();
+        let can_go_on = place.has_checkpoint() && !output::is_numbered(&place.notes());
+        let goes_on = !self.resume.is_empty() && can_go_on;
         if !has_ended && !goes_on {
             place.empty()?;
         }
+        let mut listening = process::listening(&self.config, &place)?;
         let attempts = attempt(&place, has_ended)?;
         let metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
         let link = is_asked.then(|| Link::open(within.patience)).transpose()?;
-        let process = if has_ended {
-            None
+        let work = if has_ended {
+            listening.end();
+            Work::Done(listening)
         } else {
+            if goes_on {
+                listening.begin_again(&place.notes())?;
+            }
             place.lay(&self.config)?;
             place.tell(of, link.as_ref().map(Link::path).as_deref())?;
             let words = self.words(of, &place, goes_on)?;
-            Some(Process::start(
+            let words = started(&self.config, words)?;
+            Work::Running(Process::start(
                 &self.config,
-                started(&self.config, words)?,
-                &place,
-                &within.share,
+                words,
+                (&place, &within.share),
+                listening,
             )?)
         };
         self.training = Some(Training {
             folder: place.folder,
             metrics,
-            process,
+            work,
             link,
             has_ended,
         });
@@ -220,25 +252,25 @@ impl OwnTraining for ProgramAgent {
         if !last {
             return Ok(training.metrics.now());
         }
-        let seen = training.process.as_ref().map(|it| it.listening().seen());
-        training.metrics.last(&seen.unwrap_or_default())
+        let seen = training.work.listening().seen();
+        training.metrics.last(&seen)
     }
 
     fn stop(&mut self) {
-        if let Some(process) = self.training.as_mut().and_then(|it| it.process.as_mut()) {
+        if let Some(process) = self.training.as_mut().and_then(|it| it.work.process()) {
             process.stop();
         }
     }
 
     fn output(&self) -> Option<Vec<u8>> {
-        let process = self.training.as_ref()?.process.as_ref()?;
-        Some(process.listening().said()).filter(|said| !said.is_empty())
+        let listening = self.training.as_ref()?.work.listening();
+        Some(listening.said()).filter(|said| !said.is_empty())
     }
 }
 
 impl Training {
     fn advance(&mut self, wait: Duration) -> Result<Advance, Error> {
-        let Some(process) = self.process.as_mut().filter(|_| !self.has_ended) else {
+        let Some(process) = self.work.process().filter(|_| !self.has_ended) else {
             return Ok(Advance::Ended);
         };
         let mut left = wait;
@@ -266,7 +298,7 @@ impl Training {
             Err(error @ Error::Model { .. }) => error,
             answered => return answered,
         };
-        let ended = self.process.as_mut().and_then(|it| it.ends_within(LEAVES_WITHIN));
+        let ended = self.work.process().and_then(|it| it.ends_within(LEAVES_WITHIN));
         self.has_ended |= ended.is_some();
         Err(ended.and_then(Result::err).unwrap_or(error))
     }

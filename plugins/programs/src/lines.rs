@@ -13,21 +13,41 @@ const LONGEST: usize = 1 << 20;
 const MOST_KEYS: usize = 100;
 /// The key of the step where a study names none.
 const STEP: &str = "step";
+/// The key of a noted line with the place at which it ends in the output.
+pub const AT: &str = "regimen_at";
 
 /// Cuts bytes into lines; a carriage return ends one too, as progress bars write it.
 #[derive(Debug, Default)]
 pub struct Lines {
+    /// Where the bytes end that were taken in.
+    at: u64,
     begun: Vec<u8>,
-    is_too_long: bool,
+    is_passed_over: bool,
 }
 
 impl Lines {
-    /// Takes in bytes, and gives the lines that end in them.
-    pub fn take(&mut self, bytes: &[u8], line: &mut dyn FnMut(&str)) {
+    /// Lines of a file from a place on. One that begins before it is passed over where the place is not the end of
+    /// a line.
+    pub fn from(at: u64, is_end_of_line: bool) -> Self {
+        Self {
+            at,
+            begun: Vec::new(),
+            is_passed_over: !is_end_of_line,
+        }
+    }
+
+    /// Where the bytes end that were taken in.
+    pub fn at(&self) -> u64 {
+        self.at
+    }
+
+    /// Takes in bytes, and gives the lines that end in them, each with the place of its end.
+    pub fn take(&mut self, bytes: &[u8], line: &mut dyn FnMut(&str, u64)) {
         for piece in bytes.split_inclusive(|byte| matches!(byte, b'\n' | b'\r')) {
             let is_whole = piece.ends_with(b"\n") || piece.ends_with(b"\r");
-            self.is_too_long |= self.begun.len() + piece.len() > LONGEST;
-            if !self.is_too_long {
+            self.at += piece.len() as u64;
+            self.is_passed_over |= self.begun.len() + piece.len() > LONGEST;
+            if !self.is_passed_over {
                 self.begun.extend(piece);
             }
             if is_whole {
@@ -37,14 +57,14 @@ impl Lines {
     }
 
     /// The last line, which nothing ended.
-    pub fn end(&mut self, line: &mut dyn FnMut(&str)) {
+    pub fn end(&mut self, line: &mut dyn FnMut(&str, u64)) {
         let text = String::from_utf8_lossy(&self.begun);
         let text = text.trim();
-        if !text.is_empty() && !self.is_too_long {
-            line(text);
+        if !text.is_empty() && !self.is_passed_over {
+            line(text, self.at);
         }
         self.begun.clear();
-        self.is_too_long = false;
+        self.is_passed_over = false;
     }
 }
 
@@ -66,8 +86,8 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// The line that is noted; `None` where it holds no metric.
-    pub fn noted(&mut self, line: &str) -> Option<String> {
+    /// What is noted of a line that ends at a place of the output; `None` where it holds no metric.
+    pub fn noted(&mut self, line: &str, at: u64) -> Option<String> {
         let values = values(line)?;
         for (key, _) in &values {
             if self.seen.len() < MOST_KEYS && !self.seen.contains(key) {
@@ -86,6 +106,7 @@ impl Filter {
         if self.numbers && !noted.contains_key(STEP) {
             noted.insert(STEP.into(), json!(self.counted));
         }
+        noted.insert(AT.into(), json!(at));
         Some(Value::Object(noted).to_string())
     }
 }
@@ -116,9 +137,9 @@ mod tests {
     fn lines(pieces: &[&[u8]]) -> Vec<String> {
         let (mut lines, mut all) = (Lines::default(), Vec::new());
         for piece in pieces {
-            lines.take(piece, &mut |line| all.push(line.to_owned()));
+            lines.take(piece, &mut |line, _| all.push(line.to_owned()));
         }
-        lines.end(&mut |line| all.push(line.to_owned()));
+        lines.end(&mut |line, _| all.push(line.to_owned()));
         all
     }
 
@@ -152,17 +173,17 @@ mod tests {
         for (line, noted) in [
             (
                 r#"{"t": 5, "loss": 0.5, "lr": 1}"#,
-                Some(r#"{"loss":"0.5","t":"5"}"#),
+                Some(r#"{"loss":"0.5","regimen_at":9,"t":"5"}"#),
             ),
             (
                 r#"{"charts": {"return": NaN}, "t": 6}"#,
-                Some(r#"{"charts/return":"NaN","t":"6"}"#),
+                Some(r#"{"charts/return":"NaN","regimen_at":9,"t":"6"}"#),
             ),
             (
                 "INFO t=7 loss=1e-3, done=true",
-                Some(r#"{"loss":"1e-3","t":"7"}"#),
+                Some(r#"{"loss":"1e-3","regimen_at":9,"t":"7"}"#),
             ),
-            ("loss=inf;", Some(r#"{"loss":"inf"}"#)),
+            ("loss=inf;", Some(r#"{"loss":"inf","regimen_at":9}"#)),
             (r#"{"t": 5}"#, None),
             (r#"{"loss": "#, None),
             ("loss = 3", None),
@@ -170,7 +191,7 @@ mod tests {
             ("--loss=3", None),
             ("[1, 2]", None),
         ] {
-            assert_eq!(filter.noted(line).as_deref(), noted, "{line}");
+            assert_eq!(filter.noted(line, 9).as_deref(), noted, "{line}");
         }
         assert!(filter.seen.contains("lr") && filter.seen.contains("done"));
     }
@@ -178,9 +199,12 @@ mod tests {
     #[test]
     fn lines_without_a_step_are_numbered() {
         let mut filter = filter(&[]);
-        let mut noted = |line: &str| filter.noted(line).unwrap();
-        assert_eq!(noted("loss=3"), r#"{"loss":"3","step":1}"#);
-        assert_eq!(noted("loss=2 step=40"), r#"{"loss":"2","step":"40"}"#);
-        assert_eq!(noted("loss=1"), r#"{"loss":"1","step":3}"#);
+        let mut noted = |line: &str| filter.noted(line, 9).unwrap();
+        assert_eq!(noted("loss=3"), r#"{"loss":"3","regimen_at":9,"step":1}"#);
+        assert_eq!(
+            noted("loss=2 step=40"),
+            r#"{"loss":"2","regimen_at":9,"step":"40"}"#
+        );
+        assert_eq!(noted("loss=1"), r#"{"loss":"1","regimen_at":9,"step":3}"#);
     }
 }

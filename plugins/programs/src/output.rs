@@ -1,19 +1,17 @@
 //! The output of a program: lines with metrics are noted while it says them, and its first and last words are kept.
+//!
+//! The program writes into files, `stdout.raw` and `stderr.raw`, so that nothing is lost that it said, whoever is killed.
+//! They are read as they grow; what was read is given back to the disk. Each noted line holds the place at which it ends
+//! in its file: who goes on reading begins behind the last one.
 
-use crate::lines::{Filter, Lines};
-use engine::Error;
+use crate::lines::{AT, Filter, Lines};
+use engine::{Error, imported::BEGINS_AGAIN};
+use serde_json::{Value, json};
 use std::{
     collections::{BTreeSet, VecDeque},
-    fs::{File, OpenOptions},
-    io::{BufRead, BufReader, Read, Write},
+    fs::{self, File, OpenOptions},
+    io::{Read, Seek as _, SeekFrom, Write},
     path::{Path, PathBuf},
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicU64, Ordering},
-        mpsc::{Receiver, RecvTimeoutError, Sender, channel},
-    },
-    thread::JoinHandle,
-    time::Duration,
 };
 
 /// The streams of a program, as a study names them.
@@ -22,8 +20,8 @@ pub const STREAMS: [&str; 2] = ["stdout", "stderr"];
 pub const LOG: &str = "log";
 /// How much is kept of the beginning, and as much again of the end, bytes.
 const KEPT: usize = 1 << 20;
-/// How long the streams of a program that has ended may stay open.
-const LONGEST_CLOSING: Duration = Duration::from_secs(2);
+/// How much that was read stays in a file before it is given back to the disk, bytes.
+const READ: u64 = 1 << 24;
 /// How much of standard error is told where a program fails, bytes.
 const LAST_WORDS: usize = 2000;
 
@@ -37,20 +35,32 @@ pub fn noted(notes: &Path, stream: &str) -> PathBuf {
     notes.join(format!("{stream}.jsonl"))
 }
 
+/// The file that a program writes a stream into.
+fn raw(notes: &Path, stream: &str) -> PathBuf {
+    notes.join(format!("{stream}.raw"))
+}
+
+/// Files for the output of a program: it writes behind what lies there.
+///
+/// # Errors
+/// [`Error::File`] where they cannot be made.
+pub fn files(notes: &Path) -> Result<[File; 2], Error> {
+    let file = |stream| {
+        let path = raw(notes, stream);
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        file.map_err(Error::file("write", &path))
+    };
+    let [output, errors] = STREAMS;
+    Ok([file(output)?, file(errors)?])
+}
+
 /// The ear on a program.
 #[derive(Debug)]
 pub struct Listening {
-    threads: Vec<JoinHandle<()>>,
-    closed: Receiver<()>,
-    heard: Heard,
-    /// How much had been heard when it was asked last.
-    before: u64,
-}
-
-#[derive(Debug, Clone, Default)]
-struct Heard {
-    bytes: Arc<AtomicU64>,
-    said: Arc<Mutex<Said>>,
+    ears: [Ear; 2],
+    said: Said,
+    /// How much was heard since somebody asked.
+    heard: u64,
 }
 
 /// The output so far.
@@ -60,139 +70,246 @@ struct Said {
     last: VecDeque<u8>,
     left_out: u64,
     errors: VecDeque<u8>,
-    seen: BTreeSet<String>,
     problem: Option<String>,
 }
 
 impl Listening {
-    /// Listens to both streams, by their filters.
+    /// Listens to both streams, by their filters, from behind what was noted before.
     ///
     /// # Errors
     /// [`Error::File`] where what is heard cannot be noted.
-    pub fn to(streams: [Box<dyn Read + Send>; 2], filters: [Filter; 2], notes: &Path) -> Result<Self, Error> {
-        let (heard, (closing, closed)) = (Heard::default(), channel());
-        let mut threads = Vec::new();
-        for ((stream, mut filter), name) in streams.into_iter().zip(filters).zip(STREAMS) {
-            let path = noted(notes, name);
-            filter.counted = lines_in(&path);
-            let file = OpenOptions::new().create(true).append(true).open(&path);
-            let file = file.map_err(Error::file("write", &path))?;
-            let ear = Ear {
-                stream: name,
-                filter,
-                file,
-                heard: heard.clone(),
-            };
-            let closing = closing.clone();
-            threads.push(std::thread::spawn(move || ear.listen(stream, &closing)));
-        }
+    pub fn to(notes: &Path, filters: [Filter; 2]) -> Result<Self, Error> {
+        fs::create_dir_all(notes).map_err(Error::file("create", notes))?;
+        let [of_output, of_errors] = filters;
+        let [output, errors] = STREAMS;
         Ok(Self {
-            threads,
-            closed,
-            heard,
-            before: 0,
+            ears: [
+                Ear::on(notes, output, of_output)?,
+                Ear::on(notes, errors, of_errors)?,
+            ],
+            said: Said::default(),
+            heard: 0,
         })
     }
 
-    /// Waits until both streams are closed, not longer than `wait`; true where they are.
-    pub fn closes_within(&self, wait: Duration) -> bool {
-        self.closed.recv_timeout(wait) == Err(RecvTimeoutError::Disconnected)
+    /// Takes in what was said since the last look.
+    pub fn look(&mut self) {
+        for ear in &mut self.ears {
+            let heard = ear.listen(&mut self.said);
+            if let Err(error) = heard.as_ref() {
+                self.said.problem.get_or_insert(error.to_string());
+            }
+            self.heard += heard.unwrap_or_default();
+        }
+    }
+
+    /// Takes in all that was said by a program that has ended.
+    pub fn end(&mut self) {
+        self.look();
+        for ear in &mut self.ears {
+            let noted = ear.end();
+            if let Err(error) = noted {
+                self.said.problem.get_or_insert(error.to_string());
+            }
+        }
+    }
+
+    /// The program goes on from a checkpoint: what it says from now on counts in the place of what it said before at the
+    /// same and later steps. A line that it had begun is none.
+    ///
+    /// # Errors
+    /// [`Error::File`] where that cannot be noted.
+    pub fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+        self.look();
+        for ear in &mut self.ears {
+            ear.begin_again(notes)?;
+        }
+        mark(&noted(notes, LOG), &json!({ BEGINS_AGAIN: true }))
     }
 
     /// True where something was heard since this was asked last.
     pub fn has_heard(&mut self) -> bool {
-        let heard = self.heard.bytes.load(Ordering::Relaxed);
-        heard != std::mem::replace(&mut self.before, heard)
+        std::mem::take(&mut self.heard) > 0
     }
 
     /// Why what was heard could not be noted.
-    pub fn problem(&self) -> Option<String> {
-        self.heard.lock().problem.clone()
+    pub fn problem(&self) -> Option<&str> {
+        self.said.problem.as_deref()
     }
 
     /// The keys that lines had.
     pub fn seen(&self) -> Vec<String> {
-        self.heard.lock().seen.iter().cloned().collect()
+        let seen: BTreeSet<&String> = self.ears.iter().flat_map(|ear| &ear.filter.seen).collect();
+        seen.into_iter().cloned().collect()
     }
 
     /// The last words on standard error.
     pub fn last_words(&self) -> String {
-        let said = self.heard.lock();
-        let words: Vec<u8> = said.errors.iter().copied().collect();
+        let words: Vec<u8> = self.said.errors.iter().copied().collect();
         String::from_utf8_lossy(&words).trim().to_owned()
     }
 
     /// The output: its beginning and its end, with how much is left out between them.
     pub fn said(&self) -> Vec<u8> {
-        let said = self.heard.lock();
-        let mut all = said.first.clone();
-        if said.left_out > 0 {
-            let left_out = format!("\n[{} bytes of output are left out here]\n", said.left_out);
+        let mut all = self.said.first.clone();
+        if self.said.left_out > 0 {
+            let left_out = format!("\n[{} bytes of output are left out here]\n", self.said.left_out);
             all.extend(left_out.as_bytes());
         }
-        all.extend(said.last.iter());
+        all.extend(self.said.last.iter());
         all
-    }
-
-    /// Waits for the threads, once the program has ended. A process that it left in another session, under a
-    /// guard that was killed, may hold the streams open, and is not waited for.
-    pub fn end(&mut self) {
-        if !self.threads.is_empty() && !self.closes_within(LONGEST_CLOSING) {
-            self.threads.clear();
-        }
-        for thread in self.threads.drain(..) {
-            // A panic of one was printed.
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Heard {
-    fn lock(&self) -> MutexGuard<'_, Said> {
-        // Words are added one after the other: those that are there are whole.
-        self.said.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Listens to one stream.
+#[derive(Debug)]
 struct Ear {
     stream: &'static str,
     filter: Filter,
-    file: File,
-    heard: Heard,
+    raw: File,
+    lines: Lines,
+    /// How much of the file was given back.
+    given_back: u64,
+    noted: File,
 }
 
 impl Ear {
-    /// Until the stream is closed. The receiver learns of it when `_closing` is dropped by all.
-    fn listen(mut self, mut stream: impl Read, _closing: &Sender<()>) {
-        let (mut lines, mut piece) = (Lines::default(), vec![0; 1 << 16]);
-        while let Ok(read @ 1..) = stream.read(&mut piece) {
-            let piece = &piece[..read];
-            self.heard.lock().add(self.stream, piece);
-            self.note(|line| lines.take(piece, line));
-            self.heard.bytes.fetch_add(read as u64, Ordering::Relaxed);
-        }
-        self.note(|line| lines.end(line));
+    fn on(notes: &Path, stream: &'static str, mut filter: Filter) -> Result<Self, Error> {
+        let path = noted(notes, stream);
+        let before = whole_lines(&path)?;
+        filter.counted = before
+            .iter()
+            .filter(|line| line.get(BEGINS_AGAIN).is_none())
+            .count() as u64;
+        let at = before.last().and_then(|line| line[AT].as_u64()).unwrap_or(0);
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        let noted = file.map_err(Error::file("write", &path))?;
+        let path = raw(notes, stream);
+        let mut options = OpenOptions::new();
+        let raw = options
+            .create(true)
+            .truncate(false)
+            .read(true)
+            .write(true)
+            .open(&path);
+        let mut raw = raw.map_err(Error::file("read", &path))?;
+        let there = first_data(&raw, at);
+        raw.seek(SeekFrom::Start(there))
+            .map_err(Error::file("read", &path))?;
+        Ok(Self {
+            stream,
+            filter,
+            raw,
+            lines: Lines::from(there, there == at),
+            given_back: there,
+            noted,
+        })
     }
 
-    fn note(&mut self, lines: impl FnOnce(&mut dyn FnMut(&str))) {
+    /// Reads what is there, and how much that was.
+    fn listen(&mut self, said: &mut Said) -> std::io::Result<u64> {
+        let (mut piece, mut heard) = (vec![0; 1 << 16], 0);
+        loop {
+            let read = self.raw.read(&mut piece)?;
+            if read == 0 {
+                break;
+            }
+            said.add(self.stream, &piece[..read]);
+            self.note(|lines, line| lines.take(&piece[..read], line))?;
+            heard += read as u64;
+        }
+        if self.lines.at() - self.given_back > READ {
+            give_back(&self.raw, self.lines.at());
+            self.given_back = self.lines.at();
+        }
+        Ok(heard)
+    }
+
+    fn end(&mut self) -> std::io::Result<()> {
+        self.note(|lines, line| lines.end(line))
+    }
+
+    fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+        let at = self.lines.at();
+        self.lines = Lines::from(at, true);
+        mark(&noted(notes, self.stream), &json!({ BEGINS_AGAIN: true, AT: at }))
+    }
+
+    fn note(&mut self, lines: impl FnOnce(&mut Lines, &mut dyn FnMut(&str, u64))) -> std::io::Result<()> {
         let mut noted = String::new();
-        lines(&mut |line| {
-            if let Some(line) = self.filter.noted(line) {
+        let filter = &mut self.filter;
+        lines(&mut self.lines, &mut |line, at| {
+            if let Some(line) = filter.noted(line, at) {
                 noted.push_str(&line);
                 noted.push('\n');
             }
         });
         // Whole lines at once, so that a reader finds no half of one.
-        let written = self.file.write_all(noted.as_bytes());
-        let mut said = self.heard.lock();
-        if let Err(error) = written {
-            said.problem.get_or_insert(error.to_string());
-        }
-        if said.seen.len() < self.filter.seen.len() {
-            said.seen.extend(self.filter.seen.iter().cloned());
-        }
+        self.noted.write_all(noted.as_bytes())
     }
+}
+
+/// The lines of a file of JSON; one at its end that is not whole is taken away.
+fn whole_lines(path: &Path) -> Result<Vec<Value>, Error> {
+    let text = match fs::read(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        read => read.map_err(Error::file("read", path))?,
+    };
+    let whole = text
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |end| end + 1);
+    if whole < text.len() {
+        let file = OpenOptions::new().write(true).open(path);
+        let cut = file.and_then(|file| file.set_len(whole as u64));
+        cut.map_err(Error::file("write", path))?;
+    }
+    let lines = text[..whole].split(|byte| *byte == b'\n');
+    Ok(lines
+        .filter_map(|line| serde_json::from_slice(line).ok())
+        .collect())
+}
+
+/// Marks where a program goes on, in a file of lines that it or its ear writes. One that is not there needs no mark.
+fn mark(path: &Path, line: &Value) -> Result<(), Error> {
+    if !path.exists() {
+        return Ok(());
+    }
+    whole_lines(path)?;
+    let file = OpenOptions::new().append(true).open(path);
+    let marked = file.and_then(|mut file| writeln!(file, "{line}"));
+    marked.map_err(Error::file("write", path))
+}
+
+/// True where lines of an earlier attempt had no step and were numbered: a program that says them again would not find
+/// its numbers.
+pub fn is_numbered(notes: &Path) -> bool {
+    let is_numbered = |line: &Value| line["step"].is_u64();
+    STREAMS
+        .iter()
+        .any(|stream| whole_lines(&noted(notes, stream)).is_ok_and(|lines| lines.iter().any(is_numbered)))
+}
+
+/// The first place from `at` on that was not given back to the disk.
+fn first_data(file: &File, at: u64) -> u64 {
+    #[cfg(target_os = "linux")]
+    if let Ok(data) = rustix::fs::seek(file, rustix::fs::SeekFrom::Data(at)) {
+        return data;
+    }
+    let _ = file;
+    at
+}
+
+/// Gives what lies before a place back to the disk, where that is possible.
+fn give_back(file: &File, until: u64) {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::FallocateFlags;
+        let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        let _ = rustix::fs::fallocate(file, flags, 0, until);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (file, until);
 }
 
 impl Said {
@@ -211,41 +328,117 @@ impl Said {
     }
 }
 
-fn lines_in(path: &Path) -> u64 {
-    File::open(path).map_or(0, |file| BufReader::new(file).lines().count() as u64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn heard(stdout: &'static [u8], stderr: &'static [u8]) -> (Listening, tempfile::TempDir) {
-        let folder = tempfile::tempdir().unwrap();
-        let filter = || Filter {
+    fn filters() -> [Filter; 2] {
+        [(), ()].map(|()| Filter {
             keys: ["x".to_owned()].into(),
             numbers: true,
             ..Filter::default()
+        })
+    }
+
+    /// A program that has said this.
+    fn say(notes: &Path, stdout: &[u8], stderr: &[u8]) {
+        let [mut output, mut errors] = files(notes).unwrap();
+        output.write_all(stdout).unwrap();
+        errors.write_all(stderr).unwrap();
+    }
+
+    fn listen(notes: &Path) -> Listening {
+        Listening::to(notes, filters()).unwrap()
+    }
+
+    fn lines(notes: &Path, stream: &str) -> Vec<String> {
+        let lines = whole_lines(&noted(notes, stream)).unwrap();
+        let text = |line: &Value| match line.get(BEGINS_AGAIN) {
+            Some(_) => "again".to_owned(),
+            None => format!(
+                "{}: {}",
+                line["step"].to_string().replace('"', ""),
+                line["x"].as_str().unwrap()
+            ),
         };
-        let streams: [Box<dyn Read + Send>; 2] = [Box::new(stdout), Box::new(stderr)];
-        let mut listening = Listening::to(streams, [filter(), filter()], folder.path()).unwrap();
-        assert!(listening.closes_within(Duration::from_secs(60)));
-        listening.end();
-        (listening, folder)
+        lines.iter().map(text).collect()
     }
 
     #[test]
     fn lines_with_metrics_are_noted_by_stream_and_last_words_are_those_of_errors() {
-        let (mut listening, folder) = heard(b"x=1\nhello\nx=2", b"y=1\nx=3\nit broke\n");
-        let noted = |stream| std::fs::read_to_string(noted(folder.path(), stream)).unwrap();
-        assert_eq!(
-            noted("stdout"),
-            "{\"step\":1,\"x\":\"1\"}\n{\"step\":2,\"x\":\"2\"}\n"
-        );
-        assert_eq!(noted("stderr"), "{\"step\":1,\"x\":\"3\"}\n");
+        let folder = tempfile::tempdir().unwrap();
+        let mut listening = listen(folder.path());
+        say(folder.path(), b"x=1\nhello\nx=2", b"y=1\nx=3\nit broke\n");
+        listening.look();
+        assert_eq!(lines(folder.path(), "stdout"), ["1: 1"]);
+        listening.end();
+        assert_eq!(lines(folder.path(), "stdout"), ["1: 1", "2: 2"]);
+        assert_eq!(lines(folder.path(), "stderr"), ["1: 3"]);
         assert_eq!(listening.last_words(), "y=1\nx=3\nit broke");
         assert!(listening.has_heard() && !listening.has_heard());
         assert_eq!(listening.seen(), ["x", "y"]);
-        assert_eq!(lines_in(&folder.path().join("stdout.jsonl")), 2);
+        assert!(is_numbered(folder.path()));
+    }
+
+    /// A worker is killed after any part of the output, and while it notes a line: whoever goes on loses no line and takes
+    /// none twice.
+    #[test]
+    fn who_goes_on_listening_loses_nothing_and_takes_nothing_twice() {
+        let all = b"step=1 x=1\nhello\nstep=2 x=2\nstep=3 x=3\n";
+        let expected = ["1: 1", "2: 2", "3: 3"];
+        for first in 0..=all.len() {
+            let folder = tempfile::tempdir().unwrap();
+            let notes = folder.path();
+            fs::create_dir_all(notes).unwrap();
+            say(notes, &all[..first], b"");
+            listen(notes).look();
+            let path = noted(notes, "stdout");
+            let mut torn = OpenOptions::new().append(true).open(&path).unwrap();
+            torn.write_all(b"{\"step\": \"2\", \"x").unwrap();
+            say(notes, &all[first..], b"");
+            listen(notes).end();
+            assert_eq!(lines(notes, "stdout"), expected, "{first}");
+        }
+    }
+
+    #[test]
+    fn a_program_that_goes_on_is_marked_and_a_line_that_it_had_begun_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let notes = folder.path();
+        fs::write(noted(notes, LOG), "{\"step\": 1}\n{\"st").unwrap();
+        say(notes, b"step=1 x=1\nstep=2 x=0.", b"");
+        listen(notes).begin_again(notes).unwrap();
+        // Killed once more before it said anything.
+        listen(notes).begin_again(notes).unwrap();
+        say(notes, b"step=2 x=5\n", b"");
+        listen(notes).end();
+        assert_eq!(lines(notes, "stdout"), ["1: 1", "again", "again", "2: 5"]);
+        let log = fs::read_to_string(noted(notes, LOG)).unwrap();
+        let mark = "{\"regimen_begins_again\":true}\n";
+        assert_eq!(log, format!("{{\"step\": 1}}\n{mark}{mark}"));
+        assert!(!is_numbered(notes));
+    }
+
+    #[test]
+    fn what_was_read_is_given_back_to_the_disk() {
+        use std::os::unix::fs::MetadataExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let notes = folder.path();
+        let mut listening = listen(notes);
+        let chatter = "so it goes\n".repeat(1 << 20);
+        for step in 1..=3 {
+            say(notes, format!("step={step} x={step}\n{chatter}").as_bytes(), b"");
+            listening.look();
+        }
+        let file = raw(notes, "stdout").metadata().unwrap();
+        if file.blocks() * 512 > file.len() / 2 {
+            eprintln!("this file system gives nothing back");
+            return;
+        }
+        say(notes, b"step=4 x=4\n", b"");
+        drop(listening);
+        listen(notes).end();
+        assert_eq!(lines(notes, "stdout"), ["1: 1", "2: 2", "3: 3", "4: 4"]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::{
     ProgramConfig,
     lines::Filter,
-    output::{Listening, STREAMS},
+    output::{self, Listening, STREAMS},
     variables,
     workplace::Workplace,
 };
@@ -13,6 +13,9 @@ use engine::{
     resources::Share,
 };
 use std::{path::Path, time::Duration};
+
+/// Time between two looks at a program.
+const LOOK: Duration = Duration::from_millis(2);
 
 /// Signals by which people, terminals and batch systems stop programs: no fault of what is stopped.
 const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
@@ -34,22 +37,8 @@ impl Process {
     pub fn start(
         config: &ProgramConfig,
         words: Vec<String>,
-        place: &Workplace,
-        share: &Share,
-    ) -> Result<Self, Error> {
-        let filters = STREAMS.map(|stream| filter(config, stream));
-        Self::start_with(config, words, (place, share), filters)
-    }
-
-    /// As [`start`](Self::start), with other filters of what is noted.
-    ///
-    /// # Errors
-    /// As [`start`](Self::start).
-    pub fn start_with(
-        config: &ProgramConfig,
-        words: Vec<String>,
         (place, share): (&Workplace, &Share),
-        filters: [Filter; 2],
+        listening: Listening,
     ) -> Result<Self, Error> {
         let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
         let order = Order {
@@ -60,8 +49,7 @@ impl Process {
             grace_ms: u64::try_from(grace(config).as_millis()).unwrap_or(u64::MAX),
         };
         let variables = variables::given(config, place, share);
-        let (guarded, streams) = Guarded::start(order, &variables)?;
-        let listening = Listening::to(streams, filters, &place.notes())?;
+        let guarded = Guarded::start(order, &variables, output::files(&place.notes())?)?;
         Ok(Self {
             guarded,
             listening,
@@ -71,12 +59,20 @@ impl Process {
 
     /// Waits for its end, not longer than `wait`; `None` where it runs on.
     pub fn ends_within(&mut self, wait: Duration) -> Option<Result<(), Error>> {
-        // A guard that is killed leaves behind what holds the output open.
-        if !self.listening.closes_within(wait) && !self.guarded.has_left() {
-            return None;
+        let mut left = wait;
+        loop {
+            self.listening.look();
+            if self.guarded.has_left() {
+                let left = self.end();
+                return Some(self.judged(left));
+            }
+            if left.is_zero() {
+                return None;
+            }
+            let now = left.min(LOOK);
+            std::thread::sleep(now);
+            left -= now;
         }
-        let left = self.end();
-        Some(self.judged(left))
     }
 
     /// True where something was heard of it since this was asked last.
@@ -97,7 +93,6 @@ impl Process {
 
     fn end(&mut self) -> Left {
         let left = self.guarded.end();
-        // Processes that may hold its output open ended with it.
         self.listening.end();
         left
     }
@@ -150,6 +145,14 @@ impl Process {
 /// How long a program may take to leave.
 pub fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
+}
+
+/// The ear on a program: of what it says, the metrics of the study are noted.
+///
+/// # Errors
+/// [`Error::File`] where nothing can be noted.
+pub fn listening(config: &ProgramConfig, place: &Workplace) -> Result<Listening, Error> {
+    Listening::to(&place.notes(), STREAMS.map(|stream| filter(config, stream)))
 }
 
 /// The metrics in a stream.

@@ -6,7 +6,7 @@ use crate::{
     ProgramConfig, agent,
     config::{Lock, NamedFile, NoLock, Sources},
     lines::Filter,
-    output::STREAMS,
+    output::{Listening, STREAMS},
     process::Process,
     workplace::Workplace,
 };
@@ -132,11 +132,12 @@ impl Probe {
             numbers: true,
             ..Filter::default()
         });
-        Ok(Process::start_with(
+        let listening = Listening::to(&place.notes(), filters)?;
+        Ok(Process::start(
             &self.config,
             words,
             (&place, &Share::default()),
-            filters,
+            listening,
         )?)
     }
 }
