@@ -2,7 +2,7 @@
 
 Its actions are a box; `regimen.from_logits` makes allocations of them, for the engine too.
 
-usage: sb3_sac.py SEED STEPS EVERY LEARNING_STARTS WIDTH
+usage: sb3_sac.py SEED STEPS EVERY LEARNING_STARTS WIDTH TRAIN_FREQ
 """
 
 import sys
@@ -13,7 +13,7 @@ import regimen
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 
-SEED, STEPS, EVERY, LEARNING_STARTS, WIDTH = map(int, sys.argv[1:])
+SEED, STEPS, EVERY, LEARNING_STARTS, WIDTH, TRAIN_FREQ = map(int, sys.argv[1:])
 
 trial = regimen.trial()
 shares = regimen.from_logits(trial.environment())
@@ -43,6 +43,7 @@ class Measured(BaseCallback):
 
 
 learned = gymnasium.wrappers.TransformObservation(shares, scaled, box)
-model = SAC("MlpPolicy", learned, learning_starts=LEARNING_STARTS, policy_kwargs={"net_arch": [WIDTH, WIDTH]}, seed=SEED, device="cpu")
+networks = {"net_arch": [WIDTH, WIDTH]}
+model = SAC("MlpPolicy", learned, learning_starts=LEARNING_STARTS, train_freq=TRAIN_FREQ, policy_kwargs=networks, seed=SEED, device="cpu")
 model.learn(STEPS, Measured())
 trial.measure(act)
