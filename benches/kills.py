@@ -37,7 +37,7 @@ def start(place):
     """A run of the study whose store, results and notes lie in a folder, in a process group of its own."""
     notes = place / "notes"
     notes.mkdir(parents=True, exist_ok=True)
-    words = ["run", STUDY, "--store", place / "store", "--out", place / "results", "-j", "2", "--retries", "100", "--yes"]
+    words = ["run", STUDY, "--store", place / "store", "--out", place / "results", "-j", "2", "--retries", "100", "--yes", "--no-rehearsal"]
     with open(place / "said", "a") as said:
         return subprocess.Popen([REGIMEN, *words], stdout=said, stderr=said, start_new_session=True, env={**os.environ, "KILLS_NOTES": str(notes)})
 

@@ -69,6 +69,50 @@ fn a_program_that_fails_or_is_too_slow_is_named_with_the_reason() {
     until("nothing is left of it", || slow.processes().is_empty());
 }
 
+/// How often the program was started.
+fn starts(place: &Place) -> usize {
+    let lines = fs::read_to_string(place.bench.path("starts")).unwrap_or_default();
+    lines.lines().count()
+}
+
+#[test]
+fn a_run_says_in_its_report_whether_a_program_repeats_and_finds_it_out_once() {
+    let tables = "tables:\n  returns: { comparison: { rows: agent, value: return } }\n";
+    for (more, says) in [
+        ("0", "Repeats to the bit with the same seed: `mine`."),
+        ("starts", "Does not repeat with the same seed: `mine`."),
+    ] {
+        let place = adding(more);
+        place.edit("seeds: 1\n", &format!("seeds: 2\n{tables}"));
+        assert_eq!(place.run(&[]).code, 0);
+        assert_eq!(starts(&place), 3, "two trials, and one of them again");
+        let report = || fs::read_to_string(place.bench.path("results/one/report.md")).unwrap();
+        assert!(report().contains(says), "{}", report());
+        assert_eq!(place.run(&[]).code, 0);
+        assert_eq!(starts(&place), 3);
+        // The folder of results knows it without the store.
+        fs::remove_dir_all(place.bench.path("store")).unwrap();
+        place.bench.ok(&["report", "study.yaml", "--recorded"]);
+        assert!(report().contains(says), "{}", report());
+    }
+}
+
+#[test]
+fn a_run_computes_nothing_twice_where_that_is_not_wanted_or_not_quick() {
+    let place = adding("0");
+    assert_eq!(place.run(&["--no-rehearsal"]).code, 0);
+    assert_eq!(starts(&place), 1);
+    let place = adding("0");
+    place.edit("evaluate_every: 200", "evaluate_every: 0");
+    let tables = "tables:\n  returns: { comparison: { rows: agent, value: return } }\n";
+    place.edit("seeds: 1\n", &format!("seeds: 1\n{tables}"));
+    assert_eq!(place.run(&[]).code, 0);
+    assert_eq!(starts(&place), 1);
+    let report = fs::read_to_string(place.bench.path("results/one/report.md")).unwrap();
+    let says = "Not known to repeat (nothing is measured before its end): `mine`.";
+    assert!(report.contains(says), "{report}");
+}
+
 #[test]
 fn nobody_s_program_starts_without_consent_and_json_is_refused() {
     let place = adding("0");

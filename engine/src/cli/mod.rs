@@ -168,6 +168,9 @@ struct RunOptions {
     /// Run failed trials again.
     #[arg(long)]
     retry_failed: bool,
+    /// Compute no trial of a program a second time to see whether it repeats.
+    #[arg(long)]
+    no_rehearsal: bool,
     #[command(flatten)]
     limits: LimitOptions,
     #[command(flatten)]

@@ -70,7 +70,7 @@ pub(super) fn run(
     }
     looks::fix(&planned, &store)?;
     let unknown = match (&kind, &on_hosts) {
-        (None, None) => rehearse::unknown(registry, &planned, &store),
+        (None, None) if !options.no_rehearsal => rehearse::unknown(registry, &planned, &store),
         // Programs start where the trials do.
         _ => Vec::new(),
     };
