@@ -3,7 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
 
 /// Runs of another program in one environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -229,6 +232,10 @@ pub struct Mapping {
     /// may have no value yet.
     #[serde(skip)]
     pub is_own: bool,
+    /// How many lines of a file stood there when an own trial went on from a checkpoint: what stands behind them counts in
+    /// the place of what stands before at the same and later steps.
+    #[serde(skip)]
+    pub begins: BTreeMap<PathBuf, BTreeSet<u64>>,
 }
 
 impl Default for Mapping {
@@ -246,6 +253,7 @@ impl Default for Mapping {
             only: BTreeMap::new(),
             last: one(),
             is_own: false,
+            begins: BTreeMap::new(),
         }
     }
 }
@@ -280,6 +288,7 @@ impl ImportedText {
             only: only.collect(),
             last: self.last,
             is_own: false,
+            begins: BTreeMap::new(),
         }
     }
 }

@@ -142,6 +142,11 @@ impl<'m> Gathered<'m> {
                 .or_insert_with(|| self.groups[group].group.slots(&chosen));
             self.line(Place { table, file, line }, step, (&chosen, slots), group)?;
         }
+        for before in self.mapping.begins.get(&table.path).into_iter().flatten() {
+            for sums in &mut self.groups {
+                sums.group.log.begins.insert((file, before + 1));
+            }
+        }
         Ok(())
     }
 

@@ -194,7 +194,7 @@ impl OwnTraining for ProgramAgent {
         }
         let mut listening = process::listening(&self.config, &place)?;
         let attempts = attempt(&place, has_ended)?;
-        let metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
+        let mut metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
         let link = is_asked.then(|| Link::open(within.patience)).transpose()?;
         let work = if has_ended {
             listening.end();
@@ -202,6 +202,7 @@ impl OwnTraining for ProgramAgent {
         } else {
             if goes_on {
                 listening.begin_again(&place.notes())?;
+                metrics.begin_again()?;
             }
             place.lay(&self.config)?;
             place.tell(of, link.as_ref().map(Link::path).as_deref())?;

@@ -15,11 +15,14 @@ use engine::{
     reach::Reach,
 };
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
+    fs,
     path::{Path, PathBuf},
     time::{Duration, Instant, SystemTime},
 };
 
+/// The file with the lines at which a program went on.
+const BEGINS: &str = "begins.json";
 /// Between two readings of a source lies this many times what the last one took.
 const WORK_PER_READING: u32 = 20;
 
@@ -32,6 +35,8 @@ pub struct Metrics {
     notes: PathBuf,
     /// True where the program went on from what it had saved: steps may go back.
     goes_on: bool,
+    /// How many lines its files had where it went on.
+    begins: BTreeMap<PathBuf, BTreeSet<u64>>,
 }
 
 /// Metrics that stand in the same files, with the same steps.
@@ -80,7 +85,34 @@ impl Metrics {
             folder: folder.to_owned(),
             notes: notes.to_owned(),
             goes_on,
+            begins: fs::read(notes.join(BEGINS))
+                .ok()
+                .and_then(|text| serde_json::from_slice(&text).ok())
+                .unwrap_or_default(),
         }
+    }
+
+    /// The program goes on from a checkpoint: what stands behind the lines that its files have now counts in the place
+    /// of what stands before at the same and later steps.
+    ///
+    /// # Errors
+    /// [`Error::File`] where that cannot be noted.
+    pub fn begin_again(&mut self) -> Result<(), Error> {
+        for source in &self.sources {
+            for path in self
+                .files(source)?
+                .into_iter()
+                .filter(|_| !is_noted(&source.from))
+            {
+                let text = fs::read(&path).map_err(Error::file("read", &path))?;
+                let lines = text.iter().filter(|byte| **byte == b'\n').count() as u64;
+                self.begins.entry(path).or_default().insert(lines);
+            }
+        }
+        let path = self.notes.join(BEGINS);
+        let text = serde_json::to_vec(&self.begins).map_err(std::io::Error::from);
+        text.and_then(|text| fs::write(&path, text))
+            .map_err(Error::file("write", &path))
     }
 
     /// The values that are there by now.
@@ -173,6 +205,7 @@ impl Metrics {
             same_step: Some(SameStep::Mean),
             copies: Some(Copies::Count),
             is_own: true,
+            begins: self.begins.clone(),
             ..Mapping::default()
         };
         let mut found = read(files, &mapping)?;
@@ -250,7 +283,6 @@ mod tests {
     use super::*;
     use crate::config::tests::config;
     use serde_json::{Value, json};
-    use std::fs;
 
     struct Written {
         folder: tempfile::TempDir,
@@ -342,6 +374,23 @@ mod tests {
         assert_eq!(read(true), Ok(vec![vec![(10, 1.0), (15, 4.0)]]));
         let told = read(false).unwrap_err();
         assert!(told.contains("line 4"), "{told}");
+    }
+
+    /// A program that is killed behind a row that its checkpoint does not cover writes it again.
+    #[test]
+    fn rows_of_a_table_that_stand_twice_behind_each_other_count_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(json!({ "reads": { "from": "log.csv" }, "metrics": { "a": "x" } }));
+        let metrics = || Metrics::of(&config, folder.path(), folder.path(), true);
+        fs::write(folder.path().join("log.csv"), "step,x\n1,1\n2,10\n").unwrap();
+        metrics().begin_again().unwrap();
+        fs::write(
+            folder.path().join("log.csv"),
+            "step,x\n1,1\n2,10\n2,20\n3,30\n3,50\n",
+        )
+        .unwrap();
+        let curves = metrics().last(&[]).unwrap()[0].values.clone();
+        assert_eq!(curves, [(1, 1.0), (2, 20.0), (3, 30.0), (3, 50.0)]);
     }
 
     #[test]
