@@ -73,7 +73,10 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
 fn arrays(file: &Content) -> Result<(Vec<(String, Array)>, Vec<String>), Error> {
     let damaged = |problem: &dyn std::fmt::Display| {
         let kind = "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write";
-        file.wrong(None, format!("it is {kind}, and cannot be read ({problem}): save the table as CSV"))
+        file.wrong(
+            None,
+            format!("it is {kind}, and cannot be read ({problem}): save the table as CSV"),
+        )
     };
     let mut archive = ZipArchive::new(Cursor::new(&file.bytes[..])).map_err(|error| damaged(&error))?;
     let is_array = |name: Result<std::borrow::Cow<'_, str>, _>| name.is_ok_and(|name| name.ends_with(".npy"));
