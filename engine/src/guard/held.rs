@@ -11,8 +11,8 @@ use crate::{
     },
 };
 use std::{
-    collections::BTreeMap, fs::File, io::Write, os::unix::process::CommandExt as _, path::Path,
-    process::ExitStatus, time::Duration,
+    collections::BTreeMap, io::Write, os::unix::process::CommandExt as _, path::Path, process::ExitStatus,
+    time::Duration,
 };
 
 /// How long a guard may take beyond the grace of its program.
@@ -53,7 +53,7 @@ impl Guarded {
     pub fn start(
         order: Order,
         variables: &BTreeMap<String, String>,
-        [output, errors]: [File; 2],
+        [output, errors]: [fs::File; 2],
     ) -> Result<Self, Error> {
         for old in [ended(&order.notes), unstarted(&order.notes)] {
             // There may be none.
