@@ -1,6 +1,6 @@
 """Kills a study of eight programs at random moments until it is done, and holds it against the same study let alone.
 
-What must hold: every recorded value and every verdict is that of the undisturbed run; a step is computed a second time only where it came
+These hold: every recorded value and every verdict is that of the undisturbed run; a step is computed a second time only where it came
 after the program's last checkpoint; no trial that had ended starts again. The programs (`kills/walk.sh`, `kills/walk.py`) note outside of their
 trials what they begin, compute and save. Prints what was counted, and leaves with 1 where something does not hold. Needs Linux.
 
@@ -89,7 +89,7 @@ def strike(kind, scheduler, dice):
 
 
 def notes_of(place):
-    """What each trial noted, as pairs of a word and a step."""
+    """The notes of each trial, as pairs of a word and a step."""
     lines = {file.name: file.read_text().splitlines() for file in (place / "notes").iterdir()}
     return {trial: [(what, int(step)) for what, step in map(str.split, noted)] for trial, noted in lines.items()}
 

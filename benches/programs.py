@@ -1,4 +1,4 @@
-"""What a trial of a program costs over the bare command: the same command many times under `regimen run` and by xargs, pair by pair.
+"""The cost of a trial of a program over the bare command: the same command many times under `regimen run` and by xargs, pair by pair.
 
 Prints a Markdown table: milliseconds from the start of all to the end of all, per trial, and the processor time of everything that was
 started. Our side counts from the start of `regimen run` to its report, with its store on the disk of FOLDER.

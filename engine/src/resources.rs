@@ -8,12 +8,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The key of an agent that trains itself with what a trial of it needs.
-pub const NEEDS: &str = "needs";
+const NEEDS: &str = "needs";
 
 /// A card, in the thousandths by which cards are shared.
 const CARD: u32 = 1000;
 
-/// What a trial needs of a machine.
+/// The cores and graphics cards that a trial needs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Needs {
@@ -34,7 +34,7 @@ impl Default for Needs {
 }
 
 impl Needs {
-    /// What a trial with this agent needs.
+    /// The needs of a trial with this agent.
     #[must_use]
     pub fn of(registry: &Registry, agent: Option<&Part>) -> Self {
         let program = agent.filter(|part| {
@@ -85,7 +85,7 @@ impl Needs {
     }
 }
 
-/// What a machine has for trials.
+/// The cores and graphics cards of a machine, for trials.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Capacity {
     /// Cores.
@@ -112,7 +112,7 @@ impl Capacity {
     }
 }
 
-/// What a trial was given.
+/// The cores and graphics cards that a trial was given.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Share {
     /// Cores.

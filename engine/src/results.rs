@@ -4,7 +4,7 @@ mod repeats;
 mod searched;
 mod told;
 
-pub use repeats::{Recorded, Repeated, Repeats, sentences as repeats_in_words};
+pub use repeats::{Programs, Recorded, RepeatCheck, Repeats, sentences as repeats_in_words};
 pub use searched::{SearchResult, Sight, TriedSetting};
 pub use told::{Cost, Printed, Ran, Told};
 
@@ -430,7 +430,7 @@ pub struct Results {
     /// Where imported runs come from, which are among the trials.
     pub imported: Vec<Origin>,
     /// Programs of which a trial was computed twice.
-    pub repeated: Vec<Repeated>,
+    pub repeated: Vec<RepeatCheck>,
     /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
 }

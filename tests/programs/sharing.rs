@@ -19,7 +19,7 @@ fn noting(needs: &str, seeds: u32) -> Place {
     place
 }
 
-/// What the programs of a study were given, and how many of them ran at a time.
+/// The cards and threads of the programs of a study, and how many of them ran at a time.
 fn noted(place: &Place) -> (Vec<String>, usize) {
     let (mut given, mut now, mut most) = (Vec::new(), 0_usize, 0);
     for line in fs::read_to_string(place.bench.path("notes")).unwrap().lines() {

@@ -1,4 +1,4 @@
-//! What a program says while nobody listens, and what it says twice: every line counts, and none counts twice.
+//! Lines that a program says while nobody listens, or says twice: every line counts, and none counts twice.
 
 use super::*;
 use std::process::{Child, Command, Stdio};
@@ -48,7 +48,7 @@ fn deafen(place: &Place, lines: usize, then: &str) {
     assert_eq!(run.wait().unwrap().code(), Some(0));
 }
 
-/// What the only trial recorded: phase, step, metric, unit and value of each row.
+/// The record of the only trial: phase, step, metric, unit and value of each row.
 fn recorded(place: &Place) -> Vec<String> {
     let fields = |row: &String| row.split(',').skip(5).take(6).collect::<Vec<_>>().join(",");
     place.rows().iter().map(fields).collect()

@@ -1,4 +1,4 @@
-//! What trials need, held against what a machine, a host or a task of a queue has, before anything runs.
+//! The needs of trials, held against a machine, a host or a task of a queue, before anything runs.
 
 use super::{BAD_SPEC, Failure, consent, settings::Settings};
 use crate::{
@@ -10,9 +10,9 @@ use crate::{
 
 /// Machines on which trials would run, and the keys that say what these have.
 pub(super) struct Machines {
-    /// What each of them has.
+    /// Cores and cards of each.
     pub(super) all: Vec<Capacity>,
-    /// What they are called: `this machine`, `a task`.
+    /// Their name in messages: `this machine`, `a task`.
     pub(super) name: &'static str,
     /// Where it is said what they have.
     pub(super) keys: String,
@@ -34,14 +34,19 @@ impl Machines {
     /// The tasks of an executor that has a queue.
     pub(super) fn tasks(executor: &dyn executor::Executor, name: &str) -> Self {
         let cores = executor.cpus_per_task().get();
-        let gpus = (0..executor.gpus_per_task()).map(|card| card.to_string());
+        let gpus = executor.gpus_per_task();
+        let keys = match gpus {
+            Some(_) => "`cpus_per_task` and `gpus_per_task`",
+            None => "`cpus_per_task`",
+        };
+        let gpus = (0..gpus.unwrap_or(0)).map(|card| card.to_string());
         Self {
             all: vec![Capacity {
                 cores,
                 gpus: gpus.collect(),
             }],
             name: "a task",
-            keys: format!("`cpus_per_task` and `gpus_per_task` in [{name}] of regimen.toml"),
+            keys: format!("{keys} in [{name}] of regimen.toml"),
         }
     }
 

@@ -8,9 +8,8 @@ use super::{
 use crate::{
     Error, Registry,
     limits::Limits,
-    recorder::Row,
     resources::Needs,
-    results::{EndState, Recorded, Repeated, Repeats, TrialResult},
+    results::{EndState, Recorded, RepeatCheck, Repeats, TrialResult},
     scheduler::Task,
     store::{MetricsTable, Store},
     trial::Trial,
@@ -125,7 +124,7 @@ fn rehearsed(
     let line = |(trial, _): &(&Arc<Trial>, u64)| {
         let name = format!("`{}` in `{}`", trial.cell.agent, trial.cell.environment);
         let repeats = match (recorded(trial, &stores[0])?, recorded(trial, &stores[1])?) {
-            (Ok(first), Ok(second)) => first.compared(&second, trial),
+            (Ok(first), Ok(second)) => compared(&first, &second, trial),
             (Err(problem), _) | (_, Err(problem)) => {
                 return Ok(Err(format!("  {name} was not rehearsed: {problem}")));
             }
@@ -135,13 +134,14 @@ fn rehearsed(
     trials.iter().map(line).collect()
 }
 
-/// The trials of a program in an environment of which nobody knows whether it repeats, and that have not ended.
-pub(super) type Unknown = Vec<Arc<Trial>>;
+/// The missing trials of a program in an environment of which no trial was computed twice: one of them will be.
+pub(super) type Candidates = Vec<Arc<Trial>>;
 
-/// For each program in each environment of which no trial was computed twice: those that are missing. `run` is about
-/// to start them, so that the person has agreed to them.
-pub(super) fn unknown(registry: &Registry, planned: &[Planned], store: &Store) -> Vec<Unknown> {
-    let mut programs: BTreeMap<(&str, &str, &str), Option<Unknown>> = BTreeMap::new();
+/// The candidates of each program in each environment. `run` is about to start them, so that the person has agreed to
+/// them.
+pub(super) fn candidates(registry: &Registry, planned: &[Planned], store: &Store) -> Vec<Candidates> {
+    let known = store.repeats();
+    let mut programs: BTreeMap<(&str, &str, &str), Option<Candidates>> = BTreeMap::new();
     for one in planned
         .iter()
         .filter(|one| consent::has_programs(registry, &one.plan))
@@ -155,7 +155,7 @@ pub(super) fn unknown(registry: &Registry, planned: &[Planned], store: &Store) -
             let cell = &trial.cell;
             let key = (&*one.study.name, &*cell.environment, &*cell.agent);
             let trials = programs.entry(key).or_insert_with(|| Some(Vec::new()));
-            if store.repeats(&trial.id).is_some() {
+            if known.contains_key(&trial.id) {
                 *trials = None;
             } else if let Some(trials) = trials
                 && !matches!(store.end(&trial.id), Ok(Some(_)))
@@ -169,7 +169,11 @@ pub(super) fn unknown(registry: &Registry, planned: &[Planned], store: &Store) -
 
 /// Computes one of the trials of each program again, beside the store, up to its first measurement, and keeps whether
 /// it came to the same values.
-pub(super) fn compute_again(how: &Compute<'_>, unknown: &[Unknown], store: &Store) -> Result<(), Failure> {
+pub(super) fn compute_again(
+    how: &Compute<'_>,
+    candidates: &[Candidates],
+    store: &Store,
+) -> Result<(), Failure> {
     let limits = Arc::new(Limits {
         wall_time_s: Some(AGAIN_S),
         retries: Some(0),
@@ -179,7 +183,7 @@ pub(super) fn compute_again(how: &Compute<'_>, unknown: &[Unknown], store: &Stor
         let end = store.end(&trial.id).ok().flatten();
         end.is_some_and(|end| end.state == EndState::Ok)
     };
-    let chosen: Vec<&Arc<Trial>> = unknown
+    let chosen: Vec<&Arc<Trial>> = candidates
         .iter()
         .filter_map(|of| of.iter().find(ended_well))
         .collect();
@@ -199,7 +203,7 @@ pub(super) fn compute_again(how: &Compute<'_>, unknown: &[Unknown], store: &Stor
     let ran = how.work_quietly(&tasks, &beside)?;
     for trial in quick {
         let repeats = match (recorded(trial, store)?, recorded(trial, &beside)?) {
-            (Ok(first), Ok(second)) => first.compared(&second, trial),
+            (Ok(first), Ok(second)) => compared(&first, &second, trial),
             _ if ran.stopped() => continue,
             (Err(problem), _) | (_, Err(problem)) => Repeats::Unknown(problem),
         };
@@ -211,23 +215,21 @@ pub(super) fn compute_again(how: &Compute<'_>, unknown: &[Unknown], store: &Stor
 /// Longest time for which a program runs a second time without being asked for it, in seconds.
 const AGAIN_S: f64 = 60.0;
 
-/// What the store knows of programs that were computed twice.
-pub(super) fn found_out(trials: &[TrialResult], store: &Store) -> Vec<Repeated> {
-    let repeated = |it: &TrialResult| {
+/// The answers in the store on programs that were computed twice.
+pub(super) fn answers(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {
+    let known = store.repeats();
+    let check = |it: &TrialResult| {
         let trial = &it.trial;
-        Some(Repeated {
+        Some(RepeatCheck {
             environment: trial.cell.environment.to_string(),
             agent: trial.cell.agent.to_string(),
             seed: trial.key.seed,
-            repeats: store.repeats(&trial.id)?,
+            repeats: known.get(&trial.id)?.clone(),
         })
     };
-    let mut known = BTreeSet::new();
-    let new = |it: &Repeated| known.insert((it.environment.clone(), it.agent.clone()));
-    match store.has_repeats() {
-        true => trials.iter().filter_map(repeated).filter(new).collect(),
-        false => Vec::new(),
-    }
+    let mut cells = BTreeSet::new();
+    let is_first = |it: &RepeatCheck| cells.insert((it.environment.clone(), it.agent.clone()));
+    trials.iter().filter_map(check).filter(is_first).collect()
 }
 
 /// A trial of a program as a task, up to its first measurement.
@@ -259,32 +261,23 @@ fn first_measurement(trial: &Trial) -> Option<u64> {
         .then_some(every)
 }
 
-/// The record of a trial.
-struct Taken {
-    names: Vec<String>,
-    rows: Vec<Row>,
-}
-
-impl Taken {
-    /// A quick program ends before it is stopped at its first measurement.
-    fn compared(&self, other: &Self, trial: &Trial) -> Repeats {
-        let [one, other] = [self, other].map(|it| Recorded {
-            names: &it.names,
-            rows: &it.rows,
-        });
-        Repeats::of(one, other, first_measurement(trial))
-    }
+/// How two records of a trial compare. A quick program ends before it is stopped at its first measurement.
+fn compared(one: &MetricsTable, other: &MetricsTable, trial: &Trial) -> Repeats {
+    let [one, other] = [one, other].map(|it| Recorded {
+        names: &it.names,
+        rows: &it.rows,
+    });
+    Repeats::of(one, other, first_measurement(trial))
 }
 
 /// The record of a trial, or why there is none.
-fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<Taken, String>, Failure> {
+fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
     if let Some(partial) = store.partial(&trial.id)? {
-        let MetricsTable { names, rows } = partial.table;
-        return Ok(Ok(Taken { names, rows }));
+        return Ok(Ok(partial.table));
     }
     let result = store.load(trial)?;
     Ok(match result.end.as_deref() {
-        Some(end) if end.state == EndState::Ok => Ok(Taken {
+        Some(end) if end.state == EndState::Ok => Ok(MetricsTable {
             names: result.names.to_vec(),
             rows: result.rows,
         }),

@@ -54,31 +54,19 @@ pub(super) fn run(
         retry_failed: options.retry_failed,
         whole: true,
     };
-    let mut kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
-    let on_hosts = kind.take_if(|kind| matches!(kind.way, Way::Hosts(_)));
-    if kind.is_none() && options.detach {
-        return Err(Failure {
-            code: BAD_SPEC,
-            text: "error: --detach needs --executor slurm or another that has a queue".into(),
-        });
-    }
-    if let Some(kind) = &on_hosts {
-        let executor = settings.executor(kind, options.jobs)?;
-        if let Some(access) = executor.access() {
-            hosts::reach(&mut how, &planned, access)?;
-        }
-    }
+    let kind = place(&mut how, &planned, options)?;
     looks::fix(&planned, &store)?;
-    let unknown = match (&kind, &on_hosts) {
-        (None, None) if !options.no_rehearsal => rehearse::unknown(registry, &planned, &store),
-        // Programs start where the trials do.
-        _ => Vec::new(),
+    // Programs start where the trials do.
+    let is_here = kind.is_none() && how.hosts.all.is_empty();
+    let candidates = match is_here && !options.no_rehearsal {
+        true => rehearse::candidates(registry, &planned, &store),
+        false => Vec::new(),
     };
     let computed = match compute_all(&mut how, kind.as_ref(), &mut planned, &store, options)? {
         Computed::Left(code) => return Ok(code),
         Computed::Here(code) => code,
     };
-    rehearse::compute_again(&how, &unknown, &store)?;
+    rehearse::compute_again(&how, &candidates, &store)?;
     let mut code = OK;
     for study in confirmations::by_study(&planned) {
         code = code.max(reports::write(
@@ -90,6 +78,30 @@ pub(super) fn run(
         pack::at_end(&planned, &store, &settings)?;
     }
     Ok(if computed == OK { code } else { computed })
+}
+
+/// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.
+fn place(
+    how: &mut Compute<'_>,
+    planned: &[Planned],
+    options: &RunOptions,
+) -> Result<Option<executor::Kind>, Failure> {
+    let settings = how.settings;
+    let mut kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    let on_hosts = kind.take_if(|kind| matches!(kind.way, Way::Hosts(_)));
+    if kind.is_none() && options.detach {
+        return Err(Failure {
+            code: BAD_SPEC,
+            text: "error: --detach needs --executor slurm or another that has a queue".into(),
+        });
+    }
+    if let Some(kind) = &on_hosts {
+        let executor = settings.executor(kind, options.jobs)?;
+        if let Some(access) = executor.access() {
+            hosts::reach(how, planned, access)?;
+        }
+    }
+    Ok(kind)
 }
 
 /// The command that runs again what failed.
@@ -357,7 +369,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     };
     Results {
         drawings,
-        repeated: rehearse::found_out(&trials, store),
+        repeated: rehearse::answers(&trials, store),
         ..assembled(&one.study, trials)
     }
 }

@@ -98,8 +98,7 @@ pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>,
     set_aside_damaged(&dispatch.store)?;
     let ends = asked.how.prepare(asked.planned, &Store::at(&dispatch.store))?;
     let tasks = asked.how.tasks(asked.planned, &ends, |_| true);
-    let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
-    Machines::tasks(&*executor, asked.kind.name).refuse_unfit(asked.how.registry, agents)?;
+    asked.refuse_unfit(&*executor, &tasks)?;
     if tasks.is_empty() {
         complain(&asked.how.nothing_runs(asked.planned, &ends));
         return Ok(None);
@@ -184,6 +183,12 @@ impl Asked<'_> {
         })
     }
 
+    /// Refuses trials that fit no task.
+    fn refuse_unfit(&self, executor: &dyn Executor, tasks: &[scheduler::Task<'_>]) -> Result<(), Failure> {
+        let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
+        Machines::tasks(executor, self.kind.name).refuse_unfit(self.how.registry, agents)
+    }
+
     /// What a worker runs, and the store as it finds it. Where workers see other paths than those of this
     /// machine, paths stay as they were written.
     fn work(&self, executor: &dyn Executor) -> Result<(PathBuf, Work), Failure> {
@@ -232,7 +237,8 @@ impl Asked<'_> {
             .iter()
             .map(|one| study::ends(&Store::at(&store), &one.plan.trials))
             .collect();
-        let trials = self.how.tasks(self.planned, &ends, |_| true).len();
+        let tasks = self.how.tasks(self.planned, &ends, |_| true);
+        self.refuse_unfit(&*executor, &tasks)?;
         let study = self
             .planned
             .iter()
@@ -249,7 +255,7 @@ impl Asked<'_> {
                 study: &study,
                 store: &store,
                 work: &work,
-                trials,
+                trials: tasks.len(),
             })
             .map_err(wrong)
     }

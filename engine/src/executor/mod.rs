@@ -50,9 +50,9 @@ pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
 
-    /// Graphics cards of a task.
-    fn gpus_per_task(&self) -> usize {
-        0
+    /// Graphics cards of a task; `None` where none can be asked for.
+    fn gpus_per_task(&self) -> Option<usize> {
+        None
     }
 
     /// Missing trials that are worth a task.

@@ -21,6 +21,9 @@ struct Array {
     values: Vec<f64>,
 }
 
+/// Arrays by name.
+type Named = Vec<(String, Array)>;
+
 /// The table of an archive.
 pub(super) fn table(file: &Content) -> Result<Table, Error> {
     let (arrays, mut notes) = arrays(file)?;
@@ -69,8 +72,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
 }
 
 /// The arrays of numbers by name, with a sentence on each other one.
-#[allow(clippy::type_complexity, reason = "names with arrays, and sentences")]
-fn arrays(file: &Content) -> Result<(Vec<(String, Array)>, Vec<String>), Error> {
+fn arrays(file: &Content) -> Result<(Named, Vec<String>), Error> {
     let damaged = |problem: &dyn std::fmt::Display| {
         let kind = "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write";
         file.wrong(
@@ -94,13 +96,13 @@ fn arrays(file: &Content) -> Result<(Vec<(String, Array)>, Vec<String>), Error> 
         let bytes = bytes.map_err(|error| damaged(&format!("`{name}`: {error}")))?;
         match parsed(&bytes) {
             Ok(array) => arrays.push((name, array)),
-            Err(Odd::Kind(kind)) => {
+            Err(Refusal::Kind(kind)) => {
                 notes.push(format!(
                     "`{name}` of `{}` is of kind {kind} and is passed over",
                     file.name()
                 ));
             }
-            Err(Odd::Damaged) => return Err(damaged(&format!("`{name}` is no whole array"))),
+            Err(Refusal::Damaged) => return Err(damaged(&format!("`{name}` is no whole array"))),
         }
     }
     Ok((arrays, notes))
@@ -108,7 +110,7 @@ fn arrays(file: &Content) -> Result<(Vec<(String, Array)>, Vec<String>), Error> 
 
 /// Why bytes are no array of numbers.
 #[derive(Debug, PartialEq)]
-enum Odd {
+enum Refusal {
     /// Its entries are no numbers.
     Kind(String),
     /// It is not whole.
@@ -116,38 +118,38 @@ enum Odd {
 }
 
 /// Reads an array: `\x93NUMPY`, a version, the length of the head, the head (a dictionary of Python), the entries.
-fn parsed(bytes: &[u8]) -> Result<Array, Odd> {
+fn parsed(bytes: &[u8]) -> Result<Array, Refusal> {
     let version = *bytes
         .get(6)
         .filter(|_| bytes.starts_with(b"\x93NUMPY"))
-        .ok_or(Odd::Damaged)?;
+        .ok_or(Refusal::Damaged)?;
     let (start, length): (usize, usize) = match (version, bytes.get(8..12)) {
         (1, Some(size)) => (10, usize::from(u16::from_le_bytes([size[0], size[1]]))),
         (_, Some(size)) => (
             12,
             u32::from_le_bytes([size[0], size[1], size[2], size[3]]) as usize,
         ),
-        _ => return Err(Odd::Damaged),
+        _ => return Err(Refusal::Damaged),
     };
     let end = start
         .checked_add(length)
         .filter(|end| *end <= bytes.len())
-        .ok_or(Odd::Damaged)?;
-    let head = std::str::from_utf8(&bytes[start..end]).map_err(|_| Odd::Damaged)?;
+        .ok_or(Refusal::Damaged)?;
+    let head = std::str::from_utf8(&bytes[start..end]).map_err(|_| Refusal::Damaged)?;
     let (kind, shape) = (said(head, "descr")?, said(head, "shape")?);
     let shape: Vec<usize> = shape
         .trim_matches(['(', ')'])
         .split(',')
         .map(str::trim)
         .filter(|length| !length.is_empty())
-        .map(|length| length.parse().map_err(|_| Odd::Damaged))
+        .map(|length| length.parse().map_err(|_| Refusal::Damaged))
         .collect::<Result<_, _>>()?;
     let values = entries(&bytes[end..], kind.trim_matches(['\'', '"']))?;
     let entries = shape
         .iter()
         .try_fold(1_usize, |all, length| all.checked_mul(*length));
     if entries != Some(values.len()) {
-        return Err(Odd::Damaged);
+        return Err(Refusal::Damaged);
     }
     let is_fortran = said(head, "fortran_order")? == "True";
     let values = if is_fortran {
@@ -159,19 +161,19 @@ fn parsed(bytes: &[u8]) -> Result<Array, Odd> {
 }
 
 /// The value of a key in the head of an array.
-fn said<'a>(head: &'a str, key: &str) -> Result<&'a str, Odd> {
-    let at = head.find(&format!("'{key}':")).ok_or(Odd::Damaged)?;
+fn said<'a>(head: &'a str, key: &str) -> Result<&'a str, Refusal> {
+    let at = head.find(&format!("'{key}':")).ok_or(Refusal::Damaged)?;
     let value = head[at + key.len() + 3..].trim_start();
     let end = match value.as_bytes().first() {
         Some(b'(') => value.find(')').map(|end| end + 1),
         Some(b'[') => value.find(']').map(|end| end + 1),
         _ => value.find([',', '}']),
     };
-    Ok(value[..end.ok_or(Odd::Damaged)?].trim())
+    Ok(value[..end.ok_or(Refusal::Damaged)?].trim())
 }
 
 /// The entries of a kind, such as `<f8`.
-fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Odd> {
+fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Refusal> {
     let (is_big, name) = match kind.as_bytes().first() {
         Some(b'>') => (true, &kind[1..]),
         Some(b'<' | b'|' | b'=') => (false, &kind[1..]),
@@ -192,7 +194,7 @@ fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Odd> {
         "u4" => |it| f64::from(u32::from_le_bytes([it[0], it[1], it[2], it[3]])),
         "u2" => |it| f64::from(u16::from_le_bytes([it[0], it[1]])),
         "u1" | "b1" => |it| f64::from(it[0]),
-        _ => return Err(Odd::Kind(kind.to_owned())),
+        _ => return Err(Refusal::Kind(kind.to_owned())),
     };
     // Every name that is known ends in its size.
     let size = usize::from(name.as_bytes()[1] - b'0');
@@ -206,7 +208,7 @@ fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Odd> {
     };
     let parts = bytes.chunks_exact(size);
     if !parts.remainder().is_empty() {
-        return Err(Odd::Damaged);
+        return Err(Refusal::Damaged);
     }
     Ok(parts.map(entry).collect())
 }
@@ -304,9 +306,9 @@ mod tests {
         assert_eq!(one("<u4", &7_u32.to_le_bytes()), "7");
         assert_eq!(one("<u2", &7_u16.to_le_bytes()), "7");
         assert_eq!(one("|b1", &[1]), "1");
-        assert_eq!(array("|O", "(1,)", &[0; 8]), Err(Odd::Kind("|O".into())));
-        assert_eq!(array("<f8", "(2,)", &[0; 8]), Err(Odd::Damaged));
-        assert_eq!(array("<f8", "(1,)", &[0; 9]), Err(Odd::Damaged));
+        assert_eq!(array("|O", "(1,)", &[0; 8]), Err(Refusal::Kind("|O".into())));
+        assert_eq!(array("<f8", "(2,)", &[0; 8]), Err(Refusal::Damaged));
+        assert_eq!(array("<f8", "(1,)", &[0; 9]), Err(Refusal::Damaged));
     }
 
     #[test]

@@ -26,7 +26,7 @@ const FRAGMENT_HEAD: usize = 7;
 
 #[derive(Clone, PartialEq, Message)]
 struct Record {
-    /// What one call of `wandb.log` said.
+    /// The values of one call of `wandb.log`.
     #[prost(message, optional, tag = "2")]
     history: Option<History>,
 }

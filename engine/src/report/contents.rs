@@ -8,7 +8,8 @@ use crate::{
     figure::{self, Chart, FigureSpec},
     imported::marked,
     results::{
-        CellName, Cost, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times, repeats_in_words,
+        CellName, Cost, Programs, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times,
+        repeats_in_words,
     },
     spec::ClaimSpec,
     statistics::{
@@ -121,7 +122,7 @@ impl Contents {
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
-            chart.notes = with_agents(notes, results, Said::Lacks, |name| {
+            chart.notes = with_agents(notes, results, Programs::OnlyLacking, |name| {
                 shows(&chart, spec.labels.get(name).map_or(name, String::as_str))
             });
             if let Some(sentence) = figure::lacking(&chart) {
@@ -452,7 +453,7 @@ fn shows(chart: &Chart, label: &str) -> bool {
 fn with_agents(
     mut notes: Vec<String>,
     results: &Results,
-    repeats: Said,
+    programs: Programs,
     shown: impl Fn(&str) -> bool,
 ) -> Vec<String> {
     let origins: Vec<_> = results
@@ -466,17 +467,8 @@ fn with_agents(
         )),
         _ => notes.extend(origins.into_iter().map(|origin| origin.sentence.clone())),
     }
-    notes.extend(repeats_in_words(&results.repeated, repeats == Said::Lacks, shown));
+    notes.extend(repeats_in_words(&results.repeated, programs, shown));
     notes
-}
-
-/// What notes say of programs that were computed twice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Said {
-    /// How each of them repeats.
-    All,
-    /// Which of them do not repeat to the bit.
-    Lacks,
 }
 
 /// Notes with the sentence on times, where a table or figure shows some.
@@ -501,7 +493,7 @@ pub(super) fn make_table(
     grid.notes = with_agents(
         with_times(spec, std::mem::take(&mut grid.notes)),
         results,
-        Said::All,
+        Programs::All,
         |name| behind.contains(name),
     );
     if let Some(metric) = spec.kind.metric_of_unit() {
@@ -799,7 +791,7 @@ fn held_in<'r>(
     }
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
-    verdict.notes = with_agents(notes, results, Said::Lacks, is_there);
+    verdict.notes = with_agents(notes, results, Programs::OnlyLacking, is_there);
     Held {
         verdict,
         matters,

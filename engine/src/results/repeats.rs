@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// A trial of a program that was computed twice, up to its first measurement.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Repeated {
+pub struct RepeatCheck {
     /// Environment of the trial.
     pub environment: String,
     /// Its agent.
@@ -101,14 +101,22 @@ impl<'a> Recorded<'a> {
     }
 }
 
-/// Sentences on the programs that are shown, one for each answer; with `only_lacks` those alone that do not repeat to the
-/// bit.
+/// The programs of which sentences say whether they repeat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Programs {
+    /// All.
+    All,
+    /// Those that do not repeat to the bit.
+    OnlyLacking,
+}
+
+/// Sentences on the programs that are shown, one for each answer.
 #[must_use]
-pub fn sentences(all: &[Repeated], only_lacks: bool, shown: impl Fn(&str) -> bool) -> Vec<String> {
-    let mut answers: BTreeMap<(u8, String), Vec<&Repeated>> = BTreeMap::new();
+pub fn sentences(all: &[RepeatCheck], which: Programs, shown: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut answers: BTreeMap<(u8, String), Vec<&RepeatCheck>> = BTreeMap::new();
     for one in all.iter().filter(|it| shown(&it.agent)) {
         let answer = match &one.repeats {
-            Repeats::ToTheBit(_) if only_lacks => continue,
+            Repeats::ToTheBit(_) if which == Programs::OnlyLacking => continue,
             Repeats::ToTheBit(_) => (0, "Repeats to the bit with the same seed".to_owned()),
             Repeats::Within(power) => (1, format!("Repeats to 1e{power} with the same seed")),
             Repeats::Not => (2, "Does not repeat with the same seed".into()),
@@ -116,12 +124,12 @@ pub fn sentences(all: &[Repeated], only_lacks: bool, shown: impl Fn(&str) -> boo
         };
         answers.entry(answer).or_default().push(one);
     }
-    let is_everywhere = |one: &Repeated, of: &[&Repeated]| {
+    let is_everywhere = |one: &RepeatCheck, of: &[&RepeatCheck]| {
         let environments = all.iter().filter(|it| it.agent == one.agent).count();
         of.iter().filter(|it| it.agent == one.agent).count() == environments
     };
-    let sentence = |((_, words), of): (&(u8, String), &Vec<&Repeated>)| {
-        let name = |one: &&Repeated| match is_everywhere(one, of) {
+    let sentence = |((_, words), of): (&(u8, String), &Vec<&RepeatCheck>)| {
+        let name = |one: &&RepeatCheck| match is_everywhere(one, of) {
             true => format!("`{}`", one.agent),
             false => format!("`{}` in `{}`", one.agent, one.environment),
         };
@@ -203,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_sentence_names_all_programs_with_its_answer_and_where_it_holds_if_not_everywhere() {
-        let of = |environment: &str, repeats| Repeated {
+        let of = |environment: &str, repeats| RepeatCheck {
             environment: environment.into(),
             agent: "mine".into(),
             seed: 3,
@@ -211,14 +219,14 @@ mod tests {
         };
         let one = [of("a", Repeats::Not), of("b", Repeats::Not)];
         assert_eq!(
-            sentences(&one, false, |_| true),
+            sentences(&one, Programs::All, |_| true),
             ["Does not repeat with the same seed: `mine`."]
         );
-        assert!(sentences(&one, false, |_| false).is_empty());
+        assert!(sentences(&one, Programs::All, |_| false).is_empty());
         let three = [
             of("a", Repeats::ToTheBit(3)),
             of("b", Repeats::Unknown("it is slow".into())),
-            Repeated {
+            RepeatCheck {
                 agent: "other".into(),
                 ..of("a", Repeats::ToTheBit(7))
             },
@@ -227,7 +235,7 @@ mod tests {
             "Repeats to the bit with the same seed: `mine` in `a`, `other`.",
             "Not known to repeat (it is slow): `mine` in `b`.",
         ];
-        assert_eq!(sentences(&three, false, |_| true), said);
-        assert_eq!(sentences(&three, true, |_| true), said[1..]);
+        assert_eq!(sentences(&three, Programs::All, |_| true), said);
+        assert_eq!(sentences(&three, Programs::OnlyLacking, |_| true), said[1..]);
     }
 }

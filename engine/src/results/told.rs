@@ -1,7 +1,7 @@
 //! The sentences of a report on all trials together: computed from the trials, or told by a record of an earlier report
 //! where the trials are not at hand.
 
-use super::{EndState, Repeated, Results, TrialResult};
+use super::{EndState, RepeatCheck, Results, TrialResult};
 use crate::count::count;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub struct Told {
     pub ran: Ran,
     /// Programs of which a trial was computed twice.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub repeated: Vec<Repeated>,
+    pub repeated: Vec<RepeatCheck>,
 }
 
 /// A table as it is printed, without its looks.

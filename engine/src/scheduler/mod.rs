@@ -165,14 +165,14 @@ pub struct Task<'a> {
     pub after: Vec<String>,
     /// The step at which it pauses, once that is measured; `None` to go to its end.
     pub until: Option<u64>,
-    /// What it needs of the machine that runs it.
+    /// Its cores and cards.
     pub needs: Needs,
 }
 
 /// How to run trials.
 #[derive(Debug, Clone)]
 pub struct Workers {
-    /// What this machine has, where there are no hosts: a worker process for each of its cores.
+    /// The cores of this machine, each with a worker process, and its cards; unused where there are hosts.
     pub capacity: Capacity,
     /// The hosts that run trials in the place of this machine, where there are any.
     pub hosts: hosts::Hosts,
@@ -258,7 +258,7 @@ pub fn run(
     })
 }
 
-/// What each machine has: the hosts, or this one.
+/// The capacity of each machine: of the hosts, or of this one.
 fn machines(workers: &Workers) -> Vec<Capacity> {
     match &workers.hosts.all[..] {
         [] => vec![workers.capacity.clone()],

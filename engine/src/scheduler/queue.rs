@@ -63,7 +63,7 @@ struct State<'a> {
     /// How many of a task's sources this program has still to run, or is running.
     awaited: Vec<usize>,
     later: Vec<Later>,
-    /// What is free of each machine.
+    /// Each machine, with its free cores and cards.
     pools: Vec<Pool>,
     /// Trials that some slot works on, each with its machine and its share: one of them may come back as a retry, or
     /// be what another one waits for.

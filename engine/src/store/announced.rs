@@ -4,13 +4,15 @@
 //! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is
 //! damaged, or of another program, is passed over.
 
-use super::{seal, write_durably};
+use super::{remade, seal};
 use crate::world::fs;
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::{Path, PathBuf};
 
 /// The folder of the records in a store.
 pub(super) const FOLDER: &str = "environments";
+/// The key of a record with the announcement.
+const KEY: &str = "announced";
 /// Raised whenever an environment of the same config would announce something else.
 const VERSION: u32 = 2;
 
@@ -46,12 +48,7 @@ impl Announcements {
         if !self.is_believed {
             return None;
         }
-        let text = super::read_file(&self.place(id)).ok()??;
-        if !seal::is_sealed(&text) {
-            return None;
-        }
-        let mut record: serde_json::Value = serde_json::from_slice(&text).ok()?;
-        serde_json::from_value(record["announced"].take()).ok()
+        remade::recall(&self.place(id), KEY)
     }
 
     /// True where there is a store.
@@ -61,16 +58,7 @@ impl Announcements {
 
     /// Keeps what an environment announced. An announcement that cannot be kept is asked for again.
     pub(crate) fn keep(&self, id: &str, announced: &impl Serialize) {
-        let place = self.place(id);
-        let record = serde_json::json!({ "announced": announced });
-        let text = serde_json::to_vec(&record).map(seal::sealed);
-        let folder = self.store.join(FOLDER);
-        if let Ok(text) = text
-            && super::read_file(&place).ok().flatten().as_ref() != Some(&text)
-            && fs::create_dir_all(&folder).is_ok()
-        {
-            let _ = write_durably(&place, &text);
-        }
+        remade::keep(&self.place(id), KEY, announced);
     }
 
     fn place(&self, id: &str) -> PathBuf {

@@ -39,6 +39,7 @@ mod pack;
 mod parcel;
 mod partial;
 mod products;
+mod remade;
 mod repeats;
 mod running;
 mod seal;

@@ -61,7 +61,7 @@ pub struct ProgramConfig {
     /// Names of environment variables of the machine that it is given besides. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub inherit: Vec<String>,
-    /// What a trial needs of a machine: `{ cores: 2, gpus: 1 }`. No part of a trial's id.
+    /// The cores and graphics cards of a trial: `{ cores: 2, gpus: 1 }`. No part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     #[serde(skip_serializing_if = "is_usual")]
     pub needs: Needs,

@@ -86,7 +86,7 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// What is noted of a line that ends at a place of the output; `None` where it holds no metric.
+    /// The note of a line that ends at a place of the output; `None` where it holds no metric.
     pub fn noted(&mut self, line: &str, at: u64) -> Option<String> {
         let values = values(line)?;
         for (key, _) in &values {

@@ -72,8 +72,8 @@ impl Executor for HyperQueue {
         self.options.cpus_per_task()
     }
 
-    fn gpus_per_task(&self) -> usize {
-        self.options.gpus_per_task.map_or(0, NonZeroUsize::get)
+    fn gpus_per_task(&self) -> Option<usize> {
+        Some(self.options.gpus_per_task.map_or(0, NonZeroUsize::get))
     }
 
     fn trials_per_task(&self) -> NonZeroUsize {

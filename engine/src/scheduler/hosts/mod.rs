@@ -41,7 +41,7 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Host {
     name: String,
-    /// What it has: a worker process for each core.
+    /// Its cores, each with a worker process, and its cards.
     capacity: Capacity,
     /// The command that runs a line of shell there, without the line.
     shell: Vec<OsString>,
@@ -83,7 +83,7 @@ const LOOKED_AT_WITHIN: Duration = Duration::from_secs(60);
 const BROUGHT_WITHIN: Duration = Duration::from_secs(900);
 
 impl Host {
-    /// What it has for trials: a worker process for each core.
+    /// Its cores, each with a worker process, and its cards.
     #[must_use]
     pub fn capacity(&self) -> &Capacity {
         &self.capacity

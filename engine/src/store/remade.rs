@@ -1,0 +1,28 @@
+//! Records that can be made again at any time: one that is damaged, or cannot be kept, counts as absent.
+
+use super::{read_file, seal, write_durably};
+use crate::world::fs;
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The value that a file holds under a key; `None` where there is none, or where its check does not hold.
+pub(super) fn recall<T: DeserializeOwned>(path: &Path, key: &str) -> Option<T> {
+    let text = read_file(path).ok()??;
+    if !seal::is_sealed(&text) {
+        return None;
+    }
+    let mut record: Value = serde_json::from_slice(&text).ok()?;
+    serde_json::from_value(record[key].take()).ok()
+}
+
+/// Keeps a value under a key in a file, unless it holds that already.
+pub(super) fn keep(path: &Path, key: &str, value: &impl Serialize) {
+    let text = serde_json::to_vec(&json!({ key: value })).map(seal::sealed);
+    if let (Ok(text), Some(folder)) = (text, path.parent())
+        && read_file(path).ok().flatten().as_ref() != Some(&text)
+        && fs::create_dir_all(folder).is_ok()
+    {
+        let _ = write_durably(path, &text);
+    }
+}
