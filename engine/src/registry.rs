@@ -8,6 +8,7 @@ use crate::{
     Agent, Environment, Error, Interface, Metric, Protocol, Rng,
     export::{PolicyForm, ReadPolicies},
     own_training::Measured,
+    trial::Part,
 };
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
@@ -235,6 +236,13 @@ impl Default for Registry {
 }
 
 impl Registry {
+    /// The entry of an agent that is a program, and trains itself; `None` for every other agent.
+    #[must_use]
+    pub fn program(&self, agent: &Part) -> Option<&AgentEntry> {
+        let entry = self.agents.get(agent.plugin.as_str());
+        entry.filter(|entry| entry.trains_itself)
+    }
+
     /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so
     /// that raising any of them gives trials another id.
     pub fn shares(&mut self, version: u32) {

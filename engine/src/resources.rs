@@ -37,10 +37,7 @@ impl Needs {
     /// The needs of a trial with this agent.
     #[must_use]
     pub fn of(registry: &Registry, agent: Option<&Part>) -> Self {
-        let program = agent.filter(|part| {
-            let entry = registry.agents.get(part.plugin.as_str());
-            entry.is_some_and(|entry| entry.trains_itself)
-        });
+        let program = agent.filter(|part| registry.program(part).is_some());
         let said = program.and_then(|part| part.config.get(NEEDS).cloned());
         said.and_then(|said| serde_json::from_value(said).ok())
             .unwrap_or_default()

@@ -97,6 +97,32 @@ fn a_run_says_in_its_report_whether_a_program_repeats_and_finds_it_out_once() {
     }
 }
 
+/// One of two trials has ended when the run is stopped.
+#[test]
+fn a_run_that_is_stopped_starts_nothing_more() {
+    let place = Place::new("", "{ return: r }", "");
+    let started = place.bench.path("starts");
+    let program = format!(
+        "echo >>'{}'\nfor step in 200 400; do echo step=$step r=1; done\n[ $1 = 0 ] || sleep 60\n",
+        started.display()
+    );
+    place.bench.write("a.sh", &program);
+    place.edit("seeds: 1\n", "seeds: 2\n");
+    let mut command = place.bench.command(&["run", "study.yaml", "-j", "1", "--yes"]);
+    let mut run = command
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    until("the second trial runs", || starts(&place) == 2);
+    let told = std::process::Command::new("kill")
+        .args(["-INT", &run.id().to_string()])
+        .status();
+    assert!(told.unwrap().success());
+    assert_eq!(run.wait().unwrap().code(), Some(106));
+    assert_eq!(starts(&place), 2);
+}
+
 #[test]
 fn a_run_computes_nothing_twice_where_that_is_not_wanted_or_not_quick() {
     let place = adding("0");

@@ -320,19 +320,10 @@ impl Compute<'_> {
 
     /// Refuses trials that fit no machine.
     pub(super) fn refuse_unfit(&self, tasks: &[Task<'_>]) -> Result<(), Failure> {
-        let mut machines = Machines::here(self.settings, self.workers);
-        if !self.hosts.all.is_empty() {
-            machines = Machines {
-                all: self
-                    .hosts
-                    .all
-                    .iter()
-                    .map(|host| host.capacity().clone())
-                    .collect(),
-                name: "the largest host",
-                keys: "`workers` in [ssh] of regimen.toml".into(),
-            };
-        }
+        let machines = match &self.hosts.all[..] {
+            [] => Machines::here(self.settings, self.workers),
+            hosts => Machines::hosts(hosts),
+        };
         let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
         machines.refuse_unfit(self.registry, agents)
     }

@@ -140,12 +140,7 @@ pub(super) fn of_trials<'a>(
 
 /// True where a trial of a plan starts a program.
 pub(super) fn has_programs(registry: &Registry, plan: &Plan) -> bool {
-    let is_program = |part: &Part| {
-        registry
-            .agents
-            .get(part.plugin.as_str())
-            .is_some_and(|it| it.trains_itself)
-    };
+    let is_program = |part: &Part| registry.program(part).is_some();
     plan.trials
         .iter()
         .filter_map(|trial| trial.key.agent.agent())
@@ -154,11 +149,7 @@ pub(super) fn has_programs(registry: &Registry, plan: &Plan) -> bool {
 
 /// The words of the program that an agent is; `None` where it is none.
 fn written(registry: &Registry, part: &Part) -> Result<Option<Vec<String>>, Error> {
-    let Some(entry) = registry
-        .agents
-        .get(part.plugin.as_str())
-        .filter(|it| it.trains_itself)
-    else {
+    let Some(entry) = registry.program(part) else {
         return Ok(None);
     };
     let nothing = Interface {

@@ -5,6 +5,7 @@ use crate::{
     Registry,
     executor::{self, LOCAL, Way},
     resources::{Capacity, Needs},
+    scheduler::hosts::Host,
     trial::Part,
 };
 
@@ -28,6 +29,15 @@ impl Machines {
             }],
             name: "this machine",
             keys: "`workers` (`-j`) and `gpus` of regimen.toml".into(),
+        }
+    }
+
+    /// Hosts that were reached.
+    pub(super) fn hosts(hosts: &[Host]) -> Self {
+        Self {
+            all: hosts.iter().map(|host| host.capacity().clone()).collect(),
+            name: "the largest host",
+            keys: "`workers` in [ssh] of regimen.toml".into(),
         }
     }
 

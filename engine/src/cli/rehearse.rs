@@ -90,13 +90,8 @@ fn rehearse(registry: &Registry, options: &CheckOptions, common: &Common) -> Res
 fn first_of_each<'a>(registry: &Registry, one: &'a Planned) -> Vec<(&'a Arc<Trial>, u64)> {
     let mut known = BTreeSet::new();
     let trials = one.plan.trials.iter().zip(one.costs.iter().copied());
-    let trains_itself = |trial: &Trial| {
-        let part = trial.key.agent.agent();
-        part.and_then(|part| registry.agents.get(part.plugin.as_str()))
-            .is_some_and(|entry| entry.trains_itself)
-    };
     trials
-        .filter(|(trial, _)| trains_itself(trial))
+        .filter(|(trial, _)| is_program(registry, trial))
         .filter(|(trial, _)| known.insert((trial.cell.environment.clone(), trial.cell.agent.clone())))
         .collect()
 }
@@ -134,37 +129,45 @@ fn rehearsed(
     trials.iter().map(line).collect()
 }
 
+fn is_program(registry: &Registry, trial: &Trial) -> bool {
+    let agent = trial.key.agent.agent();
+    agent.is_some_and(|part| registry.program(part).is_some())
+}
+
 /// The missing trials of a program in an environment of which no trial was computed twice: one of them will be.
-pub(super) type Candidates = Vec<Arc<Trial>>;
+pub(super) struct Candidates {
+    trials: Vec<Arc<Trial>>,
+    /// The limits of their study.
+    limits: Limits,
+}
 
 /// The candidates of each program in each environment. `run` is about to start them, so that the person has agreed to
 /// them.
 pub(super) fn candidates(registry: &Registry, planned: &[Planned], store: &Store) -> Vec<Candidates> {
     let known = store.repeats();
-    let mut programs: BTreeMap<(&str, &str, &str), Option<Candidates>> = BTreeMap::new();
-    for one in planned
-        .iter()
-        .filter(|one| consent::has_programs(registry, &one.plan))
-    {
-        for trial in &one.plan.trials {
-            let part = trial.key.agent.agent();
-            let entry = part.and_then(|part| registry.agents.get(part.plugin.as_str()));
-            if !entry.is_some_and(|entry| entry.trains_itself) {
-                continue;
-            }
-            let cell = &trial.cell;
-            let key = (&*one.study.name, &*cell.environment, &*cell.agent);
-            let trials = programs.entry(key).or_insert_with(|| Some(Vec::new()));
+    let mut programs: BTreeMap<(&str, &str, &str), Candidates> = BTreeMap::new();
+    let mut answered = BTreeSet::new();
+    for one in planned {
+        for trial in one.plan.trials.iter().filter(|trial| is_program(registry, trial)) {
+            let key = (&*one.study.name, &*trial.cell.environment, &*trial.cell.agent);
             if known.contains_key(&trial.id) {
-                *trials = None;
-            } else if let Some(trials) = trials
-                && !matches!(store.end(&trial.id), Ok(Some(_)))
-            {
-                trials.push(Arc::clone(trial));
+                answered.insert(key);
+            }
+            if !matches!(store.end(&trial.id), Ok(Some(_))) {
+                let none = || Candidates {
+                    trials: Vec::new(),
+                    limits: one.study.limits.clone(),
+                };
+                programs
+                    .entry(key)
+                    .or_insert_with(none)
+                    .trials
+                    .push(Arc::clone(trial));
             }
         }
     }
-    programs.into_values().flatten().collect()
+    programs.retain(|key, _| !answered.contains(key));
+    programs.into_values().collect()
 }
 
 /// Computes one of the trials of each program again, beside the store, up to its first measurement, and keeps whether
@@ -174,34 +177,31 @@ pub(super) fn compute_again(
     candidates: &[Candidates],
     store: &Store,
 ) -> Result<(), Failure> {
-    let limits = Arc::new(Limits {
-        wall_time_s: Some(AGAIN_S),
-        retries: Some(0),
-        ..Limits::default()
-    });
     let ended_well = |trial: &&Arc<Trial>| {
         let end = store.end(&trial.id).ok().flatten();
         end.is_some_and(|end| end.state == EndState::Ok)
     };
-    let chosen: Vec<&Arc<Trial>> = candidates
-        .iter()
-        .filter_map(|of| of.iter().find(ended_well))
-        .collect();
-    let (quick, slow): (Vec<_>, Vec<_>) = chosen
-        .into_iter()
-        .partition(|trial| first_measurement(trial).is_some() && trial.key.sources().is_empty());
-    for trial in slow {
-        let problem = "nothing is measured before its end".to_owned();
-        store.keep_repeats(&trial.id, &Repeats::Unknown(problem));
+    let mut quick = Vec::new();
+    for of in candidates {
+        let Some(trial) = of.trials.iter().find(ended_well) else {
+            continue;
+        };
+        match reason_against(trial) {
+            Some(reason) => store.keep_repeats(&trial.id, &Repeats::Unknown(reason.into())),
+            None => quick.push((trial, Arc::new(limits_again(how, of)))),
+        }
     }
     if quick.is_empty() {
         return Ok(());
     }
     let folder = temporary()?;
     let beside = Store::at(folder.path());
-    let tasks: Vec<Task<'_>> = quick.iter().map(|trial| task(how, trial, 0, &limits)).collect();
+    let tasks: Vec<Task<'_>> = quick
+        .iter()
+        .map(|(trial, limits)| task(how, trial, 0, limits))
+        .collect();
     let ran = how.work_quietly(&tasks, &beside)?;
-    for trial in quick {
+    for (trial, _) in quick {
         let repeats = match (recorded(trial, store)?, recorded(trial, &beside)?) {
             (Ok(first), Ok(second)) => compared(&first, &second, trial),
             _ if ran.stopped() => continue,
@@ -214,6 +214,26 @@ pub(super) fn compute_again(
 
 /// Longest time for which a program runs a second time without being asked for it, in seconds.
 const AGAIN_S: f64 = 60.0;
+
+/// Why a trial is not computed again.
+fn reason_against(trial: &Trial) -> Option<&'static str> {
+    if !trial.key.sources().is_empty() {
+        return Some("it takes from other trials");
+    }
+    first_measurement(trial)
+        .is_none()
+        .then_some("nothing is measured before its end")
+}
+
+/// The limits of the second computation: those of the first, and a minute.
+fn limits_again(how: &Compute<'_>, of: &Candidates) -> Limits {
+    let limits = how.limits_of(&of.limits);
+    Limits {
+        wall_time_s: Some(limits.wall_time_s.map_or(AGAIN_S, |limit| limit.min(AGAIN_S))),
+        retries: Some(0),
+        ..limits
+    }
+}
 
 /// The answers in the store on programs that were computed twice.
 pub(super) fn answers(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {

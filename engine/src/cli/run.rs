@@ -66,7 +66,10 @@ pub(super) fn run(
         Computed::Left(code) => return Ok(code),
         Computed::Here(code) => code,
     };
-    rehearse::compute_again(&how, &candidates, &store)?;
+    // Who was stopped starts nothing more.
+    if computed != INCOMPLETE {
+        rehearse::compute_again(&how, &candidates, &store)?;
+    }
     let mut code = OK;
     for study in confirmations::by_study(&planned) {
         code = code.max(reports::write(
