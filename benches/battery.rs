@@ -17,7 +17,7 @@ fn main() {
     let entry = &registry.environments["battery"];
     let config = serde_json::json!({"cells": 4, "load": {"constant": {"power_w": 32.0}}, "start": "full"});
     let mut environment = (entry.build)(&(entry.about.resolve)(&config).unwrap()).unwrap();
-    let mut rng = engine::random::stream(&["benchmark"]);
+    let mut rng = contract::random::stream(&["benchmark"]);
     let (mut cell_seconds, start) = (0u64, Instant::now());
     while start.elapsed().as_secs_f64() < seconds {
         environment.reset(&mut rng).unwrap();

@@ -9,7 +9,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use engine::{Agent, Channel, Interface, Observation, Recorder, Rng, Seat, Space, agent::Transition};
+use contract::{Agent, Channel, Interface, Observation, Recorder, Rng, Seat, Space, agent::Transition};
 use rand::Rng as _;
 use std::time::Instant;
 
@@ -33,7 +33,7 @@ fn main() {
     config["learning_starts"] = 2048.into();
     let registry = plugins::registry();
     let entry = &registry.agents[name];
-    let mut rng = engine::random::stream(&["benchmark"]);
+    let mut rng = contract::random::stream(&["benchmark"]);
     let mut agent = (entry.build)(&(entry.about.resolve)(&config).unwrap(), &interface(), &mut rng).unwrap();
     let filling: Vec<Transition> = (0..2047).map(|_| transition(&mut rng)).collect();
     agent.learn(&filling, &mut rng, &mut Recorder::default()).unwrap();

@@ -8,7 +8,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use engine::{Agent, Channel, Interface, Mode, Observation, Recorder, Seat, Space, agent::Transition};
+use contract::{Agent, Channel, Interface, Mode, Observation, Recorder, Seat, Space, agent::Transition};
 use rand::Rng as _;
 use std::time::Instant;
 
@@ -36,7 +36,7 @@ fn main() {
         "updates_per_step": 1.0, "learning_starts": 2048, "replay_capacity": 4096,
     });
     let entry = &registry.agents[name];
-    let mut rng = engine::random::stream(&["benchmark"]);
+    let mut rng = contract::random::stream(&["benchmark"]);
     let mut agent = (entry.build)(&(entry.about.resolve)(&config).unwrap(), &interface(), &mut rng).unwrap();
     let mut record = Recorder::default();
     let filling: Vec<Transition> = (0..2047).map(|_| transition(&mut rng)).collect();
@@ -81,14 +81,14 @@ fn interface() -> Interface {
     }
 }
 
-fn observation(rng: &mut engine::Rng) -> Observation {
+fn observation(rng: &mut contract::Rng) -> Observation {
     Observation {
         seats: vec![(0..9).map(|_| rng.random::<f64>() * 2.0 - 1.0).collect()],
         state: Vec::new(),
     }
 }
 
-fn transition(rng: &mut engine::Rng) -> Transition {
+fn transition(rng: &mut contract::Rng) -> Transition {
     Transition {
         observation: observation(rng),
         action: vec![vec![0.1, 0.2, 0.3, 0.4]],
@@ -98,7 +98,7 @@ fn transition(rng: &mut engine::Rng) -> Transition {
     }
 }
 
-fn decisions(agent: &mut dyn Agent, rng: &mut engine::Rng) -> Vec<f64> {
+fn decisions(agent: &mut dyn Agent, rng: &mut contract::Rng) -> Vec<f64> {
     (0..2000)
         .map(|_| {
             let one = [observation(rng)];

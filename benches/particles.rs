@@ -23,7 +23,7 @@ fn main() {
     let entry = &registry.environments["particles"];
     let config = serde_json::json!({"scenario": scenario, "variant": "mpe2"});
     let mut environment = (entry.build)(&(entry.about.resolve)(&config).unwrap()).unwrap();
-    let mut rng = engine::random::stream(&["benchmark"]);
+    let mut rng = contract::random::stream(&["benchmark"]);
     let action = vec![vec![0.1, -0.2]; environment.seats().len()];
     let (mut steps, start) = (0u64, Instant::now());
     while start.elapsed().as_secs_f64() < seconds {

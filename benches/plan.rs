@@ -10,12 +10,11 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
+use contract::{Phase, Recorder, trial::Trial};
 use engine::{
-    Phase, Recorder,
     results::{EndState, TrialEnd},
     spec,
     store::{Store, TrialFile},
-    trial::Trial,
 };
 use std::{
     collections::BTreeMap,

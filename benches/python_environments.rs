@@ -6,7 +6,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use engine::{Environment, Space};
+use contract::{Environment, Space};
 use std::{process::Command, time::Instant};
 
 #[global_allocator]
@@ -39,12 +39,12 @@ fn main() {
     let config = (entry.about.resolve)(&config).unwrap();
     let mut environments: Vec<Box<dyn Environment>> =
         (0..count).map(|_| (entry.build)(&config).unwrap()).collect();
-    let mut rng = engine::random::stream(&["benchmark"]);
+    let mut rng = contract::random::stream(&["benchmark"]);
     for environment in &mut environments {
         environment.reset(&mut rng).unwrap();
     }
     let action = vec![match &environments[0].seats()[0].action {
-        Space::Choices(choices) => vec![0.0; engine::choice::n_options(choices)],
+        Space::Choices(choices) => vec![0.0; contract::choice::n_options(choices)],
         space => vec![0.0; space.len()],
     }];
     let (mut steps, start) = (0u64, Instant::now());

@@ -5,11 +5,11 @@
 //! Writes `study.yaml` and a store in which every trial of it (ten agents, SEEDS seeds) has ended with ROWS
 //! rows: a learning curve of 50 points with the same number of episodes at each. Prints one line of JSON.
 
+use contract::{Phase, Recorder, metrics_file};
 use engine::{
-    Phase, Recorder,
     results::{EndState, TrialEnd},
     spec,
-    store::{Store, TrialFile, encode_metrics},
+    store::{Store, TrialFile},
 };
 use rand::Rng as _;
 use std::{collections::BTreeMap, path::Path};
@@ -60,7 +60,7 @@ fn fill(study: &Path, root: &Path, rows: u64) -> usize {
     let study = spec::load(study, &registry, &spec::Options::default())
         .unwrap_or_else(|problems| panic!("{problems:?}"));
     let (store, plan) = (Store::at(root), study.plan());
-    let mut rng = engine::random::stream(&["rows"]);
+    let mut rng = contract::random::stream(&["rows"]);
     for trial in &plan.trials {
         let mut record = Recorder::default();
         for row in 0..rows {
@@ -82,13 +82,13 @@ fn fill(study: &Path, root: &Path, rows: u64) -> usize {
             "cycle_length",
             100.0 + rng.random::<f64>(),
         );
-        let bytes = encode_metrics(&record, &trial.id).unwrap();
+        let bytes = metrics_file::encode(&record, &trial.id).unwrap();
         let end = TrialEnd {
             state: EndState::Ok,
             reason: String::new(),
             wall_s: 1.0,
             decision_s: None,
-            digest: engine::store::digest(&bytes),
+            digest: contract::digest::of_bytes(&bytes),
         };
         let folder = store.folder(&trial.id);
         std::fs::create_dir_all(&folder).unwrap();

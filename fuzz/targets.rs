@@ -2,17 +2,15 @@
 //! or where what it says of the file cannot be true. The fuzzer calls them with what it makes up, the tests with what
 //! it has found.
 
+use contract::{Registry, recorder::Phase, trial::Trial};
+use document::diagnostic::render_first;
 use engine::{
-    Registry,
-    diagnostic::render_first,
-    recorder::Phase,
+    claim,
     spec::{self, Options, Study},
-    statistics::claim,
     store::{
         Store, TrialFile,
         metric_log::{self, LogEnd},
     },
-    trial::Trial,
 };
 use numerics::policy_file::{FILE_NAME, Policy};
 use std::{

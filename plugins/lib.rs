@@ -1,7 +1,7 @@
 //! The parts of the program: the engine's protocols, the environments, those in Python, the agents, programs as agents,
 //! the estimators and the generators, in one registry.
 
-use engine::{Build, Registry};
+use contract::{Build, Registry};
 
 /// All plugins by name, the version of the numerical code that they share, and the source code that they are
 /// built from.
@@ -14,7 +14,7 @@ pub fn registry() -> Registry {
         ..Registry::default()
     };
     registry.shares(numerics::VERSION);
-    engine::protocol::register(&mut registry);
+    protocols::register(&mut registry);
     environments::register(&mut registry);
     agents::register(&mut registry);
     estimators::register(&mut registry);

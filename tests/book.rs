@@ -7,7 +7,8 @@ use crate::{
     needs,
     program::{Bench, repository, trial_files},
 };
-use engine::{describe::markdown, diagnostic::render, spec};
+use document::diagnostic::render;
+use engine::{describe::markdown, spec};
 use numerics::{
     network::{Activation, Mlp, device},
     policy_file::{Head, Policy, Ports},

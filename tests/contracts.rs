@@ -1,8 +1,8 @@
 //! What every registered plugin must do, whatever it is: these tests loop over the registry.
 
-use engine::{
+use contract::{
     Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space,
-    UseOfDatasets, random::stream, registry::AgentEntry, results::UPDATES, trial::TrialKey,
+    UseOfDatasets, random::stream, registry::AgentEntry, standard_metrics::UPDATES, trial::TrialKey,
 };
 use plugins::registry;
 use rand::Rng as _;
@@ -291,8 +291,8 @@ fn agents_act_within_the_space_of_an_environment_that_takes_them() {
             } else {
                 Vec::new()
             };
-            let observation = engine::Observation { seats, state };
-            for mode in [engine::Mode::Train, engine::Mode::Evaluate] {
+            let observation = contract::Observation { seats, state };
+            for mode in [contract::Mode::Train, contract::Mode::Evaluate] {
                 let rows = vec![observation.clone(); if agent.remembers() { 1 } else { 2 }];
                 let actions = agent.act(&rows, mode, &mut rng).unwrap();
                 assert_eq!(actions.len(), rows.len(), "{name}: one action per row");

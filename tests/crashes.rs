@@ -124,7 +124,7 @@ fn killed_at_a_hundred_random_instants_and_resumed_it_ends_as_if_nothing_had_hap
     let bench = bench();
     bench.write("regimen.toml", "checkpoint_every_s = 0.02\n");
     let whole = uninterrupted(&bench);
-    let mut rng = engine::random::stream(&["kill at random instants"]);
+    let mut rng = contract::random::stream(&["kill at random instants"]);
     let (mut kills, mut rounds) = (0, 0);
     while kills < 100 {
         let mut child = start(bench.command(&RUN));

@@ -5,7 +5,9 @@ use crate::{
     program::{Bench, answer, trial_files},
     shrunk::shrunk,
 };
-use engine::{Action, Agent, Environment, Mode, Observation, Recorder, Registry, Transition, random::stream};
+use contract::{
+    Action, Agent, Environment, Mode, Observation, Recorder, Registry, Transition, random::stream,
+};
 use plugins::registry;
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf, process::Stdio};

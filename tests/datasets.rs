@@ -1,7 +1,7 @@
 //! Datasets for trials of tests that take one: made up for the seats of an environment, so that what learns
 //! from them does not move with any simulator.
 
-use engine::{
+use contract::{
     Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Seat, Space,
     dataset::{DatasetWriter, Episode},
     product::{Taken, named_in},

@@ -4,11 +4,10 @@ use crate::{
     contracts::{acting, ready_made},
     program::Bench,
 };
+use contract::{Registry, registry::About};
+use document::diagnostic::render;
 use engine::{
-    Registry,
     describe::{self, Asked, Group, Subject, text},
-    diagnostic::render,
-    registry::About,
     spec::{self, Options},
 };
 use plugins::registry;

@@ -1,7 +1,7 @@
 //! A study's numbers in forms that other programs read.
 
 use crate::program::{Bench, trial_files};
-use engine::Phase;
+use contract::Phase;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -94,7 +94,7 @@ fn tidy_tables_say_what_the_store_says() {
     let measured = rows(&bench.path("taken/evaluations.csv"));
     for file in trial_files(&bench.path("store")) {
         let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
-        let table = engine::store::read_metrics(&file.with_file_name("metrics.parquet")).unwrap();
+        let table = contract::metrics_file::read(&file.with_file_name("metrics.parquet")).unwrap();
         let of = |phase: Phase, metric: &str| {
             let rows = table.rows.iter().filter(|row| row.phase == phase);
             rows.filter(|row| table.names[usize::from(row.metric)] == metric)

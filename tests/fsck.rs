@@ -56,7 +56,7 @@ fn a_whole_store_is_called_whole() {
 fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
     let bench = finished();
     let store = Store::at(bench.path("store"));
-    let mut rng = engine::random::stream(&["flip bits"]);
+    let mut rng = contract::random::stream(&["flip bits"]);
     let files = files(&bench.path("store/trials"));
     assert_eq!(
         files.len(),

@@ -5,7 +5,7 @@ use crate::{
     program::{Bench, trial_files},
     resume::keys,
 };
-use engine::{
+use contract::{
     Error, NoKeeper, Phase, Registry,
     protocol::Run,
     random::Streams,
@@ -75,7 +75,7 @@ fn learn(
         .rows()
         .iter()
         .filter(|row| row.phase == Phase::Train || row.phase == Phase::Evaluate);
-    let row = |row: &engine::recorder::Row| {
+    let row = |row: &contract::recorder::Row| {
         let name = format!("{} {}", row.phase.name(), names[usize::from(row.metric)]);
         (name, row.step, row.episode, row.seat, row.value.to_bits())
     };

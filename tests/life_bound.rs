@@ -1,6 +1,6 @@
 //! The bound on the life of a pack beside what registered agents reach, episode by episode.
 
-use engine::{
+use contract::{
     NoKeeper, Phase,
     cast::Seating,
     trial::{Part, TrialKey},

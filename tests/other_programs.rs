@@ -101,7 +101,7 @@ fn minari_reads_what_was_gathered() {
     let mut trials = Vec::new();
     for file in trial_files(&bench.path("store")) {
         let trial = file.parent().unwrap();
-        if let Ok(dataset) = engine::Dataset::read(trial) {
+        if let Ok(dataset) = contract::Dataset::read(trial) {
             let expected = serde_json::json!({ "episodes": dataset.episodes }).to_string();
             std::fs::write(trial.join("expected.json"), expected).unwrap();
             trials.push(trial.to_string_lossy().into_owned());
@@ -153,11 +153,9 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
         let text = bench.ok(&["resolve", study.to_str().unwrap()]);
         let resolved = bench.write(&format!("resolved-{number}.yaml"), &text);
         assert_eq!(ids(study), ids(&resolved), "{}", study.display());
-        let mut sources = engine::diagnostic::Sources::default();
+        let mut sources = document::diagnostic::Sources::default();
         let source = sources.add_file("resolved", &text);
-        let values = engine::document::parse(&sources, source, &text)
-            .unwrap()
-            .to_value();
+        let values = document::parse(&sources, source, &text).unwrap().to_value();
         let values = bench.write(&format!("values-{number}.json"), &values.to_string());
         files.extend([resolved, values].map(|path| path.to_string_lossy().into_owned()));
     }

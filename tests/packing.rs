@@ -94,7 +94,7 @@ fn killed_at_any_instant_packing_loses_nothing_and_ends_later() {
     let bench = finished();
     let whole = table(&bench, "results");
     let digests = bench.digests("store");
-    let mut rng = engine::random::stream(&["kill packing"]);
+    let mut rng = contract::random::stream(&["kill packing"]);
     let mut kills = 0;
     while kills < 40 {
         let mut child = bench
@@ -238,7 +238,7 @@ fn a_run_of_very_many_short_trials_leaves_few_files_and_every_answer_stays() {
 fn a_run_that_is_killed_while_it_packs_loses_nothing_and_the_next_one_ends_it() {
     let bench = many();
     let digests = bench.digests("store");
-    let mut rng = engine::random::stream(&["kill a run that packs"]);
+    let mut rng = contract::random::stream(&["kill a run that packs"]);
     let mut kills = 0;
     while folders(&bench.path("store")) > 0 && kills < 8 {
         let before = folders(&bench.path("store"));

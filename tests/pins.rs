@@ -19,7 +19,7 @@ use crate::{
     program::repository,
     shrunk::shrunk,
 };
-use engine::{
+use contract::{
     Registry,
     cast::Seating,
     registry::About,
@@ -228,7 +228,7 @@ fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
         device: "cpu".into(),
     };
     // Not every agent fits every protocol, and some say so by a panic.
-    let run = AssertUnwindSafe(|| datasets::run(registry, &key, None, &mut engine::NoKeeper));
+    let run = AssertUnwindSafe(|| datasets::run(registry, &key, None, &mut contract::NoKeeper));
     let record = catch_unwind(run)
         .map_err(|_| "it panicked")?
         .map_err(|error| error.to_string())?;
@@ -375,7 +375,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
 /// True where an agent recorded what it records when it learns, or has nothing to record.
 fn learned(registry: &Registry, agent: &Part, rows: &str) -> bool {
     let metrics = &registry.agents[agent.plugin.as_str()].metrics;
-    let says = |metric: &engine::Metric| {
+    let says = |metric: &contract::Metric| {
         rows.lines()
             .any(|line| line.split(' ').nth(4) == Some(metric.name.as_str()))
     };

@@ -5,7 +5,7 @@ use crate::{
     other_programs::check,
     program::{Bench, repository, trial_files},
 };
-use engine::{Dataset, End, dataset::Episode};
+use contract::{Dataset, End, dataset::Episode};
 use std::{
     fs,
     path::{Path, PathBuf},

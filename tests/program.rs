@@ -135,25 +135,25 @@ pub(crate) fn reseal(text: &str) -> String {
         .map_or(text, |(object, _)| object);
     format!(
         "{object},\"check\":\"{}\"}}",
-        engine::store::digest(object.as_bytes())
+        contract::digest::of_bytes(object.as_bytes())
     )
 }
 
 /// Changes the values that a trial recorded a little, with a `trial.json` that fits: `file` is that of the trial.
 pub(crate) fn forge(file: &Path) {
     let path = file.with_file_name("metrics.parquet");
-    let table = engine::store::read_metrics(&path).unwrap();
-    let mut record = engine::Recorder::default();
+    let table = contract::metrics_file::read(&path).unwrap();
+    let mut record = contract::Recorder::default();
     for row in &table.rows {
         let (metric, seat) = (&table.names[usize::from(row.metric)], row.seat.into());
         record.add(row.phase, row.step, row.episode, seat, metric, row.value + 1e-12);
     }
     let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
-    let bytes = engine::store::encode_metrics(&record, id).unwrap();
+    let bytes = contract::metrics_file::encode(&record, id).unwrap();
     let text = std::fs::read_to_string(file).unwrap();
     let before: serde_json::Value = serde_json::from_str(&text).unwrap();
     let digest = before["end"]["digest"].as_str().unwrap();
-    let text = text.replace(digest, &engine::store::digest(&bytes));
+    let text = text.replace(digest, &contract::digest::of_bytes(&bytes));
     std::fs::write(path, &bytes).unwrap();
     std::fs::write(file, reseal(&text)).unwrap();
 }

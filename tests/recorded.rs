@@ -71,7 +71,7 @@ fn rewrite(bench: &Bench, file: &str, change: impl Fn(String) -> String) {
     let text = change(String::from_utf8(before.clone()).unwrap());
     fs::write(&path, &text).unwrap();
     let manifest = bench.path(FOLDER).join("manifest.json");
-    let [old, new] = [before.as_slice(), text.as_bytes()].map(engine::store::digest);
+    let [old, new] = [before.as_slice(), text.as_bytes()].map(contract::digest::of_bytes);
     fs::write(
         &manifest,
         fs::read_to_string(&manifest).unwrap().replace(&old, &new),

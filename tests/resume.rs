@@ -1,15 +1,17 @@
 //! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for
 //! every agent.
 
-use crate::contracts::{acting, ready_made};
-use crate::datasets::{self, with_sources};
-use crate::shrunk::shrunk;
-use engine::{
+use crate::{
+    contracts::{acting, ready_made},
+    datasets::{self, with_sources},
+    shrunk::shrunk,
+};
+use contract::{
     Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
     cast::Seating,
-    store::RunningTrial,
     trial::{Part, TrialKey},
 };
+use engine::store::RunningTrial;
 use plugins::registry;
 use serde_json::{Value, json};
 use std::{
@@ -45,7 +47,7 @@ fn small() -> Value {
     small
 }
 
-fn part(name: &str, about: &engine::registry::About) -> Part {
+fn part(name: &str, about: &contract::registry::About) -> Part {
     Part::new(name, about.version, shrunk(about, &small()))
 }
 
@@ -121,7 +123,7 @@ struct Outcome {
 fn run(registry: &Registry, key: &TrialKey, keeper: &mut dyn Keeper) -> Result<Outcome, Error> {
     let folder = tempfile::tempdir().unwrap();
     let record = datasets::run(registry, key, Some(folder.path()), keeper)?;
-    let bits = |row: &engine::recorder::Row| {
+    let bits = |row: &contract::recorder::Row| {
         (
             row.phase,
             row.step,

@@ -1,11 +1,10 @@
 //! Simulators through `regimen rollout`, against trajectories of other programs.
 
 use crate::program::{Bench, repository, trial_files};
+use contract::{Phase, metrics_file, random::stream};
 use engine::{
-    Phase,
-    random::stream,
     rollout::{Actions, rows},
-    store::{Store, read_metrics},
+    store::Store,
 };
 use plugins::registry;
 use std::{collections::BTreeMap, path::PathBuf};
@@ -291,7 +290,7 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
     assert_eq!(all.len(), 5 + 2 + 4);
     for (id, _, agent) in &all {
         let folder = bench.path("store/trials").join(&id[..2]).join(id);
-        let stored = read_metrics(&folder.join("metrics.parquet")).unwrap();
+        let stored = metrics_file::read(&folder.join("metrics.parquet")).unwrap();
         for episode in ["0", "2"] {
             bench.ok(&[
                 "rollout",
@@ -303,7 +302,7 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
                 "out.csv",
             ]);
             let ours = columns(&bench.path("out.csv"));
-            let of_episode = |row: &&engine::recorder::Row| row.episode.to_string() == episode;
+            let of_episode = |row: &&contract::recorder::Row| row.episode.to_string() == episode;
             let named = |name: &str| {
                 stored
                     .names

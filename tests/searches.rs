@@ -68,7 +68,7 @@ fn a_search_ends_alike_for_any_number_of_workers_and_after_fifty_kills() {
         (tables(&bench), bench.digests("two")),
         (expected.clone(), whole.clone())
     );
-    let mut rng = engine::random::stream(&["kill a search"]);
+    let mut rng = contract::random::stream(&["kill a search"]);
     let mut kills = 0;
     for _ in 0..50 {
         let mut command = bench.command(&["run", "tuned.yaml", "-j", "2", "--store", "killed"]);

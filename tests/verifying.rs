@@ -1,10 +1,8 @@
 //! Stored trials are computed again: what was not changed is the same, what was changed is found out.
 
 use crate::program::{Bench, forge, trial_files};
-use engine::{
-    cast::Seating,
-    store::{Store, TrialFile},
-};
+use contract::cast::Seating;
+use engine::store::{Store, TrialFile};
 use serde_json::Value;
 use std::{fs, path::PathBuf};
 

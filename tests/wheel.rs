@@ -7,7 +7,7 @@ use crate::{
     other_programs::check,
     program::{Bench, repository, trial_files},
 };
-use engine::{Action, End, Environment, Rng, Seat, Space, choice, random};
+use contract::{Action, End, Environment, Rng, Seat, Space, choice, random};
 use plugins::registry;
 use rand::Rng as _;
 use serde_json::{Value, json};
@@ -75,7 +75,7 @@ fn played(name: &str, keys: &Value, seed: u64) -> Value {
     let path = folder.path().join("config.yaml");
     std::fs::write(&path, keys.to_string()).unwrap();
     let part = engine::spec::load_config(name, &entry.about, Some(&path)).unwrap_or_else(|problems| {
-        panic!("{name}: {}", engine::diagnostic::render(&problems, false));
+        panic!("{name}: {}", document::diagnostic::render(&problems, false));
     });
     let mut environment = (entry.build)(&part.config).unwrap();
     let (mut rng, mut draws) = (random::rollout(seed), random::stream(&["wheel", name]));

@@ -3,7 +3,7 @@
 //!
 //! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered
 //! combination of agents over roles and each seed make one trial that measures and learns nothing: its
-//! [`Cast`](crate::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
+//! [`Cast`](contract::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
 //! meets seed `k` of the others, or with `pairs: all` every seed of theirs.
 //!
 //! Where all meet all, values that share a policy are not independent, and n * n of them are no sample of
@@ -18,12 +18,9 @@
 //! With y(i, j) = mu + a_i + b_j the v(k) are mu + a_k + b_k up to a constant, so that their spread over k is
 //! that of m, also where a_k and b_k come from one training and depend on each other.
 
-use crate::{
-    Phase,
-    results::{Results, TrialResult},
-    statistics::estimators::mean,
-    trial::Purpose,
-};
+use crate::results::{Results, TrialResult};
+use contract::{Phase, trial::Purpose};
+use statistics::estimators::mean;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The name of an encounter: `ROLE:AGENT` words.
@@ -226,9 +223,9 @@ fn of_seeds(meetings: &[Meeting<'_>]) -> Vec<(u64, Option<f64>)> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::{
+    use crate::report::synthetic::trial;
+    use contract::{
         cast::{Cast, Member, Seating},
-        report::synthetic::trial,
         trial::Part,
     };
 

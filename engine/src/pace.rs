@@ -1,9 +1,7 @@
 //! How fast the trials of a study go: seconds per step of an agent in an environment, from those that ended well.
 
-use crate::{
-    results::{EndState, TrialEnd},
-    trial::TrialCell,
-};
+use crate::results::{EndState, TrialEnd};
+use contract::trial::TrialCell;
 use std::collections::BTreeMap;
 
 /// Seconds per step of agents in environments, by their names in a study.

@@ -1,13 +1,13 @@
 //! Curves that others published: CSV files with a step and a value in each row.
 
-use crate::{
+use csv::{Reader, ReaderBuilder, StringRecord, Trim};
+use document::{
     input_file::{self, Opened, Use},
     reach::{self, Outside, Reach},
-    statistics::estimators,
 };
-use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::estimators;
 use std::{
     collections::{BTreeMap, btree_map::Entry},
     path::{Path, PathBuf},

@@ -4,39 +4,30 @@ mod repeats;
 mod searched;
 mod told;
 
+use contract::{
+    standard_metrics::{OWN_STEPS, SUCCESS, UPDATES},
+    trial::CellName,
+};
 pub use repeats::{Programs, Recorded, RepeatCheck, Repeats, sentences as repeats_in_words};
 pub use searched::{SearchResult, Sight, TriedSetting};
 pub use told::{Cost, Printed, Ran, Told};
 
-use crate::{
+use crate::{imported::Origin, store::is_missing, training_share::PaperBudget};
+use contract::{
     Metric, PerEpisode,
     drawing::Drawings,
-    imported::Origin,
-    plain_text::read_brief,
     recorder::{Phase, Row},
-    statistics::{Seeds, spending::Design},
-    store::is_missing,
-    training_share::PaperBudget,
     trial::{Purpose, Trial},
 };
+use document::plain_text::read_brief;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use statistics::{Seeds, spending::Design};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
 };
-
-/// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
-pub const UPDATES: &str = "updates";
-/// How far an agent trained that trains itself: the last step for which it gave a value.
-pub const OWN_STEPS: &str = "own_steps";
-
-/// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
-pub const SUCCESS: &str = "success";
-
-/// The metric that every measured episode records once: how many decisions it took.
-pub const EPISODE_LENGTH: &str = "episode_length";
 
 /// The metric that every trial has when results are read: how long it took, in seconds.
 pub const WALL_TIME: &str = "wall_time";
@@ -95,23 +86,6 @@ fn has_time(asked: &Value) -> bool {
         Value::Object(entries) => entries.values().any(has_time),
         _ => false,
     }
-}
-
-/// What [`OWN_STEPS`] says, for names, units and directions.
-#[must_use]
-pub fn own_steps_metric() -> Metric {
-    Metric::new(
-        OWN_STEPS,
-        "steps",
-        "the last step for which an agent that trains itself gave a value",
-    )
-    .per_episode(PerEpisode::Last)
-}
-
-/// What [`UPDATES`] says, for names, units and directions.
-#[must_use]
-pub fn updates_metric() -> Metric {
-    Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
 }
 
 /// The metric under which a record of means over episodes holds the root of the mean square of another one.
@@ -297,7 +271,7 @@ impl TrialResult {
 
     /// Adds a number of the whole trial at the step of one of its rows.
     fn add(&mut self, name: &str, value: f64, beside: Row) {
-        let metric = crate::recorder::intern(Arc::make_mut(&mut self.names), name);
+        let metric = contract::recorder::intern(Arc::make_mut(&mut self.names), name);
         self.rows.push(Row {
             episode: 0,
             seat: 0,
@@ -491,9 +465,6 @@ impl Round {
         }
     }
 }
-
-/// Environment, agent and setting, by their names in the study: what seeds are replicates of.
-pub type CellName = (String, String, String);
 
 impl Results {
     /// Trials of a study with a fixed number of seeds, which does not say what a success is.

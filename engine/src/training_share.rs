@@ -4,13 +4,12 @@
 //! already. It cannot show that it is not: below half of the steps, a value that differs and a claim that is refuted
 //! are NOT AT THIS BUDGET.
 
-use crate::{
-    results::{Results, TrialResult},
-    trial::{Purpose, Trial, TrialKey},
-};
+use crate::results::{Results, TrialResult};
+use contract::trial::{Purpose, Trial, TrialKey};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeSet, fmt};
+use statistics::TrainingShare;
+use std::collections::BTreeSet;
 
 /// How long the source trained.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -24,61 +23,21 @@ pub struct PaperBudget {
     pub agents: Vec<String>,
 }
 
-/// Steps of a training beside those of the source.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TrainingShare {
-    /// Steps here.
-    pub own: u64,
-    /// Steps of the source.
-    pub paper: u64,
-}
-
-impl TrainingShare {
-    /// The smallest share behind some trials; `None` where the study names no budget, and where none of its agents is
-    /// behind them.
-    #[must_use]
-    pub fn behind(trials: &[&TrialResult], results: &Results) -> Option<Self> {
-        let budget = results.paper_budget.as_ref()?;
-        let counts = |name: &String| budget.agents.is_empty() || budget.agents.contains(name);
-        let trained = trials.iter().flat_map(|trial| trainings(trial, results));
-        let own = trained
-            .filter(|(agent, _)| counts(agent))
-            .map(|(_, steps)| steps)
-            .min()?;
-        Some(Self {
-            own,
-            paper: budget.steps,
-        })
-    }
-
-    /// True where the training was so short that what it did not reach says nothing against the source.
-    #[must_use]
-    pub fn is_too_small(self) -> bool {
-        self.own.saturating_mul(2) < self.paper
-    }
-
-    /// The share in percent, as in `3.2 %`.
-    #[must_use]
-    pub fn percent(self) -> String {
-        #[allow(clippy::cast_precision_loss, reason = "a share is shown with two digits")]
-        let percent = 100.0 * self.own as f64 / self.paper as f64;
-        match percent {
-            it if it >= 10.0 => format!("{it:.0} %"),
-            it if it >= 1.0 => format!("{it:.1} %"),
-            it => format!("{it:.2} %"),
-        }
-    }
-}
-
-impl fmt::Display for TrainingShare {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { own, paper } = self;
-        write!(
-            f,
-            "trained for {own} of the source's {paper} steps ({})",
-            self.percent()
-        )
-    }
+/// The smallest share behind some trials; `None` where the study names no budget, and where none of its agents is
+/// behind them.
+#[must_use]
+pub fn behind(trials: &[&TrialResult], results: &Results) -> Option<TrainingShare> {
+    let budget = results.paper_budget.as_ref()?;
+    let counts = |name: &String| budget.agents.is_empty() || budget.agents.contains(name);
+    let trained = trials.iter().flat_map(|trial| trainings(trial, results));
+    let own = trained
+        .filter(|(agent, _)| counts(agent))
+        .map(|(_, steps)| steps)
+        .min()?;
+    Some(TrainingShare {
+        own,
+        paper: budget.steps,
+    })
 }
 
 /// The agents of some trials that learned there, or in trials whose policies are played there.
@@ -122,7 +81,8 @@ fn steps(key: &TrialKey) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, report::synthetic::trial, results::UPDATES};
+    use crate::report::synthetic::trial;
+    use contract::{Phase, standard_metrics::UPDATES};
 
     fn learner(agent: &str, planned: u64) -> TrialResult {
         let mut it = trial(
@@ -154,9 +114,9 @@ mod tests {
                 ..Results::of(trials)
             };
             let all: Vec<_> = results.trials.iter().collect();
-            assert_eq!(TrainingShare::behind(&all[2..], &results), None);
+            assert_eq!(behind(&all[2..], &results), None);
             assert_eq!(trained(&all, &results), ["a", "b"].map(str::to_owned).into());
-            TrainingShare::behind(&all, &results).map(|share| share.own)
+            behind(&all, &results).map(|share| share.own)
         };
         assert_eq!((of(&[]), of(&["a"]), of(&["c"])), (Some(100), Some(400), None));
     }

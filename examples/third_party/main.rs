@@ -9,7 +9,7 @@ mod episodes;
 mod proportional;
 mod thermostat;
 
-use engine::Registry;
+use contract::Registry;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -18,7 +18,7 @@ fn main() -> ExitCode {
 
 fn registry() -> Registry {
     let mut registry = Registry::default();
-    engine::protocol::register(&mut registry);
+    protocols::register(&mut registry);
     thermostat::register(&mut registry);
     proportional::register(&mut registry);
     episodes::register(&mut registry);

@@ -248,7 +248,7 @@ fn networks_of_every_setting_act_as_the_agent() {
             config[name] = value.clone();
         }
         part.config = (registry.agents[agent].about.resolve)(&config).unwrap().into();
-        key.agent = engine::cast::Seating::Agent(part).into();
+        key.agent = contract::cast::Seating::Agent(part).into();
         let mut trained = trained(&registry, &key).unwrap_or_else(|| panic!("{agent} {changes}"));
         assert!(hold_trial(&registry, &format!("{agent}-{at}"), &mut trained, &cases) > 0);
     }

@@ -10,14 +10,14 @@ use crate::{
     other_programs::check,
     program::{Bench, reseal, trial_files},
 };
-use engine::{
+use contract::{
     Agent, Environment, Mode, NoKeeper, Observation, ProductKind, Registry,
-    export::PortablePolicy,
+    policy_form::PortablePolicy,
     product::Taken,
     random::{Streams, stream},
-    rollout::trained_agent,
     trial::TrialKey,
 };
+use engine::rollout::trained_agent;
 use numerics::{
     network::{Activation, Mlp, device},
     onnx::{Graph, Network},
@@ -110,7 +110,7 @@ fn single(x: f64) -> f64 {
     f64::from(x as f32)
 }
 
-fn around(center: &[f64], spread: &[f64], rng: &mut engine::Rng) -> Vec<Vec<f64>> {
+fn around(center: &[f64], spread: &[f64], rng: &mut contract::Rng) -> Vec<Vec<f64>> {
     let mut near =
         |(center, spread): (&f64, &f64)| single(center + spread.min(1e3) * rng.random_range(-2.0..2.0));
     (0..ROWS)

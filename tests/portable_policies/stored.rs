@@ -58,7 +58,7 @@ fn a_policy_of_the_store_is_taken_away_with_what_it_is() {
     assert_eq!(bytes, fs::read(bench.path("two/policy.onnx")).unwrap());
     // Properties are texts: they stand in the file as they are.
     let text = String::from_utf8_lossy(&bytes);
-    let digest = engine::store::digest(&fs::read(folder.join("policy.safetensors")).unwrap());
+    let digest = contract::digest::of_bytes(&fs::read(folder.join("policy.safetensors")).unwrap());
     for property in [
         id.as_str(),
         digest.as_str(),
@@ -110,7 +110,7 @@ fn every_seat_has_a_file() {
     names.sort();
     assert_eq!(names, ["agent_0.onnx", "agent_1.onnx", "agent_2.onnx"]);
     bench.ok(&["export", "--minari", &id, "--episodes", "1", "--to", "episodes"]);
-    let played = engine::Dataset::read_from(&bench.path("episodes")).unwrap();
+    let played = contract::Dataset::read_from(&bench.path("episodes")).unwrap();
     assert_eq!(played.interface.seats.len(), 3);
 }
 
@@ -175,7 +175,7 @@ fn a_policy_that_is_damaged_or_of_an_unknown_form_is_refused_and_leaves_nothing(
     let before = serde_json::from_str::<Value>(&trial).unwrap()["files"]["policy.safetensors"].clone();
     let acknowledged = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
-        let digest = engine::store::digest(bytes);
+        let digest = contract::digest::of_bytes(bytes);
         let text = reseal(&trial.replace(before.as_str().unwrap(), &digest));
         fs::write(folder.join("trial.json"), text).unwrap();
     };

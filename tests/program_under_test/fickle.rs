@@ -4,7 +4,7 @@
 //! that update: with an error (`fail`), by a panic (`panic`), or by running for ever (`hang`). No trial's id
 //! knows of it, as of a licence server that is down.
 
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,
     Transition, Updates,
 };
@@ -31,7 +31,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 struct Fickle {
     config: Config,

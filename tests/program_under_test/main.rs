@@ -14,7 +14,7 @@ fn main() -> ExitCode {
     engine::cli::main(registry)
 }
 
-fn registry() -> engine::Registry {
+fn registry() -> contract::Registry {
     let mut registry = plugins::registry();
     misbehaving::register(&mut registry);
     fickle::register(&mut registry);

@@ -1,6 +1,6 @@
 //! An agent that misbehaves as its config says.
 
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Product, Recorder, Registry, Rng, Space,
     Transition, Updates, product::Policy,
 };
@@ -50,7 +50,7 @@ struct Config {
     start: Option<Product<Policy>>,
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 struct Misbehaving {
     config: Config,

@@ -1,6 +1,6 @@
 //! An environment with something to draw, and a protocol that leaves it: for figures of what trials leave.
 
-use engine::{
+use contract::{
     Channel, End, Environment, Error, Metric, ProductKind, Protocol, Registry, Rng, Seat, Space, Step,
     drawing::{self, Edge, Graph, Image, Node},
     protocol::{Measurement, Run, measure_alone, measurement_metrics},
@@ -23,7 +23,7 @@ impl Default for Paper {
     }
 }
 
-impl engine::Config for Paper {}
+impl contract::Config for Paper {}
 
 struct Painter(Paper, Vec<Seat>);
 
@@ -32,7 +32,7 @@ struct Painter(Paper, Vec<Seat>);
 #[serde(deny_unknown_fields, default)]
 struct Paint {}
 
-impl engine::Config for Paint {}
+impl contract::Config for Paint {}
 
 /// Registers both.
 pub(crate) fn register(registry: &mut Registry) {

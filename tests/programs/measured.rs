@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::needs;
-use engine::{product::no_product, random::Streams, recorder::Phase, trial::Part};
+use contract::{product::no_product, random::Streams, recorder::Phase, trial::Part};
 use numerics::onnx::Graph;
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ fn measured(bench: &Bench, plugin: &str, phases: &[Phase]) -> BTreeMap<(u64, Pha
             continue;
         }
         let seed = trial["key"]["seed"].as_u64().unwrap();
-        let table = engine::store::read_metrics(&file.with_file_name("metrics.parquet")).unwrap();
+        let table = contract::metrics_file::read(&file.with_file_name("metrics.parquet")).unwrap();
         for row in table.rows.iter().filter(|row| phases.contains(&row.phase)) {
             let name = table.names[usize::from(row.metric)].clone();
             found.insert(

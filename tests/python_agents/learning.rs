@@ -1,7 +1,7 @@
 //! Learners in Python are trained at the protocol's pace, and go on from what they saved to the same bits.
 
 use super::*;
-use engine::{
+use contract::{
     End, NoKeeper, Phase, Recorder, Transition,
     cast::Seating,
     trial::{Part, TrialKey},
@@ -14,7 +14,7 @@ fn learner(place: &Place) -> String {
 /// The record of a trial of the learner on the native pendulum, by protocol.
 fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
     let registry = plugins::registry();
-    let part = |about: &engine::registry::About, name: &str, values: &Value| {
+    let part = |about: &contract::registry::About, name: &str, values: &Value| {
         let part = Part::new(name, about.version, (about.resolve)(values).unwrap());
         crate::datasets::with_sources(part)
     };
@@ -32,8 +32,9 @@ fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
 }
 
 fn values(record: &Recorder, phase: Phase, name: &str) -> Vec<f64> {
-    let named =
-        |row: &&engine::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == name;
+    let named = |row: &&contract::recorder::Row| {
+        row.phase == phase && record.names()[usize::from(row.metric)] == name
+    };
     record.rows().iter().filter(named).map(|row| row.value).collect()
 }
 

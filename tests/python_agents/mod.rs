@@ -13,7 +13,7 @@ use crate::{
     python_environments::{Place, processes_of},
     slurm::until,
 };
-use engine::{Agent, Environment, Error, Interface, Mode, Observation, random::stream};
+use contract::{Agent, Environment, Error, Interface, Mode, Observation, random::stream};
 use serde_json::{Value, json};
 use std::fs;
 

@@ -16,7 +16,7 @@ use crate::{
     program::{Answer, Bench, repository},
     slurm::until,
 };
-use engine::{Channel, End, Environment, Space, random::stream};
+use contract::{Channel, End, Environment, Space, random::stream};
 use serde_json::{Value, json};
 use std::{
     fs,

@@ -1,13 +1,14 @@
 //! From a name and the keys that a person gave to environments, by the registry and the checks of the program.
 
 use crate::refusal::Refusal;
-use engine::{
-    Environment, Registry, diagnostic,
+use contract::{
+    Environment, Registry,
     product::no_product,
     registry::{About, EnvironmentEntry},
-    spec,
     trial::Part,
 };
+use document::diagnostic;
+use engine::spec;
 use pyo3::prelude::*;
 use serde_json::Value;
 use std::{path::Path, sync::LazyLock};

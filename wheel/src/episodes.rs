@@ -6,7 +6,7 @@ use crate::{
     refusal::Refusal,
     spaces,
 };
-use engine::{Action, End, Environment, Error, Phase, Rng, Seat, random};
+use contract::{Action, End, Environment, Error, Phase, Rng, Seat, random};
 use serde_json::Value;
 
 /// When an episode that ended gives place to the next one, as Gymnasium names it.

@@ -1,6 +1,6 @@
 //! What can be refused, and which exception of Python says so.
 
-use engine::Error;
+use contract::Error;
 use pyo3::{
     PyErr, create_exception,
     exceptions::{PyRuntimeError, PyValueError},

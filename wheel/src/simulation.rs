@@ -6,7 +6,7 @@ use crate::{
     refusal::Refusal,
     spaces::{MetricForm, SeatForm, SpaceForm},
 };
-use engine::Environment;
+use contract::Environment;
 use pyo3::{buffer::PyBuffer, exceptions::PyValueError, prelude::*};
 use std::{
     path::PathBuf,

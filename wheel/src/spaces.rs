@@ -3,7 +3,7 @@
 //! A choice comes as the position of its option, everything else as it is. It is the inverse of what `plugins/python`
 //! does with environments that are written in Python.
 
-use engine::{Channel, Error, Metric, Seat, Space};
+use contract::{Channel, Error, Metric, Seat, Space};
 use pyo3::prelude::*;
 
 /// A seat.

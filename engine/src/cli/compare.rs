@@ -5,7 +5,6 @@ use super::{
     study,
 };
 use crate::{
-    Error, Registry,
     compare::{Compared, Named, Side, markdown, parse_study, text},
     report::{Contents, Verdicts},
     spec,
@@ -13,6 +12,7 @@ use crate::{
     world::{fs, process::Command},
 };
 use clap::Args;
+use contract::{Error, Registry};
 use std::path::{Path, PathBuf};
 
 /// What is compared, and how it is shown.

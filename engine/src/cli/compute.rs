@@ -9,16 +9,18 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Registry,
-    count::{count, either},
     limits::Limits,
     pace::Paces,
-    resources::{Capacity, Needs},
     results::TrialEnd,
     scheduler::{self, Task, Workers, hosts::Hosts},
     store::{Store, is_missing},
+};
+use contract::{
+    Registry,
+    resources::{Capacity, Needs},
     trial::Trial,
 };
+use document::count::{count, either};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{

@@ -6,16 +6,17 @@
 
 use super::{BAD_SPEC, Failure, complain, study::Planned};
 use crate::{
-    Error, Interface, Registry,
     plan::Plan,
-    random,
-    reach::Reach,
     results::EndState,
     store::{Store, write_durably},
-    trial::{Part, Trial},
     world::fs,
 };
 use clap::Args;
+use contract::{
+    Error, Interface, Registry, random,
+    trial::{Part, Trial},
+};
+use document::reach::Reach;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeSet,

@@ -5,13 +5,13 @@ use super::{
     waiting::Waiting,
 };
 use crate::{
-    Registry,
-    count::count,
     plan::{self, Estimate, StoredCell},
     report::duration,
     results::TrialEnd,
     store::is_missing,
 };
+use contract::Registry;
+use document::count::count;
 
 /// An estimate for the trials that are missing and not blocked, from stored ones.
 pub(super) fn estimate(

@@ -2,10 +2,10 @@
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
 use crate::{
-    Registry,
     describe::{self, Asked, FORMAT, Group, text},
     spec,
 };
+use contract::Registry;
 use serde_json::{Value, json};
 
 /// Lists names with a line each.

@@ -6,8 +6,6 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Error, Registry,
-    count::count,
     export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
     report::Manifest,
     results::{EndState, TrialResult},
@@ -16,6 +14,8 @@ use crate::{
     world::{fs, process},
 };
 use clap::Args;
+use contract::{Error, Registry};
+use document::count::count;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
@@ -326,7 +326,7 @@ impl Packing<'_> {
         };
         for (name, digest) in &manifest.files {
             match fs::read(from.join(name)) {
-                Ok(bytes) if store::digest(&bytes) == *digest => {
+                Ok(bytes) if contract::digest::of_bytes(&bytes) == *digest => {
                     self.add(
                         &format!("results/{name}"),
                         &bytes,

@@ -9,16 +9,15 @@ use super::{
     export::{Whole, refused},
     one_trial, say, settings,
 };
-use crate::{
+use crate::{rollout, store::Store};
+use contract::{
     Error, ProductKind, Registry,
-    count::count,
     dataset::{self, Dataset, DatasetWriter},
     product::Taken,
     random::Streams,
-    rollout,
-    store::Store,
     trial::TrialKey,
 };
+use document::count::count;
 use std::path::{Path, PathBuf};
 
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.

@@ -6,13 +6,15 @@ use super::{
     one_trial, say, settings,
 };
 use crate::{
-    Error, ProductKind, Registry,
-    count::{count, either},
     export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files},
-    product::{SAVED_FILE, Taken},
     store::{Store, TrialFile, write_durably},
     world::fs,
 };
+use contract::{
+    Error, ProductKind, Registry,
+    product::{SAVED_FILE, Taken},
+};
+use document::count::{count, either};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

@@ -2,10 +2,12 @@
 
 use super::{BAD_SPEC, Failure, consent, settings::Settings};
 use crate::{
-    Registry,
     executor::{self, LOCAL, Way},
-    resources::{Capacity, Needs},
     scheduler::hosts::Host,
+};
+use contract::{
+    Registry,
+    resources::{Capacity, Needs},
     trial::Part,
 };
 

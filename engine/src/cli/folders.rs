@@ -2,12 +2,11 @@
 
 use super::{BAD_SPEC, Failure, ReportOptions, Selection, complain, study::Planned};
 use crate::{
-    Error,
     report::{Manifest, Replaced},
     spec::{along, way},
-    store,
     world::{fs, process},
 };
+use contract::Error;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},
@@ -100,7 +99,10 @@ fn changes(selection: &Selection) -> Option<String> {
         if whole {
             name.clone()
         } else {
-            format!("{name:.LONGEST$}-{:.8}", store::digest(all.as_bytes()))
+            format!(
+                "{name:.LONGEST$}-{:.8}",
+                contract::digest::of_bytes(all.as_bytes())
+            )
         }
     };
     (!all.is_empty()).then(named)

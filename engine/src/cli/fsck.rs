@@ -2,10 +2,10 @@
 
 use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
 use crate::{
-    count::{count, either},
     executor,
     store::{self, Fault, Findings, Store},
 };
+use document::count::{count, either};
 use std::{collections::BTreeSet, path::PathBuf};
 
 /// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.

@@ -2,7 +2,6 @@
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, complain, export::Whole, say};
 use crate::{
-    Error,
     imported::{
         Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
         columns, read,
@@ -12,6 +11,7 @@ use crate::{
     world::fs,
 };
 use clap::Args;
+use contract::Error;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -110,7 +110,7 @@ fn refused(problem: String) -> Failure {
 }
 
 /// Files that are named wrongly are a mistake of the command line.
-fn unread(error: crate::Error) -> Failure {
+fn unread(error: contract::Error) -> Failure {
     let told = error.to_string();
     let keys = ["restart: ", "same_step: ", "run_per: ", "leave_out: "];
     let names_a_key = keys.iter().any(|key| told.contains(&format!("`{key}")));

@@ -6,18 +6,20 @@
 
 use super::{complain, study::Planned};
 use crate::{
-    Error, Registry,
-    count::{count, either},
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
-    results::{CellName, Results},
+    results::Results,
     spec::{Relevance, Study},
-    statistics::{Reference, Verdict},
     store::{self, Fixed, SeenVerdicts, Store, is_missing},
     table::Grid,
-    trial,
 };
+use contract::{
+    Error, Registry,
+    trial::{self, CellName},
+};
+use document::count::{count, either};
 use serde_json::json;
+use statistics::{Reference, Verdict};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -140,7 +142,7 @@ fn digest_of_round(round: &Study) -> String {
         .map(|(name, spec)| json!([name, spec.published, spec.margin]))
         .collect();
     let looks = round.design.as_ref().map(|design| design.looks().to_vec());
-    store::digest(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
+    contract::digest::of_bytes(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
 }
 
 /// A sentence on when a round was fixed; `None` where nobody noted it.
@@ -376,7 +378,7 @@ fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String 
 }
 
 /// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.
-fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics::Seeds) -> Option<u32> {
+fn number(judged: bool, planned: usize, ended: usize, looks: &statistics::Seeds) -> Option<u32> {
     let seeds = match &looks.design {
         Some(design) => design.looks()[..looks.complete()].last().copied(),
         None => u32::try_from(planned).ok().filter(|_| ended >= planned),

@@ -44,10 +44,10 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{
-    Registry, guard, input_file, limits::Limits, panics, patience, plain_text, reach, scheduler::hosts::Relay,
-};
+use crate::{guard, limits::Limits, patience, scheduler::hosts::Relay};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use contract::{Registry, panics};
+use document::{input_file, plain_text, reach};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -488,7 +488,7 @@ pub fn main(registry: impl FnOnce() -> Registry) -> ExitCode {
 }
 
 fn parse(registry: &Registry) -> Command {
-    let version = crate::build::version(registry.build.as_ref());
+    let version = contract::build::version(registry.build.as_ref());
     let matches = <Command as CommandFactory>::command()
         .version(version)
         .get_matches();
@@ -580,9 +580,12 @@ struct Failure {
     text: String,
 }
 
-impl From<crate::Error> for Failure {
-    fn from(error: crate::Error) -> Self {
-        let code = if matches!(error, crate::Error::File { .. } | crate::Error::Store { .. }) {
+impl From<contract::Error> for Failure {
+    fn from(error: contract::Error) -> Self {
+        let code = if matches!(
+            error,
+            contract::Error::File { .. } | contract::Error::Store { .. }
+        ) {
             INCOMPLETE
         } else {
             BAD_SPEC

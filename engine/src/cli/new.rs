@@ -2,14 +2,19 @@
 
 use super::{BAD_SPEC, Failure, OK, complain, consent::Consent, say};
 use crate::{
-    Registry,
-    diagnostic::render,
-    first_study::{self, DraftError, Given},
-    schema_check::{SLUG, mismatch},
+    first_study,
     spec::{self, Options},
     world::fs,
 };
 use clap::Args;
+use contract::{
+    Registry,
+    draft::{DraftError, Given},
+};
+use document::{
+    diagnostic::render,
+    schema_check::{SLUG, mismatch},
+};
 use std::{
     io::{ErrorKind, Write},
     path::{Path, PathBuf},

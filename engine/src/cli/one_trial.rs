@@ -2,12 +2,15 @@
 
 use super::{BAD_SPEC, Failure};
 use crate::{
-    Environment, Registry, diagnostic,
-    product::FindProduct,
     results::EndState,
     store::{Store, TrialFile},
+};
+use contract::{
+    Environment, Registry,
+    product::FindProduct,
     trial::{Trial, TrialCell, TrialKey},
 };
+use document::diagnostic;
 
 /// The only trial of the store whose id begins with `prefix`, and what acknowledges it; it ended `ok`.
 pub(super) fn that_ended_well(store: &Store, prefix: &str) -> Result<(String, TrialFile), Failure> {

@@ -7,11 +7,9 @@ use super::{
     settings::{self, Settings},
     study::Planned,
 };
-use crate::{
-    count::{count, either},
-    store::{self, Leases, Packing, Store},
-};
+use crate::store::{self, Leases, Packing, Store};
 use clap::Args;
+use document::count::{count, either};
 use std::{
     path::PathBuf,
     sync::{

@@ -3,12 +3,11 @@
 
 use super::{Failure, complain, compute::Compute, study::Planned};
 use crate::{
-    Error,
-    count::{count, either},
     results::{EndState, TrialEnd},
     store::{Claim, Findings, Leases, Store, is_missing},
-    trial::Trial,
 };
+use contract::{Error, trial::Trial};
+use document::count::{count, either};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

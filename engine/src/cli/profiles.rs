@@ -2,13 +2,12 @@
 
 use super::{Selection, study::Planned};
 use crate::{
-    Registry,
     report::{ProfileState, ProfileTrials},
     results::EndState,
     spec,
     store::Store,
-    trial::Trial,
 };
+use contract::{Registry, trial::Trial};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

@@ -5,13 +5,12 @@
 
 use super::{complain, shown};
 use crate::{
-    count::count,
-    plain_text::printable,
     report::duration,
     results::{EndState, TrialEnd},
     scheduler::{Event, Task},
     store::Owner,
 };
+use document::{count::count, plain_text::printable};
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 

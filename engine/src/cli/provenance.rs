@@ -1,7 +1,8 @@
 //! Where numbers come from: programs, plugins, machine.
 
 use super::study::Planned;
-use crate::{Build, Registry, report::Provenance, world::fs};
+use crate::{report::Provenance, world::fs};
+use contract::{Build, Registry};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},

@@ -9,9 +9,7 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Error, Registry,
     compare::{changed_keys, parse_study},
-    diagnostic,
     record::{self, Record, Source, forget_success},
     report::{Contents, Manifest, Provenance, Round, StudyInfo},
     results::{EndState, Results, TrialResult},
@@ -19,6 +17,8 @@ use crate::{
     store::Announcements,
     world::fs,
 };
+use contract::{Error, Registry};
+use document::diagnostic;
 use std::{
     path::{Path, PathBuf},
     sync::Arc,

@@ -6,15 +6,13 @@ use super::{
     say, settings, study, study::Planned,
 };
 use crate::{
-    Error, Registry,
     limits::Limits,
-    resources::Needs,
     results::{EndState, Recorded, RepeatCheck, Repeats, TrialResult},
     scheduler::Task,
-    store::{MetricsTable, Store},
-    trial::Trial,
+    store::Store,
 };
 use clap::Args;
+use contract::{Error, Registry, metrics_file::MetricsTable, resources::Needs, trial::Trial};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

@@ -6,7 +6,6 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Build, Error, Registry,
     record::{self, Asks, Cell, Record, Searched},
     report::{
         self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
@@ -16,6 +15,7 @@ use crate::{
     store::{SeenVerdicts, Store, write_durably},
     world::fs,
 };
+use contract::{Build, Error, Registry};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -2,18 +2,21 @@
 
 use super::{BAD_SPEC, Common, Failure, OK, complain, one_trial, settings};
 use crate::{
-    Agent, Environment, Registry, diagnostic,
-    product::Taken,
-    random::Streams,
-    registry::{About, AgentEntry},
     results::TrialResult,
     rollout::{self, Actions},
     spec,
     store::{Store, TrialFile},
-    trial::Part,
     world::fs,
 };
 use clap::Args;
+use contract::{
+    Agent, Environment, Registry,
+    product::Taken,
+    random::Streams,
+    registry::{About, AgentEntry},
+    trial::Part,
+};
+use document::diagnostic;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

@@ -9,15 +9,17 @@ use super::{
     submit::{self, Asked},
 };
 use crate::{
-    Error, ProductKind, Registry,
-    drawing::Drawings,
     executor::{self, Way},
-    product::Taken,
     report::{self, StudyInfo},
     results::{Results, SearchResult, TrialResult, names_times},
     search::Search,
     spec::{Progress, Study},
     store::Store,
+};
+use contract::{
+    Error, ProductKind, Registry,
+    drawing::Drawings,
+    product::Taken,
     trial::{Part, Trial},
 };
 use serde_json::Value;

@@ -4,8 +4,8 @@
 use crate::{
     results::TrialEnd,
     store::{Store, is_missing, metric_log},
-    trial::Trial,
 };
+use contract::trial::Trial;
 use std::sync::Arc;
 
 /// Lines about running trials, at most this many.

@@ -3,13 +3,14 @@
 
 use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, run, study::Planned};
 use crate::{
-    Registry, diagnostic, report,
+    report,
     results::{SearchResult, Sight, TrialResult},
     search::Next,
     spec::{self, Progress},
     store::Store,
-    trial::Purpose,
 };
+use contract::{Registry, trial::Purpose};
+use document::diagnostic;
 use std::collections::BTreeSet;
 
 /// Takes every search of a study as far as the stored results say. True where something was added.

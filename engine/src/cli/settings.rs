@@ -28,10 +28,10 @@ use super::{BAD_SPEC, Common, Failure};
 use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
-    reach,
     store::{Bucket, LONGEST_EXPIRY, Store},
     world::fs,
 };
+use document::reach;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::{

@@ -1,10 +1,8 @@
 //! The graph of a study: its entries, and what each takes from others.
 
 use super::study::Planned;
-use crate::{
-    report::{Stage, Take},
-    trial::{Purpose, Trial},
-};
+use crate::report::{Stage, Take};
+use contract::trial::{Purpose, Trial};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The entries of a study in the order of the plan; none where no trial takes from another one.

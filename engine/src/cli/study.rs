@@ -13,16 +13,20 @@ use super::{
     waiting::Waiting,
 };
 use crate::{
-    Registry,
-    complete_config::CompleteConfig,
-    count::{count, either},
-    diagnostic::{self, Diagnostic, Severity},
+    claim,
     plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, ClaimSpec, Study},
-    statistics::claim,
     store::{Announcements, Found, Store},
+};
+use contract::{
+    Registry,
+    complete_config::CompleteConfig,
     trial::{Trial, TrialKey},
+};
+use document::{
+    count::{count, either},
+    diagnostic::{self, Diagnostic, Severity},
 };
 use serde_json::json;
 use std::{

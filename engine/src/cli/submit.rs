@@ -12,7 +12,6 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Registry,
     executor::{
         self, Dispatch, Error, Executor, Kind, Outcome, Stop, Task, View, Wanted, Watch, Way, Work, describe,
     },
@@ -23,6 +22,7 @@ use clap::{
     Args,
     builder::{PossibleValue, PossibleValuesParser},
 };
+use contract::Registry;
 use serde_json::json;
 use std::{
     collections::BTreeSet,
@@ -416,7 +416,7 @@ fn ids(planned: &[Planned]) -> BTreeSet<String> {
 /// The path from the root, since a worker on another machine knows nothing of this folder. Links stay as they
 /// are: what they point to may lie elsewhere there.
 fn absolute(path: &Path) -> Result<PathBuf, Failure> {
-    std::path::absolute(path).map_err(|source| Failure::from(crate::Error::file("find", path)(source)))
+    std::path::absolute(path).map_err(|source| Failure::from(contract::Error::file("find", path)(source)))
 }
 
 /// Shows trials as they end in the store, and the queue as it changes.

@@ -3,12 +3,12 @@
 
 use super::{Common, Failure, Selection, settings, study};
 use crate::{
-    Registry,
     report::{Outcome, junit, outcomes_as_json},
     store::{Store, write_durably},
     world::{clock, fs},
 };
 use clap::Args;
+use contract::Registry;
 use std::{path::PathBuf, time::Instant};
 
 /// Which files to write.
@@ -81,7 +81,7 @@ fn outcome(one: study::Planned, store: &Store) -> Outcome {
 fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
     // A bare file name has the empty path as its folder, which stands for the current one.
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(crate::Error::file("create", folder))?;
+        fs::create_dir_all(folder).map_err(contract::Error::file("create", folder))?;
     }
     Ok(write_durably(path, text.as_bytes())?)
 }

@@ -9,18 +9,16 @@ use super::{
     say, settings, study,
 };
 use crate::{
-    Error, Registry,
-    count::count,
     limits::Limits,
     plan::Plan,
-    resources::Needs,
     results::EndState,
     scheduler::Task,
     store::{Imprint, Store, TrialFile, write_durably},
-    trial::Trial,
     verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
 };
 use clap::Args;
+use contract::{Error, Registry, resources::Needs, trial::Trial};
+use document::count::count;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::PathBuf,

@@ -2,11 +2,11 @@
 //! themselves.
 
 use crate::{
-    count::{count, either},
     results::{EndState, TrialEnd},
     store::{Store, is_missing},
-    trial::Trial,
 };
+use contract::trial::Trial;
+use document::count::{count, either};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},

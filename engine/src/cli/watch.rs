@@ -7,7 +7,6 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Better, Error, Registry,
     figure::FigureKind,
     search::Goal,
     store::{self, Store, write_durably},
@@ -15,6 +14,7 @@ use crate::{
     world::{clock, fs},
 };
 use clap::Args;
+use contract::{Better, Error, Registry};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::{
     collections::BTreeSet,

@@ -9,11 +9,11 @@
 //! | values that no single seed has            | none; they moved where their own intervals have no number in common |
 
 use super::Measured;
-use crate::statistics::{
+use serde::Serialize;
+use statistics::{
     Bootstrap, Interval, MeanEstimate, Share,
     estimators::{iqm, median},
 };
-use serde::Serialize;
 
 /// The level of every interval.
 pub const LEVEL: f64 = 0.95;
@@ -185,7 +185,7 @@ mod tests {
         let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
         Measured {
             statistic: statistic.into(),
-            value: Some(crate::statistics::estimators::mean(&values)),
+            value: Some(statistics::estimators::mean(&values)),
             seeds: seeds.iter().copied().collect(),
             ..Measured::default()
         }

@@ -218,7 +218,7 @@ mod tests {
         };
         let measured = |values: Vec<f64>| Measured {
             statistic: "mean".into(),
-            value: Some(crate::statistics::estimators::mean(&values)),
+            value: Some(statistics::estimators::mean(&values)),
             seeds: (0..).zip(values).collect(),
             interval: None,
         };

@@ -2,13 +2,12 @@
 
 use super::{Named, settings};
 use crate::{
-    Error,
-    diagnostic::Sources,
-    document,
     report::{Contents, Manifest, Passed, Verdicts, file_slug},
     table::{Cell, Grid},
     world::fs,
 };
+use contract::Error;
+use document::diagnostic::Sources;
 use serde::Serialize;
 use serde_json::Value;
 use std::{

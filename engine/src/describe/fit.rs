@@ -1,6 +1,6 @@
 //! Which agents fit which environments: both are built with their defaults, as `check` builds what a study names.
 
-use crate::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
+use contract::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
 use serde::Serialize;
 
 /// How much `describe` finds out by building plugins.

@@ -3,13 +3,14 @@
 
 use super::sections;
 use crate::{
-    ProductKind, Registry, cast, executor,
+    claim::{Aggregate, forms},
+    executor,
     figure::FigureKind,
     kinds::Kind,
-    statistics::{Aggregate, claim::forms},
     table::TableKind,
 };
 use clap::ValueEnum;
+use contract::{ProductKind, Registry, cast};
 use serde::Serialize;
 
 /// A group of names.

@@ -1,7 +1,7 @@
 //! What the seats of an environment see and do, and what it traces, in few lines: channels that differ by a number
 //! alone stand together.
 
-use crate::{Channel, Interface, Seat, Space};
+use contract::{Channel, Interface, Seat, Space};
 use serde::{Serialize, Serializer};
 
 /// Channels that differ by numbers in their names alone.

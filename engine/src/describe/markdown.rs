@@ -5,7 +5,7 @@ use super::{
     names, subject,
     text::{article, as_yaml, channels, facts, in_words, metric},
 };
-use crate::{Preset, Registry};
+use contract::{Preset, Registry};
 use std::fmt::Write;
 
 /// One generated page of the reference.

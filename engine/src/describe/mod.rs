@@ -22,14 +22,14 @@ pub use key::{Form, Key};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
 
 use crate::{
-    Better, Metric, PerEpisode, Preset, ProductKind, Registry, diagnostic,
+    claim::{Aggregate, forms},
     executor::{self, Kind as ExecutorKind, Way},
     figure::FigureKind,
     kinds::Kind,
-    schema_check::View,
-    statistics::{Aggregate, claim::forms},
     table::TableKind,
 };
+use contract::{Better, Metric, PerEpisode, Preset, ProductKind, Registry};
+use document::{diagnostic, schema_check::View};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};

@@ -9,13 +9,16 @@ use super::{
     text::as_yaml,
 };
 use crate::{
+    results::{time_per_decision_metric, time_per_update_metric, wall_time_metric},
+    spec,
+};
+use contract::{
     Agent, Metric, ProductKind, Protocol, Registry, cast,
     protocol::given_to_learn,
     registry::{About, AgentEntry, ProtocolEntry},
-    results::{time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric},
-    schema_check::View,
-    spec,
+    standard_metrics::updates_metric,
 };
+use document::schema_check::View;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -194,7 +197,7 @@ pub(super) fn protocol(registry: &Registry, name: &str) -> Option<Subject> {
         let decides = built
             .metrics()
             .iter()
-            .any(|it| it.name == crate::results::EPISODE_LENGTH);
+            .any(|it| it.name == contract::standard_metrics::EPISODE_LENGTH);
         let added = [wall_time_metric()]
             .into_iter()
             .chain(decides.then(time_per_decision_metric));

@@ -8,17 +8,17 @@ use super::{
     key::{self, Form},
 };
 use crate::{
-    Registry,
+    claim::{
+        Aggregate,
+        forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
+    },
     figure::FigureKind,
     kinds::Kind,
-    schema_check::View,
     spec,
-    statistics::{
-        Aggregate,
-        claim::forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
-    },
     table::TableKind,
 };
+use contract::Registry;
+use document::schema_check::View;
 
 /// One use of a section.
 pub(super) struct Example {

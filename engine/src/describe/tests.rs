@@ -1,10 +1,8 @@
 //! What is described of toy plugins, and that every example of a section passes `check`.
 
 use super::*;
-use crate::{
-    diagnostic::render,
-    spec::{self, Options, toys::toys},
-};
+use crate::spec::{self, Options, toys::toys};
+use document::diagnostic::render;
 use serde_json::json;
 
 const SECTIONS: [(&str, &str); 7] = [

@@ -1,10 +1,8 @@
 //! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
 use super::{Dispatch, Error, State, Stop, Submission, Task, View};
-use crate::{
-    count::{count, either},
-    world::clock,
-};
+use crate::world::clock;
+use document::count::{count, either};
 use std::{
     collections::BTreeSet,
     time::{Duration, Instant},

@@ -45,7 +45,7 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
             // Some shared file systems have no locks. Two submitters at the same instant then submit more
             // workers than are needed.
             Err(error) if error.kind() == ErrorKind::Unsupported => return Ok(file),
-            Err(error) => return Err(crate::Error::file("lock", &path)(error).into()),
+            Err(error) => return Err(contract::Error::file("lock", &path)(error).into()),
         }
         let waited = clock::since(begun);
         if wait.stop.is_asked() {
@@ -68,20 +68,20 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
     Ok(file)
 }
 
-fn open(store: &Path) -> Result<(File, PathBuf), crate::Error> {
+fn open(store: &Path) -> Result<(File, PathBuf), contract::Error> {
     let folder = super::submission::folder_of_all(store);
     if fs::is_taken(&folder) && !fs::is_folder(&folder) {
         return Err(Store::at(store).no_place(&folder));
     }
-    fs::create_dir_all(&folder).map_err(crate::Error::file("create", &folder))?;
+    fs::create_dir_all(&folder).map_err(contract::Error::file("create", &folder))?;
     let path = folder.join("lock");
     // Opening a pipe would wait for a reader.
     if fs::symlink_metadata(&path).is_ok_and(|data| !data.is_file()) {
         let problem = "a link, a folder or a pipe has the name of the lock: remove it".into();
-        return Err(crate::Error::Damaged { path, problem });
+        return Err(contract::Error::Damaged { path, problem });
     }
     let file = File::options().create(true).append(true).open(&path);
-    Ok((file.map_err(crate::Error::file("open", &path))?, path))
+    Ok((file.map_err(contract::Error::file("open", &path))?, path))
 }
 
 /// This process, in the words that others read.

@@ -188,7 +188,7 @@ pub enum Error {
     },
     /// The submission's own files cannot be read or written.
     #[error(transparent)]
-    Engine(#[from] crate::Error),
+    Engine(#[from] contract::Error),
 }
 
 impl Error {

@@ -13,10 +13,10 @@
 
 use super::{Queue, Work};
 use crate::{
-    Error,
     store::{self, Fault, Finding, Findings, Store, flush_way, names, write_durably},
     world::{fs, process},
 };
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{

@@ -1,7 +1,8 @@
 //! A table as comma-separated values that a spreadsheet can open without running anything.
 
 use super::table::{Cells, Column, Table};
-use crate::{Error, world::fs::File};
+use crate::world::fs::File;
+use contract::Error;
 use std::{io::BufWriter, path::Path};
 
 /// What is said of [`guarded`] where columns are described.

@@ -7,12 +7,12 @@ use super::{
     Subject,
     table::{Cells, Column},
 };
-use crate::{
+use contract::{
     cast::Seating,
     registry::About,
-    schema_check::View,
     trial::{Part, TrialKey},
 };
+use document::schema_check::View;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -175,7 +175,7 @@ fn typed(values: &[Option<&Value>]) -> Cells<'static> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ProductKind, product::Taken};
+    use contract::{ProductKind, product::Taken};
 
     #[test]
     fn a_column_has_the_narrowest_type_of_its_values() {

@@ -20,18 +20,18 @@ mod tables;
 mod tensorboard;
 mod trace;
 
-pub use policy::{PolicyForm, PolicySubject, PortablePolicy, ReadPolicies, onnx_files};
+pub use policy::{PolicySubject, onnx_files};
 pub use ro_crate::{Crate, Piece};
 pub use table::{Cells, Column, Table};
 pub use tables::tables;
 pub use tensorboard::{describe_run, folder_of_run};
 
 use crate::{
-    Error, Metric, Registry,
     results::TrialResult,
     store::{StoredTrial, write_durably},
     world::fs,
 };
+use contract::{Error, Metric, Registry};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 
@@ -73,7 +73,7 @@ pub struct Subject<'a> {
 impl Subject<'_> {
     /// The program that writes, in words.
     fn program(&self) -> String {
-        crate::build::version(self.registry.build.as_ref())
+        contract::build::version(self.registry.build.as_ref())
     }
 }
 

@@ -4,11 +4,11 @@
 //! [`PolicyForm`] that a plugin registered recognises the file and writes it.
 
 use super::json_list;
-use crate::{
+use crate::{store::TrialFile, world::fs};
+use contract::{
     Channel, Error, Interface, Registry, Seat, Space,
+    policy_form::PortablePolicy,
     product::{ONNX_FILE, SAVED_FILE},
-    store::TrialFile,
-    world::fs,
 };
 use std::{
     collections::BTreeMap,
@@ -17,34 +17,6 @@ use std::{
 
 /// The file that every policy has, in the folder of a trial or in one per seat.
 const FILE: &str = "policy.safetensors";
-
-/// A form of policy files that can be written for other runtimes.
-pub struct PolicyForm {
-    /// Its name, as messages and properties say it.
-    pub name: &'static str,
-    /// Reads the policies in a folder that holds `policy.safetensors`; `None` where it is of another form.
-    pub read: ReadPolicies,
-}
-
-/// What reads the policies of one form.
-///
-/// # Errors
-/// Where the file cannot be read, or is of this form and not whole.
-pub type ReadPolicies = fn(&Path) -> Result<Option<Vec<PortablePolicy>>, Error>;
-
-/// A policy from observations of one seat to its actions, ready to be written.
-pub struct PortablePolicy {
-    /// The seat, where one file holds the policies of several; else empty.
-    pub seat: String,
-    /// Names of the entries of the observation, in order.
-    pub inputs: Vec<String>,
-    /// Names of the entries of the action, in order.
-    pub outputs: Vec<String>,
-    /// How what its network gives out becomes an action, in a word.
-    pub head: String,
-    /// An ONNX file of it, with properties by name.
-    pub to_onnx: Box<dyn Fn(&[(String, String)]) -> Vec<u8>>,
-}
 
 /// A policy that was found in a trial's folder.
 struct Found {
@@ -136,7 +108,7 @@ impl PolicySubject<'_> {
                 .collect()
         };
         let all = [
-            ("program", crate::build::version(self.registry.build.as_ref())),
+            ("program", contract::build::version(self.registry.build.as_ref())),
             ("trial", self.trial.into()),
             ("digest", digest),
             ("environment", key.environment.plugin.clone()),

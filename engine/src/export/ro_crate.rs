@@ -7,10 +7,10 @@
 
 use super::{Subject, pretty};
 use crate::{
-    Build, Error,
     store::{StoredTrial, rfc_3339_of, seconds_of, write_durably},
     world::fs,
 };
+use contract::{Build, Error};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{

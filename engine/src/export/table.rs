@@ -1,6 +1,6 @@
 //! A table of typed columns, some of which say the same in all rows of a trial.
 
-use crate::{
+use contract::{
     Error,
     parquet::{self, Values},
 };

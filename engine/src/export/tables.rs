@@ -4,11 +4,8 @@ use super::{
     Subject, config,
     table::{Cells, Column, Table},
 };
-use crate::{
-    recorder::Phase,
-    results::{TrialEnd, TrialResult},
-    trial::Purpose,
-};
+use crate::results::{TrialEnd, TrialResult};
+use contract::{recorder::Phase, trial::Purpose};
 use std::{borrow::Cow, collections::BTreeMap};
 
 /// `evaluations`, `training` and `trials`, in this order.

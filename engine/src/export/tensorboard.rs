@@ -6,12 +6,11 @@ use super::{
     pretty,
 };
 use crate::{
-    Error,
-    recorder::Phase,
     results::TrialResult,
     store::{StoredTrial, seconds_of, write_durably},
     world::fs,
 };
+use contract::{Error, recorder::Phase};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

@@ -2,12 +2,11 @@
 
 use super::*;
 use crate::{
-    parquet::Table as Read,
-    recorder::Phase,
     report::synthetic::{ended, trial},
     results::EndState,
     spec::toys::toys,
 };
+use contract::{parquet::Table as Read, recorder::Phase};
 use std::path::PathBuf;
 
 fn results() -> Vec<TrialResult> {

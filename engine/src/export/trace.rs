@@ -6,10 +6,10 @@
 
 use super::{Subject, pretty};
 use crate::{
-    Error,
     results::TrialResult,
     store::{StoredTrial, seconds_of, write_durably},
 };
+use contract::Error;
 use serde_json::{Value, json};
 use std::path::Path;
 

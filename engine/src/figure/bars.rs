@@ -6,11 +6,11 @@ use super::{
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
-    Error,
     kinds::Contradiction,
     spec::names::{Names, Place},
     table::{self, Comparison, Grid, Intervals, Table},
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -7,15 +7,15 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    Error,
-    count::count as count_in_words,
     search::Goal,
     spec::names::{Names, Place},
-    statistics::Summary,
     table::{Scope, metric_of_search},
 };
+use contract::Error;
+use document::count::count as count_in_words;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::Summary;
 
 /// The settings of a search in the order in which they were tried, and the best one so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

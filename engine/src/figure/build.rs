@@ -5,10 +5,10 @@ use super::{
     chart::{Chart, Hue, Paper, Scale, Series, Shape, Style},
 };
 use crate::{
-    Better, Error,
     results::Results,
     table::{Axis, Scope},
 };
+use contract::{Better, Error};
 use std::collections::BTreeMap;
 
 /// What every figure of a study shares.

@@ -1,7 +1,7 @@
 //! A computed figure: panels with series, as data.
 
 use super::ticks::Tick;
-use crate::drawing::{Graph, Image};
+use contract::drawing::{Graph, Image};
 
 /// A figure as data: what the drawing and the CSV file read.
 #[derive(Debug, Clone, Default, PartialEq)]

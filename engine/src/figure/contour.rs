@@ -7,11 +7,11 @@ use super::{
     chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
 };
 use crate::{
-    Error, Phase,
     results::TrialResult,
     spec::names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
+use contract::{Error, Phase};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,7 +1,8 @@
 //! Charts with more lines than a legend has room for: the best keep their colours and names, the rest are grey.
 
 use super::chart::{Chart, CurveOf, Hue, Panel, Series, Shape, Style};
-use crate::{Better, statistics::estimators::mean};
+use contract::Better;
+use statistics::estimators::mean;
 
 /// Up to so many names fit, as many as there are colours.
 const MOST_NAMED: usize = 8;

@@ -5,7 +5,7 @@ use super::{
     chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Series, Shape},
     over_runs::FEW,
 };
-use crate::statistics::thinning;
+use statistics::thinning;
 
 /// Up to so many names stand in a sentence.
 const MOST_NAMED: usize = 5;

@@ -6,11 +6,11 @@ use super::{
     tests::{chart, curve_of, learning_curve},
 };
 use crate::{
-    Phase,
     published_curve::PublishedCurve,
     report::synthetic::{Rows, noise, study, trial},
-    results::{Results, UPDATES},
+    results::Results,
 };
+use contract::{Phase, standard_metrics::UPDATES};
 use std::{collections::BTreeMap, path::Path};
 
 /// Agents that learn to reach at most 10, from seeds that mostly succeed, and a rule.
@@ -326,7 +326,7 @@ fn published_curves_are_smoothed_as_the_seeds_are() {
             .map(|point| point.y)
             .collect::<Vec<f64>>()
     };
-    let average = crate::statistics::estimators::moving_average(&heights(&of(0.0)), 0.8);
+    let average = statistics::estimators::moving_average(&heights(&of(0.0)), 0.8);
     assert_eq!(heights(&of(0.8)), average);
 }
 

@@ -5,7 +5,9 @@ use super::{
     chart::{Cells, Chart, Panel, Point, RunLine, Scale, Series, Shape, Surface},
     drawn,
 };
-use crate::{Error, statistics::thinning, table::write_csv};
+use crate::table::write_csv;
+use contract::Error;
+use statistics::thinning;
 
 /// The names of the columns.
 const HEADER: [&str; 9] = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"];

@@ -7,10 +7,12 @@ use super::{
     chart::{Chart, Panel, Series, Shape, Style, Tiles},
 };
 use crate::{
-    ProductKind,
-    drawing::{Drawings, Edge, Graph, Image, Node},
     results::TrialResult,
     table::{Axis, Scope},
+};
+use contract::{
+    ProductKind,
+    drawing::{Drawings, Edge, Graph, Image, Node},
 };
 
 /// Which trials are shown: one per agent and setting, all of one environment and seed.

@@ -9,10 +9,10 @@ use super::{
     tests::{chart, names},
 };
 use crate::{
-    drawing::{Drawings, Image},
     report::synthetic::{noise, study},
     results::Results,
 };
+use contract::drawing::{Drawings, Image};
 use std::collections::BTreeMap;
 
 /// Figures to be looked at.

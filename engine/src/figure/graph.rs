@@ -7,10 +7,12 @@ use super::{
     drawn::{Choice, panel},
 };
 use crate::{
-    Error, ProductKind,
-    drawing::{Drawings, Graph},
     results::TrialResult,
     spec::names::{Names, Place},
+};
+use contract::{
+    Error, ProductKind,
+    drawing::{Drawings, Graph},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -6,16 +6,15 @@ use super::{
     chart::{Chart, Point, Scale, Series, Shape},
 };
 use crate::{
-    Error,
-    diagnostic::suggest,
-    setting::word,
     spec::names::{Names, Place},
-    statistics::Summary,
     table::{Axis, Scope},
 };
+use contract::{Error, setting::word};
+use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use statistics::Summary;
 use std::collections::BTreeMap;
 
 /// A metric against a swept key.

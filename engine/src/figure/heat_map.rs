@@ -12,11 +12,11 @@ use super::{
     surface,
 };
 use crate::{
-    Error,
     kinds::Contradiction,
     spec::names::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
 };
+use contract::Error;
 use plotters::style::text_anchor::HPos;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

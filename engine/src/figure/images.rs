@@ -7,11 +7,10 @@ use super::{
     drawn::{Choice, panel},
 };
 use crate::{
-    Error, ProductKind,
-    drawing::Drawings,
     results::TrialResult,
     spec::names::{Names, Place},
 };
+use contract::{Error, ProductKind, drawing::Drawings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

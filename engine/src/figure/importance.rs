@@ -7,11 +7,11 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    Error,
     search::importance::{FEWEST, Importance, TREES, importance},
     spec::names::{Names, Place},
     table::metric_of_search,
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -276,10 +276,8 @@ fn drawn_in_words(chart: &Chart) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        drawing::{Edge, Graph, Node},
-        figure::{Curve, CurveOf, Style, Tiles},
-    };
+    use crate::figure::{Curve, CurveOf, Style, Tiles};
+    use contract::drawing::{Edge, Graph, Node};
 
     fn point(x: f64, y: f64) -> Point {
         Point { x, y, interval: None }

@@ -10,15 +10,15 @@ use super::{
     published,
 };
 use crate::{
-    Error,
     published_curve::{PublishedCurve, Run},
     results::TrialResult,
     spec::names::{Names, Picked, Place},
-    statistics::{Summary, common_steps},
     table::{Axis, Scope},
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{Summary, common_steps};
 
 /// A metric against training steps: as it was measured while agents learned, or as they recorded it themselves, such as
 /// a loss.

@@ -70,11 +70,11 @@ pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
-    Error, ProductKind,
     kinds::{Contradiction, kinds},
     published_curve::PublishedCurve,
     spec::names::{Names, Place},
 };
+use contract::{Error, ProductKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

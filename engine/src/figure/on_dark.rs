@@ -258,7 +258,7 @@ mod tests {
         assert!(!rules.contains("on-paper"), "{rules}");
         surface.paper.font_pt = Some(15.0);
         assert!(on_dark(&[Shades::of(&surface)]).contains("[stroke-width=\"12\"]"));
-        let boxes = chart(Shape::Graph(crate::drawing::Graph::default()));
+        let boxes = chart(Shape::Graph(contract::drawing::Graph::default()));
         assert!(on_dark(&[Shades::of(&boxes)]).is_empty());
     }
 }

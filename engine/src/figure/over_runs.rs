@@ -1,7 +1,7 @@
 //! From the runs of a learning curve to its line and its band.
 
 use super::{Automatic, Band, LearningCurve, Line, SeedLines, chart::Point};
-use crate::statistics::{
+use statistics::{
     Bootstrap, MeanEstimate,
     common_steps::{Run, at_common_steps, shared_stretch},
     estimators::{iqm, mean, median, moving_average, quantile, sd},
@@ -209,7 +209,7 @@ mod tests {
     /// The share of intervals of the mean of six normal seeds that contain it.
     #[test]
     fn the_cut_hardly_lowers_the_coverage() {
-        let mut rng = crate::random::stream(&["test", "coverage of curves"]);
+        let mut rng = contract::random::stream(&["test", "coverage of curves"]);
         let mut uniform = || f64::from(rand::RngCore::next_u32(&mut rng)) / 2f64.powi(32);
         let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
         let mut covered = 0;

@@ -2,8 +2,9 @@
 //! clock.
 
 use super::{letters::drawable, style::Rgb};
-use crate::{Error, drawing::Image, plain_text::printable};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
+use contract::{Error, drawing::Image};
+use document::plain_text::printable;
 use plotters::{
     backend::{BitMapBackend, DrawingBackend, SVGBackend},
     style::{

@@ -8,12 +8,11 @@ use super::{
     ticks::{self, Tick},
 };
 use crate::{
-    Error,
     search::Range,
-    setting::word,
     spec::names::{Names, Place},
     table::metric_of_search,
 };
+use contract::{Error, setting::word};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -2,7 +2,7 @@
 //! where the SVG file has none.
 
 use super::{letters::drawable, paint::FONT};
-use crate::Error;
+use contract::Error;
 use std::sync::Arc;
 use svg2pdf::{
     ConversionOptions, PageOptions, to_pdf,

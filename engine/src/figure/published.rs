@@ -6,11 +6,9 @@ use super::{
     chart::{Curve, CurveOf, Hue, RunLine, Series, Shape, Style},
     over_runs::{over, points, smoothed},
 };
-use crate::{
-    Error,
-    published_curve::{self, PublishedCurve},
-    statistics::common_steps::Run,
-};
+use crate::published_curve::{self, PublishedCurve};
+use contract::Error;
+use statistics::common_steps::Run;
 
 /// The published curves of an environment, as far as `end`: logs may go on long after the study ended, which
 /// would leave its own curves a strip at the edge.

@@ -6,11 +6,11 @@ use super::{
     chart::{Chart, Point, Series, Shape},
 };
 use crate::{
-    Error, Phase,
     results::TrialResult,
     spec::names::{Names, Place},
     table::{Axis, Scope},
 };
+use contract::{Error, Phase};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,10 +2,10 @@
 
 use super::build::{Context, problem};
 use crate::{
-    Error,
     results::{SearchResult, TriedSetting},
     search::Range,
 };
+use contract::Error;
 
 /// Settings that went to their ends.
 pub(super) struct Searched<'a> {

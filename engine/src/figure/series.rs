@@ -9,7 +9,7 @@ use super::{
     style::{INK, Marker, Rgb, blend},
     surface,
 };
-use crate::statistics::thinning;
+use statistics::thinning;
 
 const LINE_WIDTH: f64 = 1.2;
 const PUBLISHED_WIDTH: f64 = 0.9;

@@ -5,11 +5,11 @@ use super::{
     Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::{
-    Phase,
     report::synthetic::{AGENTS, Rows, noise, study, trial},
-    results::{Results, UPDATES},
+    results::Results,
     table::{Along, Axis, Comparison},
 };
+use contract::{Phase, standard_metrics::UPDATES};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -380,7 +380,7 @@ fn references_lie_behind_and_episodes_follow_each_other() {
     for trial in &mut results.trials {
         let second = trial.rows.iter().filter(|row| row.phase == Phase::Trace);
         let second: Vec<_> = second
-            .map(|row| crate::recorder::Row { episode: 1, ..*row })
+            .map(|row| contract::recorder::Row { episode: 1, ..*row })
             .collect();
         trial.rows.extend(second);
     }

@@ -6,11 +6,11 @@ use super::{
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
-    Error, Phase,
     results::TrialResult,
     spec::names::{Names, Place},
     table::{Axis, Scope},
 };
+use contract::{Error, Phase};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

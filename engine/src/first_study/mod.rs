@@ -2,22 +2,24 @@
 //! learning curve, every section with a comment. What is written passes `check` with each of its profiles.
 
 mod budget;
-mod draft;
 mod error;
 mod text;
 
-pub use draft::{BeginDraft, Draft, DraftError, Given};
 pub use error::FirstStudyError;
 
 use crate::{
-    Protocol, Registry,
     describe::{Asked, fit},
-    diagnostic::{self, render},
-    registry::{AgentEntry, ProtocolEntry},
-    schema_check::{SLUG, mismatch},
     spec::{self, Options},
 };
 use budget::{Budget, searching, training};
+use contract::{
+    Protocol, Registry,
+    registry::{AgentEntry, ProtocolEntry},
+};
+use document::{
+    diagnostic::{self, render},
+    schema_check::{SLUG, mismatch},
+};
 use std::path::Path;
 use text::Pair;
 
@@ -274,7 +276,7 @@ mod tests {
     fn toys() -> Registry {
         let mut registry = toys::toys();
         registry.protocols.clear();
-        crate::protocol::register(&mut registry);
+        protocols::register(&mut registry);
         registry
     }
 

@@ -1,15 +1,11 @@
 //! A guard as the worker holds it.
 
-use super::{
-    Ended, Ending, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted,
+use super::{Ended, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted};
+use crate::world::{
+    clock, fs,
+    process::{self, Child, ChildStdin, Command, Look, Signal, Stdio},
 };
-use crate::{
-    Error,
-    world::{
-        clock, fs,
-        process::{self, Child, ChildStdin, Command, Look, Signal, Stdio},
-    },
-};
+use contract::{Error, ending::Ending};
 use std::{
     collections::BTreeMap, io::Write, os::unix::process::CommandExt as _, path::Path, process::ExitStatus,
     time::Duration,

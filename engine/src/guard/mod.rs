@@ -13,15 +13,17 @@
 
 mod held;
 
+use contract::ending::Ending;
 pub use held::{Guarded, Left, end_leftover, last_ending};
 
 use crate::{
-    Error, footprint,
+    footprint,
     world::{
         clock, fs,
         process::{self, Command, Look, Signal, Stdio},
     },
 };
+use contract::Error;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{
     io::{BufRead, BufReader, Read},
@@ -35,8 +37,6 @@ use std::{
     },
     time::Duration,
 };
-
-pub use process::Ending;
 
 /// The verb of a guard, and the one of the process that becomes the program.
 const VERBS: [&str; 2] = ["program-guard", "program-start"];

@@ -5,8 +5,9 @@ use super::{
     Content,
     table::{Line, Table},
 };
-use crate::{Error, count::count, input_file};
+use contract::Error;
 use csv::StringRecord;
+use document::{count::count, input_file};
 use std::{collections::BTreeMap, io::Cursor};
 use zip::ZipArchive;
 

@@ -2,7 +2,7 @@
 
 use super::mapping::{Mapping, Patterns};
 use super::pattern::parts;
-use crate::{diagnostic::nearest, reach};
+use document::{diagnostic::nearest, reach};
 
 /// The columns of a file that were chosen.
 #[derive(Debug, PartialEq)]

@@ -2,7 +2,8 @@
 //! one is a copy of another.
 
 use super::{arrays, event_files, input, sha256, wandb};
-use crate::{Error, input_file};
+use contract::Error;
+use document::input_file;
 use flate2::read::MultiGzDecoder;
 use std::path::{Path, PathBuf};
 

@@ -9,10 +9,8 @@ use super::{
     mapping::{LeftOut, Mapping, RunPer, Step},
     restarts::{Entry, Rules},
 };
-use crate::{
-    Error,
-    export::event_file::{Event, Scalar, Tensor, begins_record, events},
-};
+use crate::export::event_file::{Event, Scalar, Tensor, begins_record, events};
+use contract::Error;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::PathBuf,

@@ -8,7 +8,7 @@ use super::{
     table::Table,
     tables,
 };
-use crate::Error;
+use contract::Error;
 use std::path::PathBuf;
 
 /// The files of a part of an entry, and the runs in them.

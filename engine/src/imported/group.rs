@@ -6,7 +6,7 @@ use super::{
     columns::Chosen,
     restarts::{Log, Pass, Rules},
 };
-use crate::Error;
+use contract::Error;
 use std::path::PathBuf;
 
 /// What is read of a group while its files are read.

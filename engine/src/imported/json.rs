@@ -4,7 +4,7 @@ use super::{
     Content,
     table::{Line, Table},
 };
-use crate::Error;
+use contract::Error;
 use csv::StringRecord;
 use serde_json::{Map, Value};
 use std::{borrow::Cow, collections::BTreeMap};

@@ -29,11 +29,11 @@ pub use pattern::{PatternError, matching};
 
 use content::Content;
 
-use crate::{
+use crate::results::{EndState, TrialEnd, TrialResult};
+use contract::{
     Error, Phase,
     cast::Seating,
     recorder::Row,
-    results::{EndState, TrialEnd, TrialResult},
     trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
 };
 use serde_json::{Value, json};
@@ -214,9 +214,8 @@ fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
         let from = curve
             .len()
             .saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
-        let end = crate::statistics::estimators::mean(
-            &curve[from..].iter().map(|(_, value)| *value).collect::<Vec<_>>(),
-        );
+        let end =
+            statistics::estimators::mean(&curve[from..].iter().map(|(_, value)| *value).collect::<Vec<_>>());
         rows.push(row(Phase::Final, before.unwrap_or(0), 0, end));
     }
     (names, rows)

@@ -1,11 +1,8 @@
 //! Files by patterns in which `*` stands for any part of one name, and `**` for folders of any depth.
 
-use crate::{
-    Error,
-    reach::{Outside, Reach},
-    store::names,
-    world::fs,
-};
+use crate::{store::names, world::fs};
+use contract::Error;
+use document::reach::{Outside, Reach};
 use std::path::{Component, Path, PathBuf};
 
 /// The deepest that `**` looks.

@@ -5,7 +5,7 @@ use super::{
     Content,
     mapping::{Mapping, Restart, SameStep},
 };
-use crate::Error;
+use contract::Error;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often the steps of a log may go back. A log that goes back more often is not ordered by steps.

@@ -4,7 +4,7 @@ use super::{
     Content,
     table::{Decimals, Line, Table, commas, has_groups},
 };
-use crate::Error;
+use contract::Error;
 use csv::{ReaderBuilder, StringRecord};
 
 /// In the order in which they are tried. Spaces separate in files that begin with a comment, as NumPy writes them.

@@ -3,8 +3,9 @@
 use super::{
     Content, arrays, columns::Missing, content::Form, input, json, mapping::Mapping, separated, wandb,
 };
-use crate::{Error, panics, parquet::Table as ParquetTable, reach::quoted};
+use contract::{Error, panics, parquet::Table as ParquetTable};
 use csv::StringRecord;
+use document::reach::quoted;
 use std::path::{Path, PathBuf};
 
 /// A table that was read.

@@ -10,7 +10,7 @@ use super::{
     restarts::{Entry, Rules},
     table::{Keys, Line, Table, by_time, is_of_environment},
 };
-use crate::Error;
+use contract::Error;
 use std::{collections::BTreeMap, path::PathBuf};
 
 /// Adds the runs of all files together, in the order in which they begin. Without a column that tells runs apart every

@@ -9,7 +9,7 @@ use super::{
     Content,
     table::{Line, Table},
 };
-use crate::Error;
+use contract::Error;
 use csv::StringRecord;
 use prost::Message;
 use serde_json::Value;

@@ -3,18 +3,19 @@
 
 use super::Kind;
 use crate::{
-    Phase,
     describe::{Asked, find, text},
-    diagnostic::Diagnostic,
-    drawing::{Drawings, Edge, Graph, Image, Node},
     figure::{self, Context, FigureKind},
     report::synthetic,
     results::{Results, SearchResult, TrialResult},
-    schema_check::View,
     spec::{self, Options, Progress, Study, toys::toys},
     table::{self, TableKind},
+};
+use contract::{
+    Phase,
+    drawing::{Drawings, Edge, Graph, Image, Node},
     trial::Trial,
 };
+use document::{diagnostic::Diagnostic, schema_check::View};
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
@@ -191,7 +192,7 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
 fn every_kind_builds_what_its_example_asks_for() {
     for (section, kind) in all() {
         let study = load(section, kind, (kind.example)());
-        let study = study.unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study = study.unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         let trials = study.plan().trials;
         let drawings = trials.iter().map(|trial| (trial.id.clone(), drawn())).collect();
         let trials: Vec<TrialResult> = trials.into_iter().map(made_up).collect();

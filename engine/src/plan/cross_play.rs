@@ -3,9 +3,11 @@
 
 use super::{DEVICE, OfCells};
 use crate::{
-    cast::{Cast, Member, Seating},
     cross_play::title,
     spec::{Pairs, Play, Player, Study},
+};
+use contract::{
+    cast::{Cast, Member, Seating},
     trial::{Purpose, Trial, TrialCell, TrialKey},
 };
 use std::{collections::BTreeMap, sync::Arc};

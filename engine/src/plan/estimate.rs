@@ -5,10 +5,8 @@
 //! cost a thousand times those of another.
 
 use super::nearest::{Combination, Search, StoredCell};
-use crate::{
-    pace,
-    trial::{Trial, TrialKey},
-};
+use crate::pace;
+use contract::trial::{Trial, TrialKey};
 use serde::Serialize;
 use std::collections::HashMap;
 

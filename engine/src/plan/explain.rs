@@ -2,7 +2,7 @@
 //! programs.
 
 use super::{Novelty, Reason};
-use crate::count::either;
+use document::count::either;
 use serde_json::{Value, json};
 use std::{
     collections::BTreeSet,

@@ -16,12 +16,11 @@ pub use leaves::Difference;
 pub use nearest::{StoredCell, Took};
 pub use novelty::{Novelty, Reason, novelties};
 
-use crate::{
+use crate::spec::{Cell, Place, Play, Study};
+use contract::{
     cast::{Cast, Member, Seating},
     product::Taken,
-    results::CellName,
-    spec::{Cell, Place, Play, Study},
-    trial::{Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
+    trial::{CellName, Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},

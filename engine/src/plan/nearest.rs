@@ -5,7 +5,7 @@
 //! in it, nor do the names of a study.
 
 use super::leaves::{Catalogue, Difference, PartIndex};
-use crate::{
+use contract::{
     cast::{POLICY, Seating},
     trial::{Part, TrialKey},
 };

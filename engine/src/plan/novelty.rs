@@ -9,10 +9,8 @@ use super::{
     leaves::Difference,
     nearest::{Search, StoredCell},
 };
-use crate::{
-    results::{EndState, TrialEnd},
-    trial::{Purpose, Trial, TrialKey},
-};
+use crate::results::{EndState, TrialEnd};
+use contract::trial::{Purpose, Trial, TrialKey};
 use std::{
     borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashMap},

@@ -3,9 +3,9 @@
 use super::{
     Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, seed_ranges, to_json,
 };
-use crate::{
+use crate::results::{EndState, TrialEnd};
+use contract::{
     cast::Seating,
-    results::{EndState, TrialEnd},
     trial::{Part, Trial, TrialCell, TrialKey},
 };
 use serde_json::{Value, json};

@@ -1,10 +1,11 @@
 //! The trials of a record: how each ended, and from them results as the store would give them.
 
 use super::{Block, Blocks, Measured, Record};
-use crate::{
+use crate::results::{EndState, Results, TrialEnd, TrialResult, root_of_squares};
+use contract::{
     recorder::{Phase, Row, intern},
-    results::{CellName, EndState, Results, SUCCESS, TrialEnd, TrialResult, root_of_squares},
-    trial::{Purpose, Trial},
+    standard_metrics::SUCCESS,
+    trial::{CellName, Purpose, Trial},
 };
 use serde::{Deserialize, Serialize};
 use std::{

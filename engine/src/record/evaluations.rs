@@ -12,12 +12,12 @@
 //! At the end there is every metric, before it those that a table, figure, claim or search of the study names.
 //! The rows of a trial are together; meetings of a play that share names and seed come in the order of the plan.
 
-use crate::{
+use crate::results::{Results, TrialResult, root_of_squares};
+use contract::{
     Error, panics,
     parquet::{self, Table, Values},
     recorder::{Phase, Row, intern},
-    results::{CellName, Results, TrialResult, root_of_squares},
-    trial::Trial,
+    trial::{CellName, Trial},
 };
 use serde::Serialize;
 use std::{

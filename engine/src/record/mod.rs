@@ -16,13 +16,15 @@ pub use cells::{Cell, Ended, Part, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{
-    Error,
     report::{FigureFacts, Manifest, Period, ProfileState, Provenance},
-    results::{CellName, SearchResult, Told, TriedSetting},
+    results::{SearchResult, Told, TriedSetting},
     search::Search,
     spec::Progress,
     store::{SeenVerdicts, write_durably},
-    trial::Trial,
+};
+use contract::{
+    Error,
+    trial::{CellName, Trial},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

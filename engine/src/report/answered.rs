@@ -7,8 +7,8 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
+    claim::ClaimOutcome,
     spec::summary::Asks,
-    statistics::ClaimOutcome,
     table::{escape_markdown, markdown_row},
 };
 use serde::{Deserialize, Serialize};

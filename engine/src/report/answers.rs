@@ -4,10 +4,8 @@ use super::{
     ClaimLine, Contents,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
-    statistics::Verdict,
-    table::{Cell, Grid},
-};
+use crate::table::{Cell, Grid};
+use statistics::Verdict;
 
 const HEAD: [&str; 4] = ["question", "answer", "value or difference", "published"];
 /// So many departures stand at the head of a report; the study names those that matter most first.

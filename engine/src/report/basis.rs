@@ -2,11 +2,9 @@
 //! used, and what was thought of after results were seen.
 
 use super::{Contents, StudyInfo, searches};
-use crate::{
-    count::count,
-    results::{CellName, Results},
-    trial::Purpose,
-};
+use crate::results::Results;
+use contract::trial::{CellName, Purpose};
+use document::count::count;
 use std::collections::BTreeMap;
 
 /// The line, as in `Seeds: a design of 4, 7 or 10; 3 combinations used 4, 1 used 10. Exploratory: 1 table.`
@@ -203,9 +201,9 @@ mod tests {
         report::synthetic::{ended, trial},
         results::{EndState, TrialResult},
         spec::ClaimSpec,
-        statistics::Design,
         table::{Cell, Comparison, Grid, TableSpec},
     };
+    use statistics::Design;
 
     /// So many seeds of each agent, named by its place.
     fn results(seeds: &[u64]) -> Results {

@@ -5,12 +5,11 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
-    Phase,
-    count::count,
     imported::marked,
-    results::{Cost, EPISODE_LENGTH, Printed, Ran, Results, Told, TrialResult},
-    trial::Purpose,
+    results::{Cost, Printed, Ran, Results, Told, TrialResult},
 };
+use contract::{Phase, standard_metrics::EPISODE_LENGTH, trial::Purpose};
+use document::count::count;
 use std::collections::BTreeMap;
 
 const HEAD: [&str; 9] = [
@@ -366,8 +365,9 @@ mod tests {
     use crate::{
         cross_play::tests::encounter,
         report::synthetic::{Rows, ended, trial},
-        results::{EndState, UPDATES},
+        results::EndState,
     };
+    use contract::standard_metrics::UPDATES;
 
     fn learner(seed: u64, setting: &str, steps: u64, updates: f64) -> TrialResult {
         let mut rows: Rows = vec![(Phase::Final, steps, 0, UPDATES, updates)];

@@ -1,10 +1,8 @@
 //! The values of single seeds behind the cells of a table.
 
 use super::sheet::{Entry, NONE, Sheet};
-use crate::{
-    Error,
-    table::{Cell, Grid, write_csv},
-};
+use crate::table::{Cell, Grid, write_csv};
+use contract::Error;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// One line per cell and seed, all digits.

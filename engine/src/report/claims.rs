@@ -6,8 +6,8 @@ use super::{
     sheet::{Entry, Sheet, Tone},
 };
 use crate::{
+    claim::ClaimVerdict,
     results::{TIMES_ARE_OF_THE_MACHINE, names_times},
-    statistics::ClaimVerdict,
 };
 use std::collections::BTreeSet;
 

@@ -4,12 +4,12 @@
 
 use super::StudyInfo;
 use crate::{
-    Better, Phase,
-    results::{CellName, Results},
-    statistics::{MeanEstimate, Share, estimators::mean},
+    results::Results,
     table::{Cell, Grid},
     training_share::trained,
 };
+use contract::{Better, Phase, trial::CellName};
+use statistics::{MeanEstimate, Share, estimators::mean};
 
 /// A sentence for each value of a table whose seeds split in two; none where numbers are relative to those of an agent.
 pub(super) fn notes(grid: &Grid, metric: &str, study: &StudyInfo, results: &Results) -> Vec<String> {
@@ -108,7 +108,8 @@ impl Split {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{report::synthetic::trial, results::UPDATES, table};
+    use crate::{report::synthetic::trial, table};
+    use contract::standard_metrics::UPDATES;
     use std::collections::BTreeMap;
 
     #[test]

@@ -11,10 +11,11 @@ use super::{
 };
 use crate::{
     plan::seed_ranges,
-    results::{CellName, Cost, Results},
+    results::{Cost, Results},
     spec::Confirmation,
     table::{Cell, Grid},
 };
+use contract::trial::CellName;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

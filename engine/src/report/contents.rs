@@ -4,26 +4,26 @@ use super::{
     Alone, FigureFacts, Kept, Manifest, StudyInfo, collapses, confirmations::Confirmed, files, floors,
 };
 use crate::{
+    claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
     imported::marked,
     results::{
-        CellName, Cost, Programs, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times,
-        repeats_in_words,
+        Cost, Programs, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times, repeats_in_words,
     },
     spec::ClaimSpec,
-    statistics::{
-        Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
-        holm,
-        verdict::{self, NOT_AT_THIS_BUDGET},
-    },
     table::{
         self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
         untrained_in_words,
     },
-    training_share::{TrainingShare, trained},
+    training_share::{self, trained},
 };
+use contract::trial::CellName;
 use serde::Serialize;
+use statistics::{
+    Seeds, Statement, TrainingShare, Verdict, holm,
+    verdict::{self, NOT_AT_THIS_BUDGET},
+};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -196,13 +196,13 @@ impl Contents {
     /// Takes the drawings of an earlier report for the figures that could not be made, as far as `facts` are known.
     ///
     /// # Errors
-    /// [`Error::Record`](crate::Error::Record) where a drawing is not as its report wrote it.
+    /// [`Error::Record`](contract::Error::Record) where a drawing is not as its report wrote it.
     pub fn keep(
         &mut self,
         folder: &Path,
         earlier: &Manifest,
         facts: &BTreeMap<String, FigureFacts>,
-    ) -> Result<(), crate::Error> {
+    ) -> Result<(), contract::Error> {
         for (name, _) in self.figures.iter().filter(|(_, chart)| chart.is_err()) {
             let Some(facts) = facts.get(name) else { continue };
             let kept = Kept::read(folder, earlier, name, facts)?;
@@ -481,7 +481,7 @@ pub(super) fn make_table(
     spec: &TableSpec,
     study: &StudyInfo,
     results: &Results,
-) -> Result<Grid, crate::Error> {
+) -> Result<Grid, contract::Error> {
     let mut grid = table::build(spec, results)?;
     let behind: BTreeSet<&str> = grid
         .cells
@@ -744,7 +744,7 @@ struct Held<'r> {
 
 impl Held<'_> {
     fn line(self, number: usize, spec: &ClaimSpec, place: String, results: &Results) -> ClaimLine {
-        let training = TrainingShare::behind(&self.trials, results);
+        let training = training_share::behind(&self.trials, results);
         let verdict = ClaimVerdict {
             verdict: self.verdict.verdict.at_budget(training),
             ..self.verdict

@@ -5,11 +5,10 @@ use super::{
     StudyInfo,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
+use crate::results::{Results, TrialResult};
+use contract::{
     complete_config::CompleteConfig,
-    results::{Results, TrialResult},
-    trial::Part,
-    trial::Purpose,
+    trial::{Part, Purpose},
 };
 use serde_json::{Map, Value};
 use std::{collections::BTreeSet, path::Path};
@@ -331,7 +330,8 @@ fn word(value: Option<&Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{cast::Seating, report::synthetic::trial};
+    use crate::report::synthetic::trial;
+    use contract::cast::Seating;
     use serde_json::json;
     use std::sync::Arc;
 

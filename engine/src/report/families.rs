@@ -5,8 +5,8 @@ use super::{
     Passed, Verdicts,
     sheet::{Entry, Sheet},
 };
-use crate::statistics::{Verdict, holm};
 use serde::Serialize;
+use statistics::{Verdict, holm};
 use std::collections::BTreeMap;
 
 const HEAD: [&str; 7] = [

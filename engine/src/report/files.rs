@@ -1,9 +1,7 @@
 //! Files that appear whole or not at all.
 
-use crate::{
-    Error,
-    world::{fs, process},
-};
+use crate::world::{fs, process};
+use contract::Error;
 use std::path::Path;
 
 /// Writes a file and the folder it lies in.

@@ -5,14 +5,9 @@
 //! interval of the difference.
 
 use super::StudyInfo;
-use crate::{
-    Better,
-    statistics::{
-        Claim, ClaimOutcome, Operand, Seeds,
-        claim::{Quantity, Relation},
-        evaluate,
-    },
-};
+use crate::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
+use contract::Better;
+use statistics::Seeds;
 use std::collections::BTreeSet;
 
 /// Values of an operand by seed, below a number.
@@ -85,7 +80,7 @@ fn passes(agent: &Operand, relation: Relation, floors: &[String], values: Values
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::claim::parse;
+    use crate::claim::parse;
     use std::collections::BTreeMap;
 
     fn passed(text: &str, better: Better, of: &[(&str, [f64; 3])]) -> bool {

@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn the_library_is_the_published_file() {
-        let digests = [UPLOT, LICENCE].map(|text| crate::store::digest(text.as_bytes()));
+        let digests = [UPLOT, LICENCE].map(|text| contract::digest::of_bytes(text.as_bytes()));
         assert_eq!(
             digests,
             [

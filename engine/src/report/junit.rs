@@ -5,11 +5,8 @@
 //! (`panicked`, `timeout`, `oom`, `killed`) an error, one that has not run is skipped.
 
 use super::outcome::Outcome;
-use crate::{
-    Error,
-    results::{EndState, TrialEnd},
-    trial::Trial,
-};
+use crate::results::{EndState, TrialEnd};
+use contract::{Error, trial::Trial};
 use quick_xml::{
     Writer,
     events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event},

@@ -3,11 +3,11 @@
 
 use super::files;
 use crate::{
-    Error,
     figure::{Chart, Shades, is_wide},
     report::Manifest,
     world::fs,
 };
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,7 +1,8 @@
 //! The meaning of a report's verdicts.
 
 use super::{Contents, UNREAD};
-use crate::statistics::{ClaimOutcome, Verdict};
+use crate::claim::ClaimOutcome;
+use statistics::Verdict;
 
 /// The words that occur in a report, each with its meaning.
 pub(super) fn entries(contents: &Contents) -> Vec<(&'static str, &'static str)> {

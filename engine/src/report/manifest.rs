@@ -3,7 +3,8 @@
 //! nothing else.
 
 use super::files;
-use crate::{Error, store, world::fs};
+use crate::world::fs;
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -67,7 +68,7 @@ impl Manifest {
             let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
             files.insert(
                 name,
-                store::digest(&fs::read(path).map_err(Error::file("read", path))?),
+                contract::digest::of_bytes(&fs::read(path).map_err(Error::file("read", path))?),
             );
         }
         Ok(Self {
@@ -108,7 +109,7 @@ impl Manifest {
         let digest = self.files.get(name).or_else(|| self.earlier.get(name));
         let digest = digest.ok_or_else(|| wrong("is no file that the report in its folder wrote"))?;
         let bytes = own_file(folder, name).ok_or_else(|| wrong("cannot be read"))?;
-        if store::digest(&bytes) == *digest {
+        if contract::digest::of_bytes(&bytes) == *digest {
             Ok(bytes)
         } else {
             Err(wrong("was changed or cut off after its report wrote it"))
@@ -151,7 +152,7 @@ impl Manifest {
                     self.earlier.insert(name.clone(), digest.clone());
                     replaced.kept.push(name.clone());
                 }
-                Some(bytes) if store::digest(&bytes) == *digest => {
+                Some(bytes) if contract::digest::of_bytes(&bytes) == *digest => {
                     fs::remove_file(&path).map_err(Error::file("remove", &path))?;
                     replaced.removed.push(name.clone());
                 }
@@ -295,7 +296,7 @@ mod tests {
         let names = ["../mine.md", "tables/mine.md", outside.to_str().unwrap()];
         let files = names
             .into_iter()
-            .map(|name| (name.to_owned(), store::digest(b"mine")))
+            .map(|name| (name.to_owned(), contract::digest::of_bytes(b"mine")))
             .collect();
         let manifest = Manifest {
             files,

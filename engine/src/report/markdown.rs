@@ -2,11 +2,11 @@
 
 use super::{Parts, Period, StudyInfo, answers, files, head, legend, sheet::Sheet, stages};
 use crate::{
-    build::tally,
     figure::{Chart, FigureSpec},
     imported::Origin,
     table::{Grid, escape_markdown as escape, markdown, prose},
 };
+use contract::build::tally;
 
 /// The whole report.
 pub(super) fn report(parts: &Parts<'_>) -> String {

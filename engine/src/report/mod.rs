@@ -64,13 +64,12 @@ pub use summary::{summary, tinted};
 pub use verdicts::{Passed, Verdicts};
 
 use crate::{
-    Better, Build, Error, figure,
-    figure::FigureSpec,
+    figure::{self, FigureSpec},
     results::{Ran, Results},
     spec::{Answer, ClaimSpec, Confirmation, Relevance, Repeats, Summary},
-    table,
-    table::TableSpec,
+    table::{self, TableSpec},
 };
+use contract::{Better, Build, Error};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sheet::Sheet;

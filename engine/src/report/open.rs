@@ -6,9 +6,10 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
-    results::{CellName, Results, TrialResult},
-    statistics::ClaimOutcome,
+    claim::ClaimOutcome,
+    results::{Results, TrialResult},
 };
+use contract::trial::CellName;
 use serde::{Deserialize, Serialize};
 use std::{
     cmp::Ordering,
@@ -216,9 +217,9 @@ fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTree
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
+    use crate::report::{Alone, Passed, synthetic::trial};
+    use contract::{
         product::{ProductKind, Taken},
-        report::{Alone, Passed, synthetic::trial},
         trial::Purpose,
     };
 

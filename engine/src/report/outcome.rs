@@ -1,9 +1,7 @@
 //! How the trials of a study ended, for programs that watch over runs: counts and what is not well, as JSON.
 
-use crate::{
-    results::{EndState, TrialEnd},
-    trial::Trial,
-};
+use crate::results::{EndState, TrialEnd};
+use contract::trial::Trial;
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 
@@ -82,7 +80,7 @@ fn trial_as_json((trial, end): &(Arc<Trial>, Option<TrialEnd>)) -> Value {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::{
+    use contract::{
         cast::Seating,
         trial::{Part, TrialCell, TrialKey},
     };

@@ -1,6 +1,6 @@
 //! Which profiles of a study were ever run here.
 
-use crate::count::{count, either};
+use document::count::{count, either};
 use serde::{Deserialize, Serialize};
 
 /// A profile of a study, and how many of its trials are stored.

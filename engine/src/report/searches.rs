@@ -1,8 +1,10 @@
 //! What a search for a setting came to, in words.
 
-use crate::count::{count, either};
-use crate::results::{SearchResult, Sight, TriedSetting};
-use crate::search::schedule_in_words;
+use crate::{
+    results::{SearchResult, Sight, TriedSetting},
+    search::schedule_in_words,
+};
+use document::count::{count, either};
 use std::collections::BTreeSet;
 
 /// So many settings are named that a search could not see; of more there is a number.

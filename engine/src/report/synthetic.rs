@@ -1,11 +1,12 @@
 //! Results made by formulas, for the tests of tables, figures and the report.
 
-use crate::{
+use crate::results::{EndState, Results, TrialEnd, TrialResult};
+use contract::{
     Phase,
     cast::Seating,
     recorder::Row,
-    results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
     setting::Setting,
+    standard_metrics::UPDATES,
     trial::{Part, Trial, TrialCell, TrialKey},
 };
 use serde_json::Value;

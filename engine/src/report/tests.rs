@@ -8,17 +8,20 @@ use super::{
     write,
 };
 use crate::{
+    figure::{Bars, FigureSpec, LearningCurve, Trajectory},
+    results::{EndState, Results, TrialResult},
+    spec::{ClaimSpec, Summary},
+    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+};
+use contract::{
     Build, Phase,
     cast::Seating,
-    figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     recorder::Row,
-    results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
-    spec::{ClaimSpec, Summary},
-    statistics::Design,
-    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+    standard_metrics::{EPISODE_LENGTH, UPDATES},
     trial::{Part, Trial},
 };
 use serde_json::{Value, json};
+use statistics::Design;
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -381,7 +384,7 @@ fn a_drawing_that_is_refused_costs_its_figure_alone() {
                 seeds: None,
                 style: crate::figure::Style::default(),
                 shape: crate::figure::Shape::Images(crate::figure::Tiles {
-                    images: vec![crate::drawing::Image {
+                    images: vec![contract::drawing::Image {
                         width: 4,
                         height: 4,
                         pixels: vec![0; 5],

@@ -3,12 +3,13 @@
 
 use super::{Alone, Answered, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
 use crate::{
+    claim::ClaimOutcome,
     results::{Results, TrialResult},
-    statistics::{ClaimOutcome, Judgement, Verdict},
     table::{Grid, TableSpec},
-    training_share::TrainingShare,
+    training_share,
 };
 use serde::{Deserialize, Serialize};
+use statistics::{Judgement, TrainingShare, Verdict};
 
 /// The word for published values of a table that could not be made.
 const NOT_MADE: &str = "NOT MADE";
@@ -166,7 +167,7 @@ impl Verdicts {
             family: study.family.clone(),
             summary: sentence(study, contents),
             answers: Answered::of(study, contents, &verdicts),
-            training_share: TrainingShare::behind(&all, results).map(TrainingShare::percent),
+            training_share: training_share::behind(&all, results).map(TrainingShare::percent),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
             earlier_versions: study.earlier_versions.clone(),

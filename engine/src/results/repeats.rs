@@ -1,6 +1,7 @@
 //! Whether a program that trains itself comes to the same values again with the same seed.
 
-use crate::{Phase, count::count, recorder::Row};
+use contract::{Phase, recorder::Row};
+use document::count::count;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -2,15 +2,14 @@
 
 use super::{EndState, TrialResult};
 use crate::{
-    recorder::Phase,
     search::{Next, Point, Search, Tried, lineage},
     spec::Progress,
-    statistics::estimators::mean,
     store::is_missing,
-    trial::Purpose,
 };
+use contract::{recorder::Phase, trial::Purpose};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use statistics::estimators::mean;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What a search for a setting tried.

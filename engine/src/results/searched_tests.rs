@@ -3,12 +3,14 @@
 
 use super::*;
 use crate::{
+    results::TrialEnd,
+    search::{CmaEs, Failed, Goal, Halving, Method, NoOptions, Numbers, Population, Range, TreeParzen},
+};
+use contract::{
     Phase, Rng,
     cast::Seating,
     random,
     recorder::Row,
-    results::TrialEnd,
-    search::{CmaEs, Failed, Goal, Halving, Method, NoOptions, Numbers, Population, Range, TreeParzen},
     setting::Setting,
     trial::{Part, Trial, TrialCell, TrialKey},
 };

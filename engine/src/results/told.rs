@@ -2,7 +2,7 @@
 //! where the trials are not at hand.
 
 use super::{EndState, RepeatCheck, Results, TrialResult};
-use crate::count::count;
+use document::count::count;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

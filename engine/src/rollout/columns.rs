@@ -1,6 +1,6 @@
 //! The columns of a rollout and what stands in them.
 
-use crate::{Action, End, Environment, Seat, Step};
+use contract::{Action, End, Environment, Seat, Step};
 
 /// Which columns a rollout has.
 pub(super) struct Columns {

@@ -1,10 +1,8 @@
 //! Actions that a person gives, read from a CSV file.
 
 use super::columns::{action_names, blank_action};
-use crate::{
-    Action, Error, Seat,
-    input_file::{self, Use},
-};
+use contract::{Action, Error, Seat};
+use document::input_file::{self, Use};
 use std::{collections::BTreeMap, path::Path};
 
 /// Reads actions for the seats of an environment from a CSV file whose columns are the action channels, in
@@ -105,7 +103,7 @@ fn unreadable(path: &Path, source: csv::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Space;
+    use contract::Space;
 
     fn read(bytes: &[u8]) -> Result<Vec<Action>, String> {
         let folder = tempfile::tempdir().unwrap();

@@ -5,14 +5,14 @@
 //! scored, to the bit, on the same kind of processor.
 
 use super::columns::Columns;
-use crate::{
+use crate::results::TrialResult;
+use contract::{
     Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry,
     RewardSurface, Rng, Seat, Step,
     cast::{Seating, take_up},
     product::FindProduct,
     protocol::{Run, replay_measurement},
     random::Streams,
-    results::TrialResult,
     trial::TrialKey,
 };
 use std::sync::mpsc::{Sender, channel};

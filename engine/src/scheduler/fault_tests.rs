@@ -25,18 +25,20 @@ use super::{
     worker::{self, Request},
 };
 use crate::{
-    Error, ProductKind, Registry,
-    cast::Seating,
     limits::Limits,
-    product::Taken,
-    resources::{Capacity, Needs},
     results::EndState,
     store::{Leases, Owner, Store, is_missing},
-    trial::{Part, Trial, TrialCell, TrialKey},
     world::{
         clock, fs, process,
         simulated::{Faults, Machine, disk_date, lives, quietly, start},
     },
+};
+use contract::{
+    Error, ProductKind, Registry,
+    cast::Seating,
+    product::Taken,
+    resources::{Capacity, Needs},
+    trial::{Part, Trial, TrialCell, TrialKey},
 };
 use ledger::{Ledger, Who};
 use rayon::prelude::*;

@@ -22,11 +22,13 @@ pub use readiness::is_ready;
 pub use worker::{Reply, Request, serve};
 
 use crate::{
-    Error,
     limits::Limits,
-    resources::{Capacity, Needs},
     results::TrialEnd,
     store::{BucketLeases, Leases, Owner, Store},
+};
+use contract::{
+    Error,
+    resources::{Capacity, Needs},
     trial::Trial,
 };
 use queue::Queue;

@@ -6,9 +6,7 @@ use super::{
     worker::{Message, Reply, Request},
 };
 use crate::{
-    Error,
     footprint::{exceeded, family},
-    input_file,
     limits::Limits,
     results::EndState,
     world::{
@@ -16,6 +14,8 @@ use crate::{
         process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Signal, Stdio, end_group, signal},
     },
 };
+use contract::Error;
+use document::input_file;
 use std::{
     io::{self, BufRead, BufReader, Write},
     path::Path,

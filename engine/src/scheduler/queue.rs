@@ -5,10 +5,10 @@
 use super::Task;
 use crate::{
     pace::{Paces, steps},
-    resources::{Capacity, Pool, Share},
     results::TrialEnd,
     world::clock,
 };
+use contract::resources::{Capacity, Pool, Share};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -282,7 +282,7 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
+    use contract::{
         cast::Seating,
         resources::Needs,
         trial::{Part, Trial, TrialCell, TrialKey},

@@ -62,7 +62,7 @@ pub fn is_ready(after: &[String], store: &Store) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
+    use contract::{
         cast::Seating,
         trial::{Part, Trial, TrialCell, TrialKey},
     };

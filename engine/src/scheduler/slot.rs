@@ -7,12 +7,12 @@ use super::{
     worker::{Reply, Request},
 };
 use crate::{
-    Error,
     limits::Limits,
     results::{EndState, TrialEnd},
     store::{BucketLeases, Claim, Leases, Owner, Store, is_missing},
     world::clock,
 };
+use contract::Error;
 use std::{
     sync::{
         Arc,

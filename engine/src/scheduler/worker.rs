@@ -1,14 +1,12 @@
 //! The inside of a worker process: one request a line, one trial a request.
 
 use crate::{
-    Error, Recorder, Registry, panics,
-    plain_text::brief,
-    resources::Share,
     results::{EndState, TrialEnd},
     store::{RunningTrial, Store},
-    trial::Trial,
     world::{clock, fs},
 };
+use contract::{Error, Recorder, Registry, panics, resources::Share, trial::Trial};
+use document::plain_text::brief;
 use serde::{Deserialize, Serialize};
 use std::{
     io::{BufRead, Write},

@@ -6,8 +6,8 @@
 //! value counts once more.
 
 use super::{Point, Range, tree_parzen};
-use crate::random;
 use ::cmaes::{CMAES, CMAESOptions, DVector};
+use contract::random;
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

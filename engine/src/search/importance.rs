@@ -2,7 +2,7 @@
 //! one key are taken from other settings (Breiman 2001, section 10, with held-out settings in place of the
 //! out-of-bag ones).
 
-use crate::{Error, random};
+use contract::{Error, random};
 use rand::Rng as _;
 use smartcore::{
     ensemble::random_forest_regressor::{RandomForestRegressor, RandomForestRegressorParameters},

@@ -19,7 +19,8 @@ pub use cma_es::CmaEs;
 pub use population::{lineage, schedule_in_words};
 pub use range::{Numbers, Range};
 
-use crate::{random, results::EndState, trial};
+use crate::results::EndState;
+use contract::{random, trial};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -7,7 +7,7 @@
 //! the settings along the way to the best member, which is then learned anew on fresh seeds.
 
 use super::{Method, Next, Point, Population, Range, Search, Tried, best_at, share_of};
-use crate::{Rng, random};
+use contract::{Rng, random};
 use rand::Rng as _;
 use serde_json::Value;
 

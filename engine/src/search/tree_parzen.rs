@@ -14,9 +14,10 @@
 //! Settings under way count among the others (a constant liar), so that a batch spreads.
 
 use super::range::{Numbers, Range, option};
-use crate::{random::Rng, statistics::normal};
+use contract::random::Rng;
 use rand::Rng as _;
 use serde_json::Value;
+use statistics::normal;
 
 /// Share of the settings that counts as good.
 const GOOD_SHARE: f64 = 0.1;

@@ -1,7 +1,7 @@
 //! The densities by hand and against numerical sums.
 
 use super::*;
-use crate::random;
+use contract::random;
 use serde_json::json;
 
 fn space() -> Vec<Range> {

@@ -1,9 +1,9 @@
 //! `blocks` and `<<`: keys that are written once and stand in several places.
 
 use super::lay::{TAKE, below, lay, without_nothing};
-use crate::{
+use document::{
+    DEEPEST, Entry, Kind, MOST_NODES, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{DEEPEST, Entry, Kind, MOST_NODES, Node},
     schema_check::View,
 };
 use serde_json::Value;

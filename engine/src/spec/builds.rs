@@ -12,19 +12,21 @@ use super::{
     specimens::Specimens,
 };
 use crate::{
-    Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     describe::fit,
-    diagnostic::{Diagnostic, in_order, say_once},
+    patience,
+    results::{time_per_decision_metric, time_per_update_metric, wall_time_metric},
+};
+use contract::{
+    Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     own_training::{Assignment, MEASURED, Measured},
-    panics, patience, protocol, random,
+    panics, protocol, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
-    results::{
-        EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
-    },
     setting::word,
+    standard_metrics::{EPISODE_LENGTH, updates_metric},
     trial::with_names,
 };
+use document::diagnostic::{Diagnostic, in_order, say_once};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -486,7 +488,7 @@ impl<'a> Builder<'a> {
             if metrics > MOST_METRICS {
                 return Err(Box::new(self.records_too_much(environment, metrics)));
             }
-            let measured = protocol::measured();
+            let measured = protocol::measurement_metrics();
             let of_protocol = match cell.parts[2].given.form {
                 // It is measured, and the protocol does not see how it trains.
                 Form::Own(_) => &measured,

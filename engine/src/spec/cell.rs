@@ -6,7 +6,7 @@ use super::{
     known::Resolved,
     taking::Source,
 };
-use crate::{cast, product::Taken, setting::Setting, trial::Part};
+use contract::{cast, product::Taken, setting::Setting, trial::Part};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, HashSet},

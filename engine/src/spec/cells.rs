@@ -10,14 +10,15 @@ use super::{
     sweep::{Dimension, SweptKey},
     written::{Chosen, Named, PartKind, Prepared, Selection, Written},
 };
-use crate::{
+use crate::{limits::Limits, store::Announcements};
+use contract::{
     Registry, cast,
-    diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::Node,
-    limits::Limits,
     own_training::{MEASURED, Measured},
+};
+use document::{
+    Node,
+    diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::View,
-    store::Announcements,
 };
 use serde_json::Value;
 use std::{path::Path, sync::Arc};

@@ -1,8 +1,8 @@
 //! Claims of a study: comparisons of agents' metrics.
 
-use crate::statistics::estimators::mean;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::estimators::mean;
 
 /// The share of the range from floor to bound that matters, in every study that gives no reason for another.
 const SHARE: f64 = 0.05;

@@ -1,16 +1,13 @@
 //! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the
 //! study's own keys.
 
-use crate::{
-    Error,
-    data_file::hash_of,
+use crate::imported::matching;
+use contract::{Error, data_file::hash_of, registry::About, trial::Part};
+use document::{
+    Kind, Node,
     diagnostic::{Diagnostic, Sources, Span},
-    document::{Kind, Node},
-    imported::matching,
     reach::{Outside, Reach},
-    registry::About,
     schema_check::{At, Checker, View},
-    trial::Part,
 };
 use serde_json::{Value, json};
 use std::{

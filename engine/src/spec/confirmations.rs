@@ -8,14 +8,14 @@ use super::{
     ClaimSpec, Study,
     seeds::{SeedPlan, SeedsText},
 };
-use crate::{
+use crate::table::TableSpec;
+use document::{
+    Node,
     diagnostic::{Diagnostic, Sources, Span},
-    document::Node,
-    statistics::spending::Design,
-    table::TableSpec,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::spending::Design;
 
 /// A confirmation as it is written.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]

@@ -8,13 +8,11 @@ use super::{
     path::{KeyPath, Target},
     written::Named,
 };
-use crate::{
-    Environment,
+use contract::{Environment, protocol, trial::Part};
+use document::{
+    Node,
     diagnostic::{Diagnostic, Span, suggest},
-    document::Node,
-    protocol,
     schema_check::{At, Checker},
-    trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -149,8 +147,16 @@ impl Reader<'_> {
             .get("episodes")
             .and_then(|node| node.to_value().as_u64())
             .unwrap_or(EPISODES);
-        let protocol = protocol::measuring(episodes);
-        let metrics = protocol::measured()
+        let Some(measuring) = self.sections.registry.measuring else {
+            self.say(
+                self.named.name_span,
+                "",
+                "no protocol of this program measures policies that learn no more",
+                "register one that does, as `train_evaluate`",
+            );
+            return None;
+        };
+        let metrics = protocol::measurement_metrics()
             .into_iter()
             .chain(built.metrics().iter().cloned())
             .map(|metric| metric.name)
@@ -168,7 +174,7 @@ impl Reader<'_> {
             arena,
             episodes,
             pairs,
-            protocol,
+            protocol: measuring(episodes),
             environment_config,
         })
     }
@@ -390,7 +396,7 @@ impl Reader<'_> {
                 );
             }
             (Err(error), _) => {
-                let key = if let crate::Error::Config { key, .. } = &error {
+                let key = if let contract::Error::Config { key, .. } = &error {
                     key.as_str()
                 } else {
                     ""

@@ -4,7 +4,8 @@ use super::{
     builds::{Builder, Outcome, built},
     cell::Cell,
 };
-use crate::{Environment, Error, Interface, Metric, patience};
+use crate::patience;
+use contract::{Environment, Error, Interface, Metric};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{

@@ -1,12 +1,12 @@
 //! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
 
 use super::{builds::Builder, cell::Cell, schedule, search::Searched, taking};
-use crate::{
+use contract::{
     Agent, Interface, ProductKind,
-    diagnostic::Diagnostic,
     protocol::{load_from_checkpoint, write_checkpoint_specimen},
     random,
 };
+use document::diagnostic::Diagnostic;
 use std::path::Path;
 
 const WHAT_MAY_DIFFER: &str =

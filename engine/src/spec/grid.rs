@@ -5,12 +5,12 @@ use super::{
     config::{Files, Plugin},
     known::{Given, Known, Resolved},
 };
-use crate::{
+use contract::{
     complete_config::{Change, CompleteConfig, changes},
-    diagnostic::Diagnostic,
     product::named_in,
     trial::Part,
 };
+use document::diagnostic::Diagnostic;
 use rayon::prelude::*;
 use std::{
     collections::BTreeMap,

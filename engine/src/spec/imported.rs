@@ -1,11 +1,11 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
 use super::{builds::World, cells::Sections, seeds::SeedPlan, way::name_written_out};
-use crate::{
-    Metric,
+use crate::imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, PatternError, matching, read};
+use contract::Metric;
+use document::{
+    Entry, Kind, Node,
     diagnostic::{Diagnostic, Span, suggest},
-    document::{Entry, Kind, Node},
-    imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, PatternError, matching, read},
     reach::{Outside, Reach},
 };
 use serde_json::{Value, json};

@@ -4,9 +4,9 @@ use super::{
     lay::lay,
     way::{along, name_from, way},
 };
-use crate::{
+use document::{
+    Entry, Kind, Node,
     diagnostic::{Diagnostic, Sources, Span},
-    document::{self, Entry, Kind, Node},
     input_file,
     reach::{Outside, Reach},
     schema_check::View,

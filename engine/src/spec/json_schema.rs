@@ -2,7 +2,8 @@
 //! `check` holds studies against it, so the two cannot differ.
 
 use super::sections::Sections;
-use crate::{Registry, cast, registry::About, schema_check::NAME};
+use contract::{Registry, cast, registry::About};
+use document::schema_check::NAME;
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 

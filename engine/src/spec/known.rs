@@ -10,10 +10,8 @@ use super::{
     schedule::Stretch,
     search::Searched,
 };
-use crate::{
-    complete_config::CompleteConfig, diagnostic::Diagnostic, document::Node, own_training::Measured,
-    setting::Setting, trial::Part,
-};
+use contract::{complete_config::CompleteConfig, own_training::Measured, setting::Setting, trial::Part};
+use document::{Node, diagnostic::Diagnostic};
 use std::{
     collections::BTreeMap,
     sync::{Arc, OnceLock},

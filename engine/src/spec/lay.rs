@@ -2,10 +2,7 @@
 //!
 //! A key without a value takes away what stands under it, where nothing is no value of its own.
 
-use crate::{
-    document::{Entry, Kind, Node},
-    schema_check::View,
-};
+use document::{Entry, Kind, Node, schema_check::View};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The key that takes blocks.
@@ -97,11 +94,8 @@ fn same_keys(mine: &[Entry], theirs: &[Entry]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        diagnostic::Sources,
-        document::parse,
-        spec::{json_schema, toys::toys},
-    };
+    use crate::spec::{json_schema, toys::toys};
+    use document::{diagnostic::Sources, parse};
     use serde_json::json;
 
     fn laid(under: &str, over: &str) -> Node {

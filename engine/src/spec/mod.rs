@@ -87,25 +87,27 @@ pub use taking::Source;
 pub use way::{along, name_from, way};
 
 use crate::{
-    Metric, Registry,
-    diagnostic::{Diagnostic, Sources, Span, in_order},
-    document::{self, Node},
     figure::FigureSpec,
     imported::Imported,
-    input_file,
     limits::{LimitError, Limits},
     results::Success,
-    schema_check::{At, Checker, View},
     search::Search,
-    statistics::spending::Design,
     store::Announcements,
     table::TableSpec,
     training_share::PaperBudget,
 };
 pub(crate) use cell::{Cell, Cells, Place};
 use cells::{MOST_TRIALS, Sections};
+use contract::{Metric, Registry};
+use document::{
+    Node,
+    diagnostic::{Diagnostic, Sources, Span, in_order},
+    input_file,
+    schema_check::{At, Checker, View},
+};
 use seeds::SeedPlan;
 use serde_json::Value;
+use statistics::spending::Design;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},

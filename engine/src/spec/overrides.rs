@@ -5,9 +5,9 @@ use super::{
     sweep::Dimension,
     written::{Selection, Written},
 };
-use crate::{
+use document::{
+    Node,
     diagnostic::{Diagnostic, Sources},
-    document::Node,
 };
 use serde_json::Value;
 

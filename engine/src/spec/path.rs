@@ -1,9 +1,9 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
 use super::written::{Chosen, Named, PartKind, Written};
-use crate::{
+use document::{
+    Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{Kind, Node},
     schema_check::{At, Checker, View},
 };
 use serde_json::Value;

@@ -1,12 +1,11 @@
 //! One plugin's config in a file of its own, as `rollout` takes it.
 
 use super::{config, json_schema::with_presets};
-use crate::{
+use contract::{registry::About, trial::Part};
+use document::{
     diagnostic::{Diagnostic, Sources, Span, in_order},
-    document, input_file,
-    registry::About,
+    input_file,
     schema_check::{At, Checker, View},
-    trial::Part,
 };
 use std::path::Path;
 

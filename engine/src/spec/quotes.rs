@@ -11,9 +11,9 @@
 //! Overrides and sweeps are of combinations and are not looked at.
 
 use super::resolved::Section;
-use crate::{
+use document::{
+    Kind, Node,
     diagnostic::{Diagnostic, Sources},
-    document::{Kind, Node},
 };
 use serde_json::Value;
 

@@ -2,7 +2,7 @@
 //! is said.
 
 use super::sweep::Dimension;
-use crate::{
+use document::{
     count::count,
     diagnostic::{Diagnostic, Sources},
 };

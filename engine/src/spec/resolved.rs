@@ -12,13 +12,9 @@ use super::{
     way::name_written_out,
     written::{Chosen, Named, PartKind, Prepared},
 };
-use crate::{
-    Error,
-    document::{Entry, Node},
-    figure::FigureSpec,
-    limits::Limits,
-    table::TableSpec,
-};
+use crate::{figure::FigureSpec, limits::Limits, table::TableSpec};
+use contract::Error;
+use document::{Entry, Node};
 use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;

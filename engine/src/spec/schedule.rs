@@ -9,7 +9,8 @@ use super::{
     path::Target,
     search::Searched,
 };
-use crate::{diagnostic::Diagnostic, document::Node, trial::Part};
+use contract::trial::Part;
+use document::{Node, diagnostic::Diagnostic};
 use serde_json::{Value, json};
 
 /// A part of a schedule: from the checkpoint of another trial, or the first step, to a pause or the end.

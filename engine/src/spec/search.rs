@@ -10,10 +10,10 @@ use super::{
     sweep::{self, Dimension},
     written::{Named, Written},
 };
-use crate::{
+use crate::search::{FIRST_TUNING_SEED, Failed, Goal, Method, Point, Range, Search, lineage};
+use document::{
+    Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{Entry, Node},
-    search::{FIRST_TUNING_SEED, Failed, Goal, Method, Point, Range, Search, lineage},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

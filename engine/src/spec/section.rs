@@ -2,9 +2,9 @@
 //! `--set tables.t.caption=...`, `--set claims.0.exploratory=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
 
 use super::{lay::below, path::assign};
-use crate::{
+use document::{
+    Entry, Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{Entry, Kind, Node},
     schema_check::View,
 };
 use serde_json::Value;

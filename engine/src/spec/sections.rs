@@ -11,14 +11,10 @@ use super::{
     sweep::Generator,
 };
 use crate::{
-    figure::FigureSpec,
-    imported::ImportedText,
-    limits::Limits,
-    results::Success,
-    schema_check::{NAME, SLUG},
-    table::TableSpec,
+    figure::FigureSpec, imported::ImportedText, limits::Limits, results::Success, table::TableSpec,
     training_share::PaperBudget,
 };
+use document::schema_check::{NAME, SLUG};
 use schemars::JsonSchema;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;

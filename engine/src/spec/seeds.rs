@@ -1,12 +1,12 @@
 //! Which seeds a study has: a number of them, a list, ranges, or a design whose looks are fixed before the first trial.
 
-use crate::{
+use document::{
+    Node,
     diagnostic::{Diagnostic, Sources},
-    document::Node,
-    statistics::{spending::Design, statement::FEWEST_SEEDS},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{spending::Design, statement::FEWEST_SEEDS};
 use std::collections::BTreeSet;
 
 /// Largest number of seeds of a study.

@@ -10,9 +10,9 @@ use super::{
     section, sweep,
     written::Written,
 };
-use crate::{
+use document::{
+    Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{self, Entry, Node},
 };
 use serde_json::{Value, json};
 

@@ -8,11 +8,11 @@ use super::{
     path::{self, KeyPath, Target},
     written::Written,
 };
-use crate::{
+use crate::search::Numbers;
+use contract::random;
+use document::{
+    Entry, Node,
     diagnostic::{Diagnostic, Sources},
-    document::{Entry, Node},
-    random,
-    search::Numbers,
 };
 use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;

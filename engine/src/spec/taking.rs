@@ -8,10 +8,8 @@ use super::{
     known::Resolved,
     path::Target,
 };
-use crate::{
-    diagnostic::{Diagnostic, Span, say_once, suggest},
-    product::{ProductKind, Reference, named_in},
-};
+use contract::product::{ProductKind, Reference, named_in};
+use document::diagnostic::{Diagnostic, Span, say_once, suggest};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// A product that a cell takes.

@@ -1,7 +1,8 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
 use super::{toys::toys, *};
-use crate::{figure::FigureKind, trial::Trial};
+use crate::figure::FigureKind;
+use contract::trial::Trial;
 use serde_json::json;
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -69,7 +70,7 @@ fn every_mistake_has_its_message() {
         snapshot(
             "invalid/messages",
             &path,
-            &crate::diagnostic::render(&found, false),
+            &document::diagnostic::render(&found, false),
         );
         for diagnostic in found {
             assert!(
@@ -86,23 +87,23 @@ fn what_is_probably_not_meant_has_its_warning_and_fails_nothing() {
     let warned = files("warned");
     assert!(warned.len() >= 2);
     for path in warned {
-        let study =
-            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study = load_file(&path)
+            .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         assert!(!study.warnings.is_empty(), "{} warns of nothing", path.display());
         snapshot(
             "warned/messages",
             &path,
-            &crate::diagnostic::render(&study.warnings, false),
+            &document::diagnostic::render(&study.warnings, false),
         );
     }
     for path in files("valid") {
-        let study =
-            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study = load_file(&path)
+            .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         assert!(
             study.warnings.is_empty(),
             "{}: {}",
             path.display(),
-            crate::diagnostic::render(&study.warnings, false)
+            document::diagnostic::render(&study.warnings, false)
         );
     }
 }
@@ -112,11 +113,11 @@ fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
     let files = files("valid");
     assert!(files.len() >= 4);
     for path in files {
-        let study =
-            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study = load_file(&path)
+            .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         let resolved = resolved_yaml(&study, Path::new(SPECS)).unwrap();
         let again =
-            read(&resolved).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+            read(&resolved).unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         assert_eq!(ids(&study), ids(&again), "{}", path.display());
         assert_eq!(
             (&study.tables, &study.figures, &study.claims),
@@ -148,7 +149,7 @@ const HEAD: &str = "study: walk\nenvironments: { short: { corridor: { cells: 5 }
 
 fn with(rest: &str) -> Study {
     read(&format!("{HEAD}{rest}"))
-        .unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)))
+        .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)))
 }
 
 /// Of the configs of a sweep only what differs is held: they are those that a study has which writes the values down.
@@ -554,7 +555,7 @@ fn the_schema_names_all_plugins() {
 #[test]
 fn mistakes_have_a_form_for_programs() {
     let found = read(&HEAD.replace("cells: 5", "cels: 5")).unwrap_err();
-    let json = crate::diagnostic::to_json(&found);
+    let json = document::diagnostic::to_json(&found);
     assert_eq!(json[0]["path"], json!("environments.short.corridor.cels"));
     assert_eq!(
         (&json[0]["place"]["line"], &json[0]["place"]["length"]),
@@ -660,7 +661,7 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
     // Where the two folders are no project, that has to be said first.
     std::fs::remove_file(dir.path().join("regimen.toml")).unwrap();
     let found = load(&path, &toys(), &Options::default()).unwrap_err();
-    let told = crate::diagnostic::render(&found, false);
+    let told = document::diagnostic::render(&found, false);
     assert!(
         told.contains("leads out") && told.contains("`regimen.toml`"),
         "{told}"
@@ -704,7 +705,7 @@ fn published_curves_are_found_from_the_study_and_from_its_results() {
 #[test]
 fn a_study_that_cannot_be_read_is_a_message() {
     let found = load(Path::new("no/such/study.yaml"), &toys(), &Options::default()).unwrap_err();
-    assert!(crate::diagnostic::render(&found, false).contains("--> no/such/study.yaml"));
+    assert!(document::diagnostic::render(&found, false).contains("--> no/such/study.yaml"));
 }
 
 /// A right study with most kinds of sections, to be broken at random.
@@ -725,7 +726,7 @@ proptest::proptest! {
         let broken = format!("{}{word}{}", &text[..at], &text[end..]);
         if let Err(found) = read(&broken) {
             proptest::prop_assert!(!found.is_empty(), "an error without a message:\n{broken}");
-            proptest::prop_assert!(!crate::diagnostic::render(&found, true).is_empty());
+            proptest::prop_assert!(!document::diagnostic::render(&found, true).is_empty());
         }
     }
 }

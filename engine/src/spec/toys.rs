@@ -1,6 +1,6 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
-use crate::{
+use contract::{
     Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, ProductKind,
     Protocol, Registry, Rng, Seat, Space, Step, Updates,
     registry::{AgentTraits, Config, Preset},
@@ -305,7 +305,7 @@ impl Protocol for Train {
     fn experience(&self) -> u64 {
         self.0
     }
-    fn run(&self, _: &mut crate::protocol::Run<'_>) -> Result<(), Error> {
+    fn run(&self, _: &mut contract::protocol::Run<'_>) -> Result<(), Error> {
         Ok(())
     }
 }

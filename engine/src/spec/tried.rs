@@ -6,7 +6,7 @@ use super::{
     cell::Cell,
     known::Form,
 };
-use crate::{Agent, Error};
+use contract::{Agent, Error};
 use serde_json::json;
 
 impl Builder<'_> {

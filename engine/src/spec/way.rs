@@ -1,7 +1,7 @@
 //! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved
 //! together.
 
-use crate::reach::Reach;
+use document::reach::Reach;
 use std::{
     ffi::OsString,
     path::{Component, Path, PathBuf},

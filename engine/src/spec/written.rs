@@ -1,9 +1,9 @@
 //! The study as written: its sections read from the document, with the positions of all names.
 
 use super::path::{KeyPath, Target};
-use crate::{
+use document::{
+    Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{Entry, Node},
 };
 
 /// A plugin with a config, under a name of the study.

@@ -4,8 +4,9 @@
 //! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is
 //! damaged, or of another program, is passed over.
 
-use super::{remade, seal};
+use super::remade;
 use crate::world::fs;
+use contract::digest;
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::{Path, PathBuf};
 
@@ -63,7 +64,7 @@ impl Announcements {
 
     fn place(&self, id: &str) -> PathBuf {
         let program = env!("CARGO_PKG_VERSION");
-        let name = seal::hash(format!("{id} {program} {VERSION}").as_bytes());
+        let name = digest::of_bytes(format!("{id} {program} {VERSION}").as_bytes());
         self.store.join(FOLDER).join(format!("{name}.json"))
     }
 }

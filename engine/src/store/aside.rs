@@ -7,10 +7,10 @@ use super::{
     inside, names, pack,
 };
 use crate::{
-    Error,
     results::{EndState, TrialEnd},
     world::fs,
 };
+use contract::Error;
 use rayon::prelude::*;
 use std::{
     io::ErrorKind,

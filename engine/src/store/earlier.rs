@@ -4,7 +4,8 @@
 //! becomes of the process that wanted it, until it has ended anew.
 
 use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
-use crate::{Error, results::TrialEnd, world::fs};
+use crate::{results::TrialEnd, world::fs};
+use contract::Error;
 use std::path::Path;
 
 const NAME: &str = "earlier.json";

@@ -8,14 +8,13 @@ use super::{
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
     merge::acknowledged_files,
-    metrics_file, names, pack, partial, repeats, running,
-    seal::hash,
+    names, pack, partial, repeats, running,
 };
 use crate::{
-    Error,
     results::EndState::{self, Killed, Oom, Timeout},
     world::fs,
 };
+use contract::{Error, digest::of_bytes as hash, metrics_file};
 use serde::Serialize;
 use std::{
     collections::BTreeSet,

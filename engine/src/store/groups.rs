@@ -7,7 +7,8 @@ use super::{
     Store, StoredTrial, names,
     pack::{Reader, acknowledged_in, loaded_in, outlined_in, readers},
 };
-use crate::{Error, results::TrialResult, trial::Trial};
+use crate::results::TrialResult;
+use contract::{Error, trial::Trial};
 use rayon::prelude::*;
 use std::{
     borrow::Borrow,

@@ -1,7 +1,8 @@
 //! The identity of a stored result, by which two copies of it are held against each other.
 
 use super::{METRICS, Store, TrialFile};
-use crate::{Build, results::EndState};
+use crate::results::EndState;
+use contract::Build;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -6,9 +6,11 @@
 
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::{
-    Build, Error,
     plan::{StoredCell, Took},
     results::{EndState, TrialEnd},
+};
+use contract::{
+    Build, Error,
     trial::{Trial, trial_id},
 };
 use rayon::prelude::*;
@@ -318,7 +320,8 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Recorder, store::specimen::trial};
+    use crate::store::specimen::trial;
+    use contract::Recorder;
     use serde_json::json;
     use std::fs;
 

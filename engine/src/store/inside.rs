@@ -2,7 +2,8 @@
 //! trial's folder.
 
 use super::lease::is_lease;
-use crate::{Error, ProductKind, world::fs};
+use crate::world::fs;
+use contract::{Error, ProductKind};
 use std::{
     io::ErrorKind,
     path::{Path, PathBuf},

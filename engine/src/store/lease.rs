@@ -16,13 +16,11 @@
 //! owner whose file is gone writes it again.
 
 use super::{Owner, Store, boundary, remove, write_durably};
-use crate::{
-    Error,
-    world::{
-        clock,
-        fs::{self, File, OpenOptions},
-    },
+use crate::world::{
+    clock,
+    fs::{self, File, OpenOptions},
 };
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,7 +1,8 @@
 //! Lends what a trial left to another store, which computes what takes it.
 
 use super::{Store, TrialFile, write_durably};
-use crate::{Error, product::Taken, world::fs};
+use crate::world::fs;
+use contract::{Error, product::Taken};
 use std::path::Path;
 
 impl Store {

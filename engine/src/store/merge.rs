@@ -16,11 +16,11 @@ use super::{
     names, partial,
     products::flush_within,
     remove,
-    seal::hash,
     sealed_folder::flush_way_to,
     write_durably,
 };
-use crate::{Error, results::EndState, trial::TrialKey, world::fs};
+use crate::{results::EndState, world::fs};
+use contract::{Error, digest::of_bytes as hash, trial::TrialKey};
 use serde::Serialize;
 use std::{collections::BTreeMap, path::Path};
 

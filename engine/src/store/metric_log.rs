@@ -12,11 +12,11 @@
 //! step, episode, seat and index of the metric, then the eight bytes of the value. Counts and whole numbers
 //! are written in seven-bit groups (LEB128), everything else with the low byte first.
 
-use super::MetricsTable;
-use crate::{
+use crate::world::fs::{self, File, OpenOptions};
+use contract::{
     Error, Recorder,
+    metrics_file::MetricsTable,
     recorder::{Phase, Row},
-    world::fs::{self, File, OpenOptions},
 };
 use serde::{Deserialize, Serialize};
 use std::{

@@ -6,7 +6,7 @@
 //!                                       trial.json        key, end state, digest of metrics.parquet: the
 //! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
 //! networks.safetensors, dataset/, choice.json, graph.json, images.png   what else it left, see
-//! [`ProductKind`](crate::ProductKind)
+//! [`ProductKind`](contract::ProductKind)
 //! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
 //! and a checkpoint, see [`RunningTrial`]
 //! partial-4.parcel  what it had recorded at a pause, or before a number was not finite, see [`Partial`]
@@ -32,7 +32,6 @@ mod lease;
 mod lending;
 mod merge;
 pub mod metric_log;
-mod metrics_file;
 mod obstacle;
 mod owner;
 mod pack;
@@ -53,6 +52,10 @@ pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
 pub use bucket::Bucket;
 pub(crate) use bucket::BucketLeases;
+use contract::{
+    digest,
+    metrics_file::{self, MetricsTable},
+};
 pub(crate) use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
 pub use imprint::{Difference, Imprint};
@@ -61,24 +64,24 @@ pub(crate) use inside::read as read_file;
 use lease::Announcement;
 pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
-pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics};
 pub use owner::Owner;
 pub use pack::Packing;
 pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
 pub use partial::Partial;
 pub use running::RunningTrial;
-pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
 pub use seen::{Fixed, SeenVerdicts, is_record};
 
 use crate::{
-    Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
-    trial::{Trial, TrialKey},
     world::{
         fs::{self, File},
         process,
     },
+};
+use contract::{
+    Build, Error, Recorder,
+    trial::{Trial, TrialKey},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -234,7 +237,7 @@ impl Store {
             reason: String::new(),
             wall_s,
             decision_s: record.decision_s(),
-            digest: seal::hash(&bytes),
+            digest: digest::of_bytes(&bytes),
         };
         self.acknowledge_with(trial, end, products::exported(&folder)?)
     }
@@ -411,7 +414,7 @@ impl Store {
     fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
         let path = self.folder(id).join(METRICS);
         match inside::read(&path)? {
-            Some(bytes) if seal::hash(&bytes) == digest => Ok(bytes),
+            Some(bytes) if digest::of_bytes(&bytes) == digest => Ok(bytes),
             Some(_) => Err(Error::Damaged {
                 path,
                 problem: "its hash is not the acknowledged one".into(),
@@ -564,7 +567,7 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Phase;
+    use contract::Phase;
 
     fn trial(seed: u64) -> Trial {
         specimen::trial(4, seed)

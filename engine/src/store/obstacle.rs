@@ -1,7 +1,8 @@
 //! What stands in the way of one trial: then that trial cannot run, and all others can.
 
 use super::{Store, inside, names};
-use crate::{Error, world::fs};
+use crate::world::fs;
+use contract::Error;
 use std::{
     io::ErrorKind,
     path::{Path, PathBuf},

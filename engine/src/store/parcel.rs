@@ -1,8 +1,9 @@
 //! A trial on its way to another machine: the files that its acknowledgement names, held against their hashes at both
 //! ends; of one that has paused what it had recorded.
 
-use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, partial, seal::hash};
-use crate::{Error, results::EndState, world::fs};
+use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, partial};
+use crate::{results::EndState, world::fs};
+use contract::{Error, digest::of_bytes as hash};
 use serde::{Deserialize, Serialize};
 use std::{
     io::{self, BufRead, Read},
@@ -189,7 +190,8 @@ fn damaged(path: &Path, problem: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, Recorder, results::EndState, store::specimen::trial};
+    use crate::{results::EndState, store::specimen::trial};
+    use contract::{Phase, Recorder};
 
     /// A store with a trial that has ended, and what it left.
     fn left(store: &Store) -> (String, Parcel) {

@@ -9,15 +9,18 @@
 //! what ended is.
 
 use super::{
-    METRICS, MetricsTable, Store, TrialFile, boundary, date, index, inside, metrics_file, pack, parcel,
-    remove, seal, sealed_folder::flush_way_to, write_durably,
+    METRICS, Store, TrialFile, boundary, date, index, inside, pack, parcel, remove,
+    sealed_folder::flush_way_to, write_durably,
 };
 use crate::{
-    Error, Phase, Recorder,
-    recorder::{Row, Running},
     results::{EndState, TrialEnd},
-    trial::Trial,
     world::fs,
+};
+use contract::{
+    Error, Phase, Recorder, digest,
+    metrics_file::{self, MetricsTable},
+    recorder::{Row, Running},
+    trial::Trial,
 };
 use std::{
     collections::BTreeMap,
@@ -123,7 +126,7 @@ impl Store {
     /// Where a file cannot be written.
     pub fn keep_partial(&self, trial: &Trial, end: TrialEnd, record: &Recorder) -> Result<(), Error> {
         let metrics = metrics_file::encode(record, &trial.id)?;
-        let digest = seal::hash(&metrics);
+        let digest = digest::of_bytes(&metrics);
         let file = TrialFile {
             ended_at: Some(date::now()),
             build: self.build.clone(),
@@ -291,7 +294,7 @@ fn of_files(id: &str, metrics: Vec<u8>, text: &[u8], path: &Path) -> Result<Part
             format!("a trial that ended as {state} keeps no such file"),
         ));
     }
-    if seal::hash(&metrics) != file.end.digest {
+    if digest::of_bytes(&metrics) != file.end.digest {
         return Err(damaged(path, "its hash is not the acknowledged one".into()));
     }
     let table = metrics_file::decode(metrics, path)?;

@@ -3,11 +3,11 @@
 use super::{
     Store,
     inside::{files_of, is_product, look, read_in},
-    seal::hash,
     sealed_folder::flush,
     write_durably,
 };
-use crate::{Error, product::Taken, results::EndState, world::fs};
+use crate::{results::EndState, world::fs};
+use contract::{Error, digest::of_bytes as hash, product::Taken};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -137,7 +137,8 @@ pub(super) fn flush_within(trial: &Path, file: &Path) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, Recorder, product::ProductKind, store::specimen};
+    use crate::store::specimen;
+    use contract::{Phase, Recorder, product::ProductKind};
     use std::fs;
 
     #[test]

@@ -14,22 +14,19 @@
 //! Nothing here is acknowledged: what was measured at a pause is stored besides, see [`Partial`](super::Partial).
 
 use super::{
-    MetricsTable, OUTPUT, absent_is_fine, boundary,
+    OUTPUT, absent_is_fine, boundary,
     inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
     partial::{first_rows, rows_until},
     remove,
-    seal::hash,
     sealed_folder::{flush, flush_way_to, is_whole, seal},
     write_durably,
 };
-use crate::{
-    Agent, Error, Keeper, Phase, Recorder,
-    own_training::Place,
-    recorder::Running,
-    resources::Share,
-    world::{clock, fs},
+use crate::world::{clock, fs};
+use contract::{
+    Agent, Error, Keeper, Phase, Recorder, digest::of_bytes as hash, metrics_file::MetricsTable,
+    own_training::Place, recorder::Running, resources::Share,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -1,8 +1,7 @@
 //! A check value at the end of a JSON object, so that a changed bit anywhere in the file is noticed.
 
-use std::io::{self, Read};
+use contract::digest::{self, LENGTH};
 
-const LENGTH: usize = 32;
 const BEFORE: &[u8] = b",\"check\":\"";
 const AFTER: &[u8] = b"\"}";
 
@@ -10,7 +9,7 @@ const AFTER: &[u8] = b"\"}";
 pub(super) fn sealed(mut object: Vec<u8>) -> Vec<u8> {
     // The closing brace comes after the check.
     object.pop();
-    let check = hash(&object);
+    let check = digest::of_bytes(&object);
     object.extend([BEFORE, check.as_bytes(), AFTER].concat());
     object
 }
@@ -29,22 +28,7 @@ pub(super) fn unsealed(text: &[u8]) -> Option<Vec<u8>> {
 fn before_check(text: &[u8]) -> Option<&[u8]> {
     let tail = BEFORE.len() + LENGTH + AFTER.len();
     let (object, tail) = text.len().checked_sub(tail).map(|length| text.split_at(length))?;
-    (tail == [BEFORE, hash(object).as_bytes(), AFTER].concat()).then_some(object)
-}
-
-/// The first 32 hexadecimal digits of a BLAKE3 hash, as files are known by.
-pub fn hash(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..LENGTH].to_string()
-}
-
-/// [`hash`] of what a file holds, piece by piece: it may be larger than memory.
-///
-/// # Errors
-/// Where it cannot be read.
-pub fn hash_of_file(file: impl Read) -> io::Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(file)?;
-    Ok(hasher.finalize().to_hex()[..LENGTH].to_string())
+    (tail == [BEFORE, digest::of_bytes(object).as_bytes(), AFTER].concat()).then_some(object)
 }
 
 #[cfg(test)]

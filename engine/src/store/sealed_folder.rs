@@ -2,10 +2,8 @@
 //! other one.
 
 use super::inside::{contents, is_file, is_folder, read};
-use crate::{
-    Error,
-    world::fs::{self, File},
-};
+use crate::world::fs::{self, File};
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, io, path::Path};
 

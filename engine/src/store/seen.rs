@@ -6,7 +6,8 @@
 //! when they are next written.
 
 use super::{Fault, Finding, Findings, LOOKS, Store, inside, names, seal, write_durably};
-use crate::{Error, world::fs};
+use crate::world::fs;
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,6 +1,6 @@
 //! A trial for tests of the store.
 
-use crate::{
+use contract::{
     cast::Seating,
     trial::{Part, Trial, TrialCell, TrialKey},
 };

@@ -2,7 +2,8 @@
 //! may change without changing what a trial is. The bytes of a file are held against the hash in `trial.json`.
 
 use super::{METRICS, Store, TrialFile, inside::read_in};
-use crate::{parquet::values_digest, results::EndState};
+use crate::results::EndState;
+use contract::parquet::values_digest;
 use std::collections::BTreeMap;
 
 impl Store {
@@ -39,10 +40,8 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        Phase, Recorder,
-        store::{Imprint, metrics_file, seal, specimen::trial, write_durably},
-    };
+    use crate::store::{Imprint, specimen::trial, write_durably};
+    use contract::{Phase, Recorder, metrics_file};
     use std::path::Path;
 
     /// A store with one trial that recorded a value.
@@ -65,7 +64,7 @@ mod tests {
         let mut record = Recorder::default();
         record.add(Phase::Final, 7, 0, 0, "return", 0.5);
         let bytes = metrics_file::encode(&record, "another").unwrap();
-        rewritten.end.digest = seal::hash(&bytes);
+        rewritten.end.digest = contract::digest::of_bytes(&bytes);
         write_durably(&again.folder(&file.key.id()).join(METRICS), &bytes).unwrap();
         assert_ne!(rewritten.end.digest, file.end.digest);
         let known = Imprint::of(&file, &store);

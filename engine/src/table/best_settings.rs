@@ -2,11 +2,11 @@
 
 use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::{
-    Error,
-    diagnostic::suggest,
     results::{Results, SearchResult, TriedSetting},
     spec::names::{Names, Place},
 };
+use contract::Error;
+use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,9 +1,9 @@
 //! What was found out about values that differ from the published ones.
 
 use super::Grid;
-use crate::statistics::Verdict;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::Verdict;
 use std::collections::BTreeMap;
 
 /// What was tried to find out why values differ: of the whole table, or of each row.
@@ -57,10 +57,8 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        statistics::{Judgement, Reference},
-        table::{Cell, Heading, Intervals, markdown},
-    };
+    use crate::table::{Cell, Heading, Intervals, markdown};
+    use statistics::{Judgement, Reference};
 
     /// Rows `a`, `b` and `c` with one value each and these verdicts.
     fn grid(verdicts: [Verdict; 3], cause: &str) -> Grid {

@@ -1,7 +1,8 @@
 //! A table as comma-separated values in long form: one line per cell, all digits.
 
 use super::{Cell, Grid};
-use crate::{Error, statistics::Verdict};
+use contract::Error;
+use statistics::Verdict;
 use std::borrow::Cow;
 
 const HEADER: [&str; 13] = [

@@ -6,15 +6,15 @@ use super::{
     comparison::summarise, problem,
 };
 use crate::{
-    Error,
     cross_play::Encounters,
-    diagnostic::suggest,
     results::Results,
     spec::names::{Names, Place},
-    statistics::{Design, estimators::mean},
 };
+use contract::Error;
+use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{Design, estimators::mean};
 use std::collections::BTreeMap;
 
 /// Heading of the row and the column of means.

@@ -2,11 +2,9 @@
 //! to be careful with.
 
 use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
-use crate::{
-    count::count,
-    plan::seed_ranges,
-    statistics::{Judgement, Verdict},
-};
+use crate::plan::seed_ranges;
+use document::count::count;
+use statistics::{Judgement, Verdict};
 
 /// How the medium shows intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

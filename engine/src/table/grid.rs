@@ -2,10 +2,11 @@
 
 use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
 use crate::{
-    results::{CellName, Results, TrialResult},
-    statistics::{Judgement, MeanEstimate, Sample, Seeds, Verdict},
-    training_share::TrainingShare,
+    results::{Results, TrialResult},
+    training_share,
 };
+use contract::trial::CellName;
+use statistics::{Judgement, MeanEstimate, Sample, Seeds, TrainingShare, Verdict};
 use std::{
     borrow::Cow,
     collections::{BTreeMap, BTreeSet},
@@ -350,7 +351,7 @@ impl Cell {
             .collect();
         Self {
             untrained: untrained.into_iter().map(Into::into).collect(),
-            training: TrainingShare::behind(trials, results),
+            training: training_share::behind(trials, results),
             looks: results.seeds_of(trials),
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
             ..Self::default()

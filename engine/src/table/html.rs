@@ -1,7 +1,7 @@
 //! A table in HTML: the verdict as a word, coloured by the page's style sheet.
 
 use super::{Grid, Intervals, Part, prose};
-use crate::plain_text::printable;
+use document::plain_text::printable;
 use std::fmt::Write as _;
 
 /// A `table` element with caption and head, followed by its notes. A published value and its verdict stand under the

@@ -1,7 +1,7 @@
 //! A table in Markdown.
 
 use super::{Grid, Intervals, Part, prose};
-use crate::plain_text::printable;
+use document::plain_text::printable;
 
 /// The table, its caption above it and its notes below it.
 #[must_use]

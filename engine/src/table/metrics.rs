@@ -2,13 +2,13 @@
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::{
-    Error,
     results::Results,
     spec::names::{Names, Picked, Place},
-    statistics::rank_correlation,
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::rank_correlation;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The row with rank correlations.
@@ -147,7 +147,7 @@ impl Metrics {
             names.say(place(), message, help);
         }
         if !self.ranked_against.is_empty() && !agents.contains(&self.ranked_against) {
-            let help = crate::diagnostic::suggest(&self.ranked_against, agents.iter().map(String::as_str));
+            let help = document::diagnostic::suggest(&self.ranked_against, agents.iter().map(String::as_str));
             let message = format!("`{}` is none of the agents of the table", self.ranked_against);
             names.say(at.value("ranked_against"), message, help);
         }
@@ -254,7 +254,8 @@ fn ranked(metrics: &[String], own: &Scope<'_>, against: &Scope<'_>) -> BTreeMap<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, report::synthetic};
+    use crate::report::synthetic;
+    use contract::Phase;
 
     fn results() -> Results {
         let trial = |agent: &str, seed: u64, values: [f64; 3]| {

@@ -47,12 +47,12 @@ pub(crate) use terminal::align;
 pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
-    Error,
     kinds::{Contradiction, kinds},
     published_curve::PublishedCurve,
     results::Results,
     spec::names::{Names, Place},
 };
+use contract::Error;
 use published::Judging;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -4,7 +4,7 @@
 use super::{
     html::escape as escape_html, latex::escape as escape_latex, markdown::escape as escape_markdown,
 };
-use crate::plain_text::printable;
+use document::plain_text::printable;
 
 /// The sentence in HTML.
 #[must_use]

@@ -1,18 +1,16 @@
 //! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
 
 use super::{Cell, Grid};
-use crate::{
-    Error,
-    count::count,
-    published_curve::PublishedCurve,
-    statistics::{
-        Judgement, Reference, Summary, Verdict,
-        binomial::Share,
-        verdict::{default_margin, judge},
-    },
-};
+use crate::published_curve::PublishedCurve;
+use contract::Error;
+use document::count::count;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{
+    Judgement, Reference, Summary, Verdict,
+    binomial::Share,
+    verdict::{default_margin, judge},
+};
 use std::collections::BTreeMap;
 
 /// A published value of a row, or one for each column of it.

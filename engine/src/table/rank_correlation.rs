@@ -6,13 +6,13 @@
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
 use crate::{
-    Error,
     results::Results,
     spec::names::{Names, Place},
-    statistics::{estimators::mean, rank_correlation, rank_correlation_interval},
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{estimators::mean, rank_correlation, rank_correlation_interval};
 use std::collections::{BTreeMap, BTreeSet};
 
 const COLUMN: &str = "rank_correlation";
@@ -55,7 +55,7 @@ impl Table for RankCorrelation {
         names.metric(&self.value, at, "value", &picked);
         let all = names.world.environments.clone();
         if !all.contains(&self.against) {
-            let help = crate::diagnostic::suggest(&self.against, all.iter().map(String::as_str));
+            let help = document::diagnostic::suggest(&self.against, all.iter().map(String::as_str));
             names.say(
                 at.value("against"),
                 format!("no environment is named `{}`", self.against),
@@ -196,7 +196,8 @@ fn cell(spec: &RankCorrelation, name: &str, all: &Scope<'_>, against: &Points, r
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, report::synthetic};
+    use crate::report::synthetic;
+    use contract::Phase;
 
     /// Twelve agents whose values here are those there, up to a swap of every second pair.
     fn results() -> Results {

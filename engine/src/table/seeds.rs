@@ -1,11 +1,8 @@
 //! Which trials stand behind a cell or a line, and what each seed of them measured.
 
 use super::{Axis, Missing, NoValue};
-use crate::{
-    Phase,
-    results::{EndState, Results, TrialResult, UPDATES},
-    trial::Purpose,
-};
+use crate::results::{EndState, Results, TrialResult};
+use contract::{Phase, standard_metrics::UPDATES, trial::Purpose};
 use std::collections::{BTreeMap, HashSet};
 
 /// Trials that share an agent, an environment or a setting.

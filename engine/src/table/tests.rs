@@ -5,12 +5,12 @@ use super::{
     PublishedCell, PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
 };
 use crate::{
-    Phase,
     published_curve::PublishedCurve,
     report::synthetic::{ended, study, trial},
-    results::{EndState, Results, Success, UPDATES},
-    statistics::{Design, Verdict},
+    results::{EndState, Results, Success},
 };
+use contract::{Phase, standard_metrics::UPDATES};
+use statistics::{Design, Verdict};
 use std::collections::BTreeMap;
 
 /// The improvement over an equal split, with published values for both environments.
@@ -245,7 +245,7 @@ fn published_curves_are_compared_at_equal_steps() {
         .collect();
     // Up to step 10 there is one measurement only, and the logs end at 28. The two runs differ by 2 and by
     // 1.5.
-    let runs = |difference: f64| Some((crate::statistics::estimators::sd(&[0.0, difference]), 2));
+    let runs = |difference: f64| Some((statistics::estimators::sd(&[0.0, difference]), 2));
     assert_eq!(
         references,
         [None, Some((4.0, runs(2.0))), Some((7.75, runs(1.5))), None]

@@ -4,7 +4,7 @@ mod receipt;
 
 pub use receipt::{Entry, Outcome, Receipt};
 
-use crate::{
+use contract::{
     Registry,
     registry::About,
     trial::{Part, Trial, TrialKey},
@@ -113,7 +113,8 @@ pub fn id_here(key: &TrialKey, registry: &Registry) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ProductKind, cast::Seating, product::Taken, spec::toys::toys, trial::TrialCell};
+    use crate::spec::toys::toys;
+    use contract::{ProductKind, cast::Seating, product::Taken, trial::TrialCell};
     use proptest::prelude::*;
     use serde_json::json;
 

@@ -1,9 +1,7 @@
 //! What came of computing stored trials again.
 
-use crate::{
-    Build,
-    store::{Difference, Imprint},
-};
+use crate::store::{Difference, Imprint};
+use contract::Build;
 use serde::Serialize;
 use std::{fmt::Write, path::PathBuf};
 

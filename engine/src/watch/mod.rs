@@ -12,8 +12,9 @@ pub use page::page;
 pub use screen::{Choice, draw, plain};
 pub use watcher::{Watched, Watcher};
 
-use crate::{report::duration, results::EndState, statistics::estimators::mean, table::NumberFormat};
+use crate::{report::duration, results::EndState, table::NumberFormat};
 use serde::{Serialize, Serializer};
+use statistics::estimators::mean;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

@@ -2,10 +2,10 @@
 
 use super::{Panel, SeedLine, StudyView, View, in_words, short::shortened};
 use crate::{
-    Better, Error,
     figure::{self, Chart, Point, Scale, Series, Shape, Style},
     table::escape_html,
 };
+use contract::{Better, Error};
 
 /// Columns of a name in the legend.
 const NAME: usize = 60;

@@ -2,13 +2,15 @@
 
 use super::{Curves, Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
 use crate::{
-    Error, Phase,
     pace::{Paces, steps},
-    recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
     store::{Found, Owner, Store, is_missing, metric_log},
-    trial::{Purpose, Trial},
     world::fs,
+};
+use contract::{
+    Error, Phase,
+    recorder::Row,
+    trial::{Purpose, Trial},
 };
 use rayon::prelude::*;
 use std::{
@@ -350,7 +352,8 @@ impl Seen<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Recorder, report::synthetic::trial as made};
+    use crate::report::synthetic::trial as made;
+    use contract::Recorder;
 
     fn recorded(values: &[(u64, f64)]) -> Recorder {
         let mut record = Recorder::default();

@@ -1,6 +1,7 @@
 //! Processes: this one, others on this machine, and those that it starts.
 
 use super::fs;
+use contract::ending::Ending;
 use std::{
     hash::{BuildHasher, RandomState},
     io::ErrorKind,
@@ -130,34 +131,6 @@ pub fn adopt_orphans() -> std::io::Result<()> {
 pub fn die_with(parent: u32) -> std::io::Result<bool> {
     rustix::process::set_parent_process_death_signal(Some(Signal::Kill.of_system()))?;
     Ok(rustix::process::getppid() == named(parent))
-}
-
-/// How a process ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Ending {
-    /// It left with this exit code.
-    Code(i32),
-    /// This signal ended it.
-    Signal(i32),
-}
-
-/// A signal as people know it, as in `signal 11 (segmentation fault)`.
-pub fn signal_name(signal: i32) -> String {
-    let name = match signal {
-        4 => "illegal instruction",
-        6 => "abort",
-        7 => "bus error",
-        8 => "arithmetic fault",
-        9 => "kill",
-        11 => "segmentation fault",
-        15 => "termination",
-        24 => "processor time limit",
-        25 => "file size limit",
-        31 => "bad system call",
-        _ => return format!("signal {signal}"),
-    };
-    format!("signal {signal} ({name})")
 }
 
 /// Waits for a child, and takes in all others that end meanwhile.

@@ -25,16 +25,17 @@
 //! Metrics, means over the updates since the last measurement: `clone_loss` what is minimised, `clone_error`
 //! the mean over batch and entries of `|pi(s) - a|`.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
-use crate::shared::targets::mean;
+use crate::shared::{
+    checkpoint::{self, finite},
+    dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy},
+    targets::mean,
+};
 use burn::tensor::{Tensor, activation::log_softmax};
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::network::values;
-use numerics::tensor_file::TensorFile;
+use numerics::{network::values, tensor_file::TensorFile};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -74,7 +75,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -200,9 +201,11 @@ impl Agent for BehaviourCloning {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::bandit;
-    use crate::shared::dataset_actor::tests::{cube, decisions, fit};
-    use engine::random::stream;
+    use crate::shared::{
+        bandit,
+        dataset_actor::tests::{cube, decisions, fit},
+    };
+    use contract::random::stream;
     use numerics::network::matrix;
     use rand::Rng as _;
 

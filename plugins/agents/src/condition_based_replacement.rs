@@ -22,7 +22,7 @@ use crate::shared::{
     choice_seat::{choice, state_channel, state_of_seats},
     state_rule::{Ruled, StateRule},
 };
-use engine::{Action, Agent, AgentTraits, Error, Interface, Preset, Registry, Rng, Seat};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Preset, Registry, Rng, Seat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -66,7 +66,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let preset = |name, about, values| Preset { name, about, values };
         vec![
@@ -192,7 +192,7 @@ fn is_round(step: f64, interval: u32) -> bool {
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::{Mode, Observation, random::stream};
+    use contract::{Mode, Observation, random::stream};
 
     const CHOICES: [&str; 5] = [
         "nothing",

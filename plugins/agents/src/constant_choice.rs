@@ -3,7 +3,7 @@
 //! It observes nothing, learns nothing and records nothing.
 
 use crate::shared::choice_seat::choice;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +25,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// One choice for every seat.
 #[derive(Debug, Clone)]
@@ -61,7 +61,7 @@ impl Agent for ConstantChoice {
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::random::stream;
+    use contract::random::stream;
 
     #[test]
     fn all_seats_of_all_rows_take_the_choice() {

@@ -26,24 +26,31 @@
 //! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error,
 //! `policy_loss` `-mean(Q(s, mu(s)))`.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error};
-use crate::shared::{allocation, seat};
-use burn::module::Module;
-use burn::tensor::{Tensor, activation::softmax};
-use engine::{
+use crate::shared::{
+    allocation,
+    checkpoint::{self, finite},
+    replay::{Batch, Replay},
+    scaling::{ObservationScaling, Scaling},
+    schedule::UpdateSchedule,
+    seat,
+    targets::{bootstrapped, half_squared_error},
+};
+use burn::{
+    module::Module,
+    tensor::{Tensor, activation::softmax},
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::gaussian::standard_normal;
-use numerics::network::{Activation, Mlp, device, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    gaussian::standard_normal,
+    network::{Activation, Mlp, device, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy},
+    tensor_file::TensorFile,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -117,7 +124,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -385,7 +392,7 @@ impl Agent for Ddpg {
 mod tests {
     use super::*;
     use crate::shared::bandit;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn tiny() -> Config {
         Config {

@@ -15,9 +15,11 @@
 //!
 //! `action_sd` sets how sharp the policy is: the standard deviation of the first share, from which A follows.
 
-use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
-use crate::shared::seat;
-use engine::{
+use crate::shared::{
+    gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics},
+    seat,
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition,
     Updates,
 };
@@ -52,7 +54,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug)]

@@ -22,24 +22,26 @@
 //! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean
 //! over the calls since the last measurement.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::simplex_regression::{
-    Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error,
+use crate::shared::{
+    allocation,
+    checkpoint::{self, finite},
+    scaling::{ObservationScaling, Scaling},
+    seat,
+    simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error},
+    targets::mean,
 };
-use crate::shared::targets::mean;
-use crate::shared::{allocation, seat};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::dirichlet_policy::{log_density, sample};
-use numerics::network::{Activation, Mlp, device, matrix, softplus, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, Policy};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    dirichlet_policy::{log_density, sample},
+    network::{Activation, Mlp, device, matrix, softplus, values},
+    optimizer::{Adam, Trained},
+    policy_file::{Head, Policy},
+    tensor_file::TensorFile,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -75,7 +77,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -234,7 +236,7 @@ impl Agent for DirichletRegression {
 mod tests {
     use super::*;
     use crate::shared::bandit;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn agent(loss: RegressionLoss) -> DirichletRegression {
         let config = Config {

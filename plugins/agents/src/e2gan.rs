@@ -31,11 +31,14 @@
 //!
 //! Metrics: those of soft actor-critic.
 
-use crate::shared::box_seat::BoxSeat;
-use crate::shared::scaling::ObservationScaling;
-use crate::shared::seat_network::check_batch;
-use crate::shared::soft_actor_critic::{self as sac, SoftActorCritic, Temperature};
-use engine::{
+use crate::shared::{
+    box_seat::BoxSeat,
+    scaling::ObservationScaling,
+    seat_network::check_batch,
+    soft_actor_critic as sac,
+    soft_actor_critic::{SoftActorCritic, Temperature},
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
     Transition, Updates,
 };
@@ -118,7 +121,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let alike = json!({
             "exploration_steps": 210, "updates_while_exploring": 1, "updates_while_exploiting": 10,
@@ -325,7 +328,7 @@ mod tests {
         E2Gan::new(
             config,
             &interface(),
-            &mut engine::random::stream(&["e2gan", seed]),
+            &mut contract::random::stream(&["e2gan", seed]),
         )
         .unwrap()
     }
@@ -352,7 +355,7 @@ mod tests {
                 },
                 seed,
             );
-            let mut rng = engine::random::stream(&["search", seed]);
+            let mut rng = contract::random::stream(&["search", seed]);
             let values = search(&mut agent, 260, &mut rng);
             let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
             assert!(mean(&values[..30]) < 4.0, "{seed}: {values:?}");
@@ -373,7 +376,7 @@ mod tests {
         };
         let made = |config: Config, designs: usize| {
             let mut agent = agent(config, "phases");
-            search(&mut agent, designs, &mut engine::random::stream(&["phases"]));
+            search(&mut agent, designs, &mut contract::random::stream(&["phases"]));
             agent.updates().unwrap().made
         };
         // Steps 4 to 8 bring one update each, the two after that ten.
@@ -393,11 +396,11 @@ mod tests {
             ..quick()
         };
         let mut two = interface();
-        let engine::Space::Box(channels) = &mut two.seats[0].observation else {
+        let contract::Space::Box(channels) = &mut two.seats[0].observation else {
             unreachable!()
         };
-        channels.push(engine::Channel::new("score", "").typical(1.0, 2.0));
-        let mut rng = engine::random::stream(&["blind"]);
+        channels.push(contract::Channel::new("score", "").typical(1.0, 2.0));
+        let mut rng = contract::random::stream(&["blind"]);
         let mut agent = E2Gan::new(blind.clone(), &two, &mut rng).unwrap();
         let act = |agent: &mut E2Gan, seen: [f64; 2]| {
             let seen = Observation {
@@ -405,7 +408,7 @@ mod tests {
                 state: Vec::new(),
             };
             agent
-                .act(&[seen], Mode::Evaluate, &mut engine::random::stream(&[]))
+                .act(&[seen], Mode::Evaluate, &mut contract::random::stream(&[]))
                 .unwrap()
         };
         assert_eq!(act(&mut agent, [1.0, 0.0]), act(&mut agent, [1.0, 900.0]));

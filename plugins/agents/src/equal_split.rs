@@ -4,7 +4,7 @@
 //! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
 
 use crate::shared::{allocation::equal_shares, seat};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ const NAME: &str = "equal_split";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// Equal shares for every seat.
 #[derive(Debug, Clone)]
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn four_assets_get_a_quarter_each() {
-        let mut rng = engine::random::stream(&["test"]);
+        let mut rng = contract::random::stream(&["test"]);
         let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
         let actions = agent
             .act(

@@ -20,18 +20,18 @@
 //! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the
 //! first share this deviation.
 
-use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
-use crate::shared::seat;
-use engine::{
+use crate::shared::{
+    gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics},
+    seat,
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition,
     Updates,
 };
-use numerics::gauss_hermite::gauss_hermite;
-use numerics::gaussian;
+use numerics::{gauss_hermite::gauss_hermite, gaussian};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::cell::OnceCell;
-use std::path::Path;
+use std::{cell::OnceCell, path::Path};
 
 const NAME: &str = "gaussian_softmax_gradient";
 /// Nodes of the quadrature in each dimension; 40^3 points leave an error far below that of any feasible
@@ -75,7 +75,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug)]

@@ -21,25 +21,30 @@
 //! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls
 //! since the last measurement.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::simplex_regression::{
-    Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error,
+use crate::shared::{
+    allocation,
+    checkpoint::{self, finite},
+    scaling::{ObservationScaling, Scaling},
+    seat,
+    simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error},
 };
-use crate::shared::{allocation, seat};
-use burn::module::Module;
-use burn::tensor::{Tensor, activation::softmax};
-use engine::{
+use burn::{
+    module::Module,
+    tensor::{Tensor, activation::softmax},
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::gaussian::HALF_LN_TWO_PI;
-use numerics::gaussian_head::mean_and_log_sd;
-use numerics::gaussian_softmax::gaussian_softmax_sample;
-use numerics::network::{Activation, Mlp, device, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, Policy};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    gaussian::HALF_LN_TWO_PI,
+    gaussian_head::mean_and_log_sd,
+    gaussian_softmax::gaussian_softmax_sample,
+    network::{Activation, Mlp, device, matrix, values},
+    optimizer::{Adam, Trained},
+    policy_file::{Head, Policy},
+    tensor_file::TensorFile,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -75,7 +80,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -235,7 +240,7 @@ impl Agent for GaussianSoftmaxRegression {
 mod tests {
     use super::*;
     use crate::shared::bandit;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn agent(loss: RegressionLoss) -> GaussianSoftmaxRegression {
         let config = Config {

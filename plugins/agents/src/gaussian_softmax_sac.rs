@@ -24,25 +24,32 @@
 //! Metrics, means over the updates since the last measurement: `critic_loss`, `policy_loss`, `policy_entropy`
 //! (`-mean(log pi)` of the candidate), `temperature`, `mean_value`.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use crate::shared::{allocation, seat};
-use burn::module::Module;
-use burn::tensor::{Tensor, activation::softmax};
-use engine::{
+use crate::shared::{
+    allocation,
+    checkpoint::{self, finite},
+    replay::{Batch, Replay},
+    scaling::{ObservationScaling, Scaling},
+    schedule::UpdateSchedule,
+    seat,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{
+    module::Module,
+    tensor::{Tensor, activation::softmax},
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::gaussian_head::{self, mean_and_log_sd};
-use numerics::gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample};
-use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, values};
-use numerics::optimizer::{Adam, ScalarAdam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    gaussian_head::{self, mean_and_log_sd},
+    gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample},
+    network::{Activation, Mlp, TwinMlp, device, matrix, values},
+    optimizer::{Adam, ScalarAdam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy},
+    tensor_file::TensorFile,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -133,7 +140,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -431,7 +438,7 @@ impl Agent for GaussianSoftmaxSac {
 mod tests {
     use super::*;
     use crate::shared::bandit;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn tiny() -> Config {
         Config {

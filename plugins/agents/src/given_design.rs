@@ -4,7 +4,7 @@
 //! can be measured where building it costs more than a search could pay.
 
 use crate::shared::designs::{choices, random_design};
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Choice, Designs, Error, Interface, Mode, Observation, Product, Registry, Rng,
     choice, product,
 };
@@ -31,7 +31,7 @@ pub struct Config {
     pub drawn: Option<u64>,
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -86,7 +86,7 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
 
 /// The options of a step of a drawn design.
 fn drawn(number: u64, step: usize, choices: &[Choice]) -> Vec<f64> {
-    let mut rng = engine::random::stream(&["design", &number.to_string(), &step.to_string()]);
+    let mut rng = contract::random::stream(&["design", &number.to_string(), &step.to_string()]);
     choice::vector(choices, &random_design(choices, &mut rng))
 }
 
@@ -166,7 +166,7 @@ impl Agent for GivenDesign {
 mod tests {
     use super::*;
     use crate::shared::designs::tests::{interface, scored};
-    use engine::{Design, random::stream};
+    use contract::{Design, random::stream};
 
     fn with(options: &[[&str; 2]]) -> Result<Box<dyn Agent>, Error> {
         let options = options
@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn what_a_search_chose_is_made_by_its_rank() {
         let folder = tempfile::tempdir().unwrap();
-        let Some(engine::Space::Choices(choices)) = interface().seats.pop().map(|seat| seat.action) else {
+        let Some(contract::Space::Choices(choices)) = interface().seats.pop().map(|seat| seat.action) else {
             unreachable!()
         };
         let design = |candidate: u64, taken: [usize; 2]| Design {

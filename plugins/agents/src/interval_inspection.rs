@@ -20,7 +20,7 @@ use crate::shared::{
     choice_seat::{choice, state_channel, state_of_seats},
     state_rule::{Ruled, StateRule},
 };
-use engine::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +47,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The rule.
 #[derive(Debug, Clone)]
@@ -141,7 +141,7 @@ impl IntervalInspection {
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::{Mode, Observation, random::stream};
+    use contract::{Mode, Observation, random::stream};
 
     const CHOICES: [&str; 3] = ["nothing", "inspect", "repair"];
     const CHANNELS: [&str; 2] = ["failure_probability", "detected"];

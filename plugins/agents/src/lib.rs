@@ -1,7 +1,7 @@
 //! Agents: algorithms, rules, reference controllers and measurements, one module each, readable beside its
 //! paper. What is no agent lies in [`shared`].
 //!
-//! To add one, write a module with a config, an [`engine::Agent`] and a `register`, and one line in
+//! To add one, write a module with a config, an [`contract::Agent`] and a `register`, and one line in
 //! [`register`].
 //!
 //! "The thesis" is everywhere: Y. Tian, "Prescriptive Maintenance and Operation with Deep Reinforcement
@@ -17,7 +17,7 @@
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an
-//!    [`engine::Interface`].
+//!    [`contract::Interface`].
 //! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a
 //!    number.
 //! 3. A saved and loaded agent continues to the same bits.
@@ -59,7 +59,7 @@ pub mod value_decomposition;
 pub mod water_filling;
 pub mod zero_action;
 
-use engine::Registry;
+use contract::Registry;
 
 /// Registers every agent of this crate, with its version, and the forms of the policies that they leave.
 pub fn register(registry: &mut Registry) {

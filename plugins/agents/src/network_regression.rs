@@ -19,19 +19,23 @@
 //!
 //! Metric, mean over the updates since the last measurement: `fit_loss`, what is minimised.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::ring::Ring;
-use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::seat;
+use crate::shared::{
+    checkpoint::{self, finite},
+    ring::Ring,
+    scaling::{ObservationScaling, Scaling},
+    seat,
+};
 use burn::module::Module;
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Channel, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
     Rng, Space, Transition, Updates,
 };
-use numerics::network::{Activation, Mlp, device, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, Policy};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    network::{Activation, Mlp, device, matrix, values},
+    optimizer::{Adam, Trained},
+    policy_file::{Head, Policy},
+    tensor_file::TensorFile,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +84,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -337,7 +341,7 @@ impl Agent for NetworkRegression {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{End, Seat, random::stream};
+    use contract::{End, Seat, random::stream};
 
     /// Two channels, of which one says twice the answer in other units.
     fn interface() -> Interface {

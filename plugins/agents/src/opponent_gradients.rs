@@ -17,15 +17,16 @@
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
-use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
-use crate::tdom_ac::{self, OpponentObjective};
+use crate::{
+    shared::opponent_modelling::{Learner, SeatBatch, Settings, others},
+    tdom_ac::{self, OpponentObjective},
+};
 use burn::tensor::Tensor;
-use engine::{
+use contract::{
     Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
     Rng, Transition, Updates,
 };
-use numerics::optimizer::gradients;
-use numerics::squashed::sample;
+use numerics::{optimizer::gradients, squashed::sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -64,7 +65,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 fn metrics() -> Vec<Metric> {
     let norm = |name: &str, about: &str| Metric::new(name, "", about).lower_is_better();
@@ -240,7 +241,7 @@ impl Agent for OpponentGradients {
 mod tests {
     use super::*;
     use crate::shared::coordination;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
         let config = Config {

@@ -41,7 +41,7 @@ use crate::shared::opponent_modelling::{
     metrics as shared_metrics, others,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::{mean_action, sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -120,7 +120,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let own = |samples: u8, bootstrap: &str, objective: &str| {
             json!({
@@ -345,9 +345,8 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::coordination;
-    use crate::shared::opponent_modelling::trials;
-    use engine::random::stream;
+    use crate::shared::{coordination, opponent_modelling::trials};
+    use contract::random::stream;
     use numerics::network::{matrix, values};
 
     fn tiny() -> Config {

@@ -7,7 +7,9 @@
 //! [`random_allocation`]: crate::random_allocation
 
 use crate::shared::{allocation::uniform_shares, designs::random_design, seat::mismatch};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Space, choice};
+use contract::{
+    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Space, choice,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,7 +21,7 @@ const NAME: &str = "random_action";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// Uniformly random actions for every seat.
 #[derive(Debug, Clone)]
@@ -81,7 +83,7 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{Channel, Seat};
+    use contract::{Channel, Seat};
 
     fn interface(actions: Vec<Space>) -> Interface {
         let seat = |action| Seat {
@@ -100,7 +102,7 @@ mod tests {
         let force = Space::Box(vec![Channel::new("force", "").within(-1.0, 3.0)]);
         let names = |n: usize| (0..n).map(|i| format!("entry_{i}")).collect::<Vec<_>>();
         let interface = interface(vec![force, Space::Simplex(names(4)), Space::Discrete(names(3))]);
-        let mut rng = engine::random::stream(&["uniform"]);
+        let mut rng = contract::random::stream(&["uniform"]);
         let mut agent = build(Config {}, &interface, &mut rng).unwrap();
         let actions = agent
             .act(&vec![Observation::default(); 20_000], Mode::Evaluate, &mut rng)
@@ -122,7 +124,7 @@ mod tests {
 
     #[test]
     fn a_box_without_limits_is_refused() {
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         let open = interface(vec![Space::Box(vec![Channel::new("force", "")])]);
         assert!(
             build(Config {}, &open, &mut rng)

@@ -5,7 +5,7 @@
 //! exponential, `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
 
 use crate::shared::{allocation::uniform_shares, seat};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ const NAME: &str = "random_allocation";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// Uniformly random shares for every seat.
 #[derive(Debug, Clone)]
@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn shares_sum_to_one_and_have_the_moments_of_a_uniform_simplex() {
-        let mut rng = engine::random::stream(&["uniform"]);
+        let mut rng = contract::random::stream(&["uniform"]);
         let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
         let actions = agent
             .act(&vec![Observation::default(); 20_000], Mode::Train, &mut rng)

@@ -9,7 +9,7 @@
 //! sum 0.194.
 
 use crate::shared::seat;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -35,7 +35,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let rule = |name, about, weights: [f64; 4]| Preset {
             name,
@@ -139,7 +139,7 @@ mod tests {
     ];
 
     fn act(weights: &[f64], observed: [f64; 5]) -> Vec<f64> {
-        let mut rng = engine::random::stream(&["rank"]);
+        let mut rng = contract::random::stream(&["rank"]);
         let config = Config {
             weights: weights.to_vec(),
         };
@@ -175,7 +175,7 @@ mod tests {
             let config = Config {
                 weights: weights.to_vec(),
             };
-            let mut rng = engine::random::stream(&["rank"]);
+            let mut rng = contract::random::stream(&["rank"]);
             let refused = build(config, &allocation(&CHANNELS, &[], 4), &mut rng);
             assert!(matches!(refused, Err(Error::Config { .. })), "{weights:?}");
         }
@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn weights_that_do_not_fit_are_refused() {
-        let mut rng = engine::random::stream(&["rank"]);
+        let mut rng = contract::random::stream(&["rank"]);
         let interface = allocation(&CHANNELS, &[], 4);
         for weights in [
             vec![1.0],

@@ -11,9 +11,11 @@
 //!
 //! Metrics, means since the last design: `population_return` the mean return of the population.
 
-use crate::shared::designs::{Options, Tried, best, random_design};
-use crate::shared::proposer::{Known, Method, Proposer};
-use engine::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
+use crate::shared::{
+    designs::{Options, Tried, best, random_design},
+    proposer::{Known, Method, Proposer},
+};
+use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,7 +43,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// What changes while it searches.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -147,20 +149,22 @@ fn index(n: usize, rng: &mut Rng) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::designs::choices;
-    use crate::shared::designs::tests::{BEST, interface, scored, search};
+    use crate::shared::designs::{
+        choices,
+        tests::{BEST, interface, scored, search},
+    };
 
     fn agent(population: usize) -> Box<dyn Agent> {
         let config = Config {
             population,
             tournament: 3,
         };
-        build(config, &interface(), &mut engine::random::stream(&[])).unwrap()
+        build(config, &interface(), &mut contract::random::stream(&[])).unwrap()
     }
 
     #[test]
     fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
-        let (mut agent, mut rng) = (agent(6), engine::random::stream(&["evolution"]));
+        let (mut agent, mut rng) = (agent(6), contract::random::stream(&["evolution"]));
         let values = search(&mut *agent, 80, &mut rng);
         assert!(values.contains(&BEST));
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
@@ -172,7 +176,7 @@ mod tests {
     #[test]
     fn a_child_differs_from_its_parent_in_one_option() {
         let choices = choices(NAME, &interface()).unwrap();
-        let mut rng = engine::random::stream(&["child"]);
+        let mut rng = contract::random::stream(&["child"]);
         let parent = vec![vec![0, 2], vec![1, 1]];
         let mut seen = std::collections::BTreeSet::new();
         for _ in 0..200 {

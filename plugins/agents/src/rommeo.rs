@@ -30,9 +30,11 @@ use crate::shared::opponent_modelling::{
     beside, decide, metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
-use numerics::gaussian_head::{mean, standard_deviation};
-use numerics::squashed::{candidate_of, log_density, sample};
+use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use numerics::{
+    gaussian_head::{mean, standard_deviation},
+    squashed::{candidate_of, log_density, sample},
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -68,7 +70,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let own = |acting: &str| json!({ "critic_entropy_weight": 1.0, "acting_prediction": acting });
         vec![
@@ -235,9 +237,8 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::coordination;
-    use crate::shared::opponent_modelling::trials;
-    use engine::random::stream;
+    use crate::shared::{coordination, opponent_modelling::trials};
+    use contract::random::stream;
     use numerics::network::values;
 
     fn tiny() -> Config {

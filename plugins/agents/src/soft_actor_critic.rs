@@ -4,7 +4,7 @@
 //! departures and its metrics stand with the algorithm, which other agents are made of too.
 
 use crate::shared::soft_actor_critic::{Config, SoftActorCritic, metrics};
-use engine::{Agent, AgentTraits, Error, Interface, Registry, Rng, UseOfDatasets};
+use contract::{Agent, AgentTraits, Error, Interface, Registry, Rng, UseOfDatasets};
 
 const NAME: &str = "soft_actor_critic";
 

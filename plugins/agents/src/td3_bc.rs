@@ -35,21 +35,24 @@
 //! over both critics, `policy_loss` eq. 5, `clone_error` the mean over batch and entries of `|pi(s) - a|`,
 //! `mean_value` the mean of `Q_1(s, pi(s))`.
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
-use crate::shared::replay::Batch;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    checkpoint::{self, finite},
+    dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy},
+    replay::Batch,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::gaussian::standard_normal;
-use numerics::network::{Mlp, TwinMlp, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    gaussian::standard_normal,
+    network::{Mlp, TwinMlp, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    tensor_file::TensorFile,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -117,7 +120,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -403,11 +406,15 @@ impl Agent for Td3Bc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::bandit;
-    use crate::shared::dataset_actor::tests::{cube, decisions, fit};
-    use engine::random::stream;
-    use numerics::optimizer::gradients;
-    use numerics::parameters::{parameters, with_parameters};
+    use crate::shared::{
+        bandit,
+        dataset_actor::tests::{cube, decisions, fit},
+    };
+    use contract::random::stream;
+    use numerics::{
+        optimizer::gradients,
+        parameters::{parameters, with_parameters},
+    };
     use rand::Rng as _;
 
     fn tiny() -> Config {

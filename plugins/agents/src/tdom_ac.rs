@@ -36,7 +36,7 @@ use crate::shared::opponent_modelling::{
     metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::sample;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -86,7 +86,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let own = |weight: f64, acting: &str| {
             json!({ "critic_entropy_weight": weight,
@@ -263,11 +263,12 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::coordination;
-    use crate::shared::opponent_modelling::trials;
-    use engine::random::stream;
-    use numerics::network::values;
-    use numerics::parameters::{parameters, with_parameters};
+    use crate::shared::{coordination, opponent_modelling::trials};
+    use contract::random::stream;
+    use numerics::{
+        network::values,
+        parameters::{parameters, with_parameters},
+    };
 
     fn tiny() -> Config {
         Config {

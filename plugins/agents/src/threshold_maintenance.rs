@@ -12,7 +12,7 @@ use crate::shared::{
     choice_seat::{choice, state_of_seats},
     state_rule::{Ruled, StateRule},
 };
-use engine::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +53,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The rule.
 #[derive(Debug, Clone)]
@@ -156,7 +156,7 @@ impl SeatOfRule {
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::{Mode, Observation, random::stream};
+    use contract::{Mode, Observation, random::stream};
     use serde_json::json;
 
     const CHOICES: [&str; 3] = ["nothing", "replace_worst", "replace_all"];

@@ -15,9 +15,11 @@
 //!
 //! Metrics, means since the last design: `proposal_score`, ln(l / g) of what was proposed.
 
-use crate::shared::designs::{Tried, random_design};
-use crate::shared::proposer::{Known, Method, Proposer};
-use engine::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
+use crate::shared::{
+    designs::{Tried, random_design},
+    proposer::{Known, Method, Proposer},
+};
+use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -57,7 +59,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// What changes while it searches.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -194,8 +196,10 @@ fn log_likelihood(density: &Density, taken: &[usize]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::designs::choices;
-    use crate::shared::designs::tests::{BEST, interface, scored, search};
+    use crate::shared::designs::{
+        choices,
+        tests::{BEST, interface, scored, search},
+    };
 
     #[test]
     fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
@@ -205,7 +209,7 @@ mod tests {
         };
         let (mut agent, mut rng) = (
             Proposer::new(startup, &interface()).unwrap(),
-            engine::random::stream(&["parzen"]),
+            contract::random::stream(&["parzen"]),
         );
         let values = search(&mut agent, 100, &mut rng);
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
@@ -253,7 +257,7 @@ mod tests {
 
     #[test]
     fn options_are_drawn_as_often_as_their_density_says() {
-        let mut rng = engine::random::stream(&["density"]);
+        let mut rng = contract::random::stream(&["density"]);
         let counts = (0..30_000).fold([0.0; 3], |mut counts, _| {
             counts[drawn(&[0.2, 0.7, 0.1], &mut rng)] += 1.0 / 30_000.0;
             counts

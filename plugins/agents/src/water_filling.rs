@@ -26,7 +26,7 @@
 //! It records nothing.
 
 use crate::shared::{allocation::equal_shares, seat};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -49,14 +49,14 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The controller on the full state has no parameters: it reads them there.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrueStateConfig {}
 
-impl engine::Config for TrueStateConfig {}
+impl contract::Config for TrueStateConfig {}
 
 /// The controller on observables.
 #[derive(Debug, Clone)]
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn both_agents_find_their_channels_by_name() {
-        let mut rng = engine::random::stream(&["water"]);
+        let mut rng = contract::random::stream(&["water"]);
         let observed = [
             "power_demand_w",
             "voltage_1",

@@ -3,7 +3,7 @@
 //! It observes nothing, learns nothing and records nothing.
 
 use crate::shared::seat::mismatch;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Seat, Space};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Seat, Space};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ const NAME: &str = "zero_action";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// Zeros for every seat.
 #[derive(Debug, Clone)]
@@ -71,7 +71,7 @@ impl Agent for ZeroAction {
 mod tests {
     use super::*;
     use crate::shared::seat::tests::allocation;
-    use engine::Channel;
+    use contract::Channel;
 
     fn agent(channel: Channel) -> Result<Box<dyn Agent>, Error> {
         let action = Space::Box(vec![channel.clone(), channel]);
@@ -86,7 +86,7 @@ mod tests {
                 seats: vec![seat.clone(), seat],
                 state: Vec::new(),
             },
-            &mut engine::random::stream(&[]),
+            &mut contract::random::stream(&[]),
         )
     }
 
@@ -95,7 +95,7 @@ mod tests {
         let mut agent = agent(Channel::new("force", "").within(-1.0, 1.0)).unwrap();
         let rows = [Observation::default(), Observation::default()];
         let actions = agent
-            .act(&rows, Mode::Train, &mut engine::random::stream(&[]))
+            .act(&rows, Mode::Train, &mut contract::random::stream(&[]))
             .unwrap();
         assert_eq!(actions, vec![vec![vec![0.0; 2]; 2]; 2]);
     }
@@ -113,7 +113,7 @@ mod tests {
             build(
                 Config {},
                 &allocation(&[], &[], 2),
-                &mut engine::random::stream(&[])
+                &mut contract::random::stream(&[])
             )
             .is_err()
         );

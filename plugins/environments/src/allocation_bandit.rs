@@ -5,7 +5,7 @@
 //! the projection of v / (2c) onto the simplex. The observation is the constant 1.
 
 use crate::simplex;
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ impl Default for AllocationBanditConfig {
     }
 }
 
-impl engine::Config for AllocationBanditConfig {}
+impl contract::Config for AllocationBanditConfig {}
 
 /// The `allocation_bandit` environment.
 #[derive(Debug)]
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn a_linear_reward_is_best_in_a_corner() {
         let mut environment = bandit(&[1.0, 0.5, 0.0], 0.0);
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         assert_eq!(environment.reset(&mut rng).unwrap(), [[1.0]]);
         let step = environment.step(&[vec![0.2, 0.6, 0.2]], &mut rng).unwrap();
         assert!((step.rewards[0] - 0.5).abs() < 1e-15 && (step.info[0] - 0.5).abs() < 1e-15);
@@ -244,7 +244,7 @@ mod tests {
             let action = raw.iter().map(|entry| entry / sum).collect();
             let mut environment = bandit(&values, curvature);
             prop_assert!((environment.best.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            let step = environment.step(&[action], &mut engine::random::stream(&[])).unwrap();
+            let step = environment.step(&[action], &mut contract::random::stream(&[])).unwrap();
             prop_assert!(step.info[0] >= -1e-12, "{}", step.info[0]);
         }
     }

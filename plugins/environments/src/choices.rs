@@ -1,6 +1,6 @@
 //! The one check that every action among named choices passes.
 
-use engine::{Error, Seat, Space};
+use contract::{Error, Seat, Space};
 
 /// The position of the choice that each seat takes.
 ///

@@ -21,7 +21,7 @@
 //! that the joint observation of two players is [1, 1], as the authors' public code has it.
 
 use crate::unit_box::{self, Beyond};
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +63,7 @@ impl Default for DifferentialGameConfig {
     }
 }
 
-impl engine::Config for DifferentialGameConfig {}
+impl contract::Config for DifferentialGameConfig {}
 
 /// Settings of the `zero_sum_game` environment.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -73,7 +73,7 @@ pub struct ZeroSumConfig {
     pub scale: Scale,
 }
 
-impl engine::Config for ZeroSumConfig {}
+impl contract::Config for ZeroSumConfig {}
 
 impl DifferentialGameConfig {
     /// The reward of every player (of the first, where they are opposed) for actions in [-10, 10], one per
@@ -326,7 +326,7 @@ mod tests {
             players: 3,
             scale: Scale::Thesis,
         });
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         assert_eq!(game.reset(&mut rng).unwrap(), vec![vec![1.0]; 3]);
         assert!(game.trace().iter().all(|value| value.is_nan()));
         let step = game.step(&[vec![0.5], vec![0.4], vec![0.6]], &mut rng).unwrap();
@@ -340,14 +340,14 @@ mod tests {
     #[test]
     fn opposed_players_gain_nothing_by_leaving_the_saddle_alone() {
         let mut game = build_zero_sum(ZeroSumConfig::default()).unwrap();
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         let step = game.step(&[vec![0.5], vec![1.0]], &mut rng).unwrap();
         assert_eq!(step.rewards, [-15.0, 15.0]);
         for place in (-100..=100).map(|at| f64::from(at) / 100.0) {
             let rewards = |actions: [f64; 2], game: &mut dyn Environment| {
                 game.step(
                     &actions.map(|action| vec![action]),
-                    &mut engine::random::stream(&[]),
+                    &mut contract::random::stream(&[]),
                 )
                 .unwrap()
                 .rewards
@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn what_is_no_joint_action_is_refused() {
         let mut game = DifferentialGame::new(config(Scale::Thesis));
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         for actions in [
             vec![vec![0.0]],
             vec![vec![0.0], vec![1.1]],

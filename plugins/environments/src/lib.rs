@@ -9,7 +9,7 @@
 //! K.-R. Kladny, Q. Wang, Z. Huang and O. Fink, "Multi-agent actor-critic with time dynamical opponent
 //! model", Neurocomputing 517 (2023) 165-172), section 6.5 for `uav_fleet`.
 //!
-//! To add one, write a module with a config and an [`engine::Environment`], and one line in [`register`].
+//! To add one, write a module with a config and an [`contract::Environment`], and one line in [`register`].
 
 pub mod allocation_bandit;
 pub mod battery;
@@ -30,7 +30,7 @@ pub mod uav_fleet;
 mod unit_box;
 
 /// Registers every environment of this crate.
-pub fn register(registry: &mut engine::Registry) {
+pub fn register(registry: &mut contract::Registry) {
     registry.environment(
         "allocation_bandit",
         1,

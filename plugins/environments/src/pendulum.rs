@@ -18,7 +18,7 @@
 //! Departure: the torque is given as a part of the largest one, since agents act within -1 and 1.
 
 use crate::unit_box::{self, Beyond};
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,7 +62,7 @@ impl Default for PendulumConfig {
     }
 }
 
-impl engine::Config for PendulumConfig {}
+impl contract::Config for PendulumConfig {}
 
 impl PendulumConfig {
     /// theta'' in rad/s^2 at an angle in rad under a torque in N m.
@@ -290,7 +290,7 @@ mod tests {
 
     fn step(pendulum: &mut Pendulum, part: f64) -> Step {
         pendulum
-            .step(&[vec![part]], &mut engine::random::stream(&[]))
+            .step(&[vec![part]], &mut contract::random::stream(&[]))
             .unwrap()
     }
 
@@ -395,7 +395,7 @@ mod tests {
             ..PendulumConfig::default()
         };
         let mut pendulum = Pendulum::new(config);
-        let mut rng = engine::random::stream(&["pendulum"]);
+        let mut rng = contract::random::stream(&["pendulum"]);
         let mut starts = Vec::new();
         for _ in 0..200 {
             pendulum.reset(&mut rng).unwrap();
@@ -415,7 +415,7 @@ mod tests {
     #[test]
     fn what_is_no_torque_or_no_rod_is_refused() {
         let mut pendulum = at(PendulumConfig::default(), 0.0, 0.0);
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         for actions in [
             vec![],
             vec![vec![1.1]],

@@ -7,7 +7,7 @@
 //! | W_k, b_k | tensors `policy.layers.<k>.weight` and `.bias` | `[inputs, outputs]`, `[outputs]` |
 //! | h | `activation(x W + b)` in hidden layers, `x W + b` in the last one | `[outputs]` |
 
-use engine::Error;
+use contract::Error;
 use safetensors::{
     SafeTensors,
     tensor::{Dtype, TensorView},

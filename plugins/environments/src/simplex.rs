@@ -1,6 +1,6 @@
 //! The one check that every action on a simplex passes.
 
-use engine::Error;
+use contract::Error;
 
 /// How far an entry may lie below zero.
 const ENTRY_TOLERANCE: f64 = 1e-9;

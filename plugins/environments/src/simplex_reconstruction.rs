@@ -6,7 +6,7 @@
 //! reward is 0.
 
 use crate::simplex;
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ impl Default for SimplexReconstructionConfig {
     }
 }
 
-impl engine::Config for SimplexReconstructionConfig {}
+impl contract::Config for SimplexReconstructionConfig {}
 
 /// The `simplex_reconstruction` environment.
 #[derive(Debug)]
@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn the_target_is_the_sorted_point_and_the_hidden_entry_follows_from_the_others() {
         let mut environment = SimplexReconstruction::new(4);
-        let mut rng = engine::random::stream(&["simplex"]);
+        let mut rng = contract::random::stream(&["simplex"]);
         for _ in 0..100 {
             let inputs = environment.reset(&mut rng).unwrap().remove(0);
             let mut point = inputs.clone();
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn the_reward_is_the_mean_absolute_error() {
         let mut environment = SimplexReconstruction::new(4);
-        let mut rng = engine::random::stream(&["simplex"]);
+        let mut rng = contract::random::stream(&["simplex"]);
         environment.episode.target = vec![0.1, 0.2, 0.3, 0.4];
         let step = environment.step(&[vec![0.25; 4]], &mut rng).unwrap();
         assert!((step.rewards[0] + 0.1).abs() < 1e-15);
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn points_are_uniform() {
         let mut environment = SimplexReconstruction::new(4);
-        let mut rng = engine::random::stream(&["simplex"]);
+        let mut rng = contract::random::stream(&["simplex"]);
         let (episodes, mut hidden_first, mut means) = (20_000, 0, [0.0; 4]);
         for _ in 0..episodes {
             let inputs = environment.reset(&mut rng).unwrap().remove(0);
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn a_snapshot_continues() {
-        let mut rng = engine::random::stream(&["simplex"]);
+        let mut rng = contract::random::stream(&["simplex"]);
         let (mut one, mut two) = (SimplexReconstruction::new(3), SimplexReconstruction::new(3));
         one.reset(&mut rng).unwrap();
         two.restore(&one.snapshot()).unwrap();

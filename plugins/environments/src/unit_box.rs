@@ -1,6 +1,6 @@
 //! The one check that every action with entries in [-1, 1] passes.
 
-use engine::Error;
+use contract::Error;
 
 /// How far an entry may lie outside before it is refused: squashing functions in single precision round to
 /// just beyond 1.

@@ -8,7 +8,7 @@
 //! | K = P H' (H P H' + 1)^-1 | `gain` | `[d, m]` |
 
 use crate::Plant;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use nalgebra::{DMatrix, DVector};
 use schemars::JsonSchema;
@@ -55,7 +55,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug, Clone)]

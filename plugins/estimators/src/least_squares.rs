@@ -5,7 +5,7 @@
 //! errors, by the Levenberg-Marquardt method (J. J. Moré 1978) of a library, from the last estimate.
 
 use crate::{Plant, Reading};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra_of_fits::{DMatrix, DVector, Dyn, Owned};
@@ -54,7 +54,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug, Clone)]

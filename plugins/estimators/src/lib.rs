@@ -15,7 +15,7 @@ mod particle_filter;
 mod tests;
 mod unscented_kalman_filter;
 
-use engine::{Action, Error, Interface, Observation, Registry, Rng, Space};
+use contract::{Action, Error, Interface, Observation, Registry, Rng, Space};
 use environments::turbofan::{Distortion, EngineName, FlightCondition, HealthParameter, Model, SensorModel};
 
 /// Registers the estimators.

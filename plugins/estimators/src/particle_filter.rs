@@ -2,7 +2,7 @@
 //! systematic resampling where the effective number of particles falls below half).
 
 use crate::Plant;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use numerics::gaussian::standard_normal;
 use rand::Rng as _;
@@ -54,7 +54,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug, Clone)]

@@ -1,7 +1,7 @@
 //! Every estimator finds the health of an engine that it can see well.
 
 use super::*;
-use engine::{Agent, Environment as _, Mode, random::stream};
+use contract::{Agent, Environment as _, Mode, random::stream};
 use environments::turbofan::calibration::{CalibrationConfig, TurbofanCalibration};
 use serde_json::json;
 
@@ -115,10 +115,10 @@ fn one_exact_sample_says_all() {
 #[test]
 fn other_environments_are_refused() {
     let registry = registry();
-    let seat = engine::Seat {
+    let seat = contract::Seat {
         name: String::new(),
-        observation: Space::Box(vec![engine::Channel::new("position", "m")]),
-        action: Space::Box(vec![engine::Channel::new("force", "N")]),
+        observation: Space::Box(vec![contract::Channel::new("position", "m")]),
+        action: Space::Box(vec![contract::Channel::new("force", "N")]),
     };
     let interface = Interface {
         seats: vec![seat],

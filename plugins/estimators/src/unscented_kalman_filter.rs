@@ -5,7 +5,7 @@
 //! A random walk predicts without an engine, so that `2 d + 1` runs are needed here.
 
 use crate::Plant;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use numerics::unscented::{FilterError, SigmaPoints, UnscentedFilter};
 use schemars::JsonSchema;
@@ -67,7 +67,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The estimator.
 #[derive(Debug, Clone)]

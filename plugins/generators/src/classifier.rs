@@ -6,16 +6,19 @@
 //! Metrics, means over the batches since the last measurement: `cross_entropy`.
 
 use crate::feature_network::{FeatureNetwork, Form};
-use burn::module::Module;
-use burn::tensor::activation::log_softmax;
-use burn::tensor::{Tensor, TensorData};
-use engine::{
+use burn::{
+    module::Module,
+    tensor::{Tensor, TensorData, activation::log_softmax},
+};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,
     Transition, Updates,
 };
-use numerics::network::{device, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use numerics::{
+    network::{device, matrix, values},
+    optimizer::{Adam, Trained},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -45,7 +48,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -236,7 +239,7 @@ impl Agent for ImageClassifier {
 mod tests {
     use super::*;
     use crate::samples;
-    use engine::{Environment, random::stream};
+    use contract::{Environment, random::stream};
 
     fn shapes() -> Box<dyn Environment> {
         let mut registry = Registry::default();

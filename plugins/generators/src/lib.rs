@@ -24,7 +24,7 @@ pub mod search_space;
 pub mod source;
 pub mod tabular;
 
-use engine::Registry;
+use contract::Registry;
 
 /// Registers the environments and agents of this crate.
 pub fn register(registry: &mut Registry) {

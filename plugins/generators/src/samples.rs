@@ -4,9 +4,11 @@
 //! state, which a regression learns from, is 1 for the class of the image and 0 for the others. The last images of
 //! the set are held out: measurements show those, learning the others.
 
-use crate::images::Images;
-use crate::source::{Source, n_numbers};
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Registry, Rng, Seat, Space, Step};
+use crate::{
+    images::Images,
+    source::{Source, n_numbers},
+};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Registry, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,7 +41,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The environment.
 #[derive(Debug)]
@@ -213,7 +215,7 @@ impl Environment for ImageSamples {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
 
     fn environment(held_out: f64) -> Result<Box<dyn Environment>, Error> {
         let images = serde_json::from_value(json!({ "shapes": { "count": 50 } })).unwrap();

@@ -5,7 +5,7 @@
 //! second has one) are decided all the same and count for nothing, as in the released code of E2GAN.
 
 pub use crate::architecture::N_CELLS;
-use engine::Choice;
+use contract::Choice;
 
 /// The choices of a step, in the order of the released code's heads.
 #[must_use]
@@ -90,7 +90,7 @@ mod tests {
             .collect();
         assert_eq!(counts, [36, 72, 144]);
         assert_eq!(counts.iter().product::<usize>(), N_ARCHITECTURES);
-        assert_eq!(engine::choice::n_options(&choices()), 14);
+        assert_eq!(contract::choice::n_options(&choices()), 14);
     }
 
     /// The published architecture: post, batch and bilinear with a shortcut; the same with a deconvolution; the same

@@ -1,8 +1,10 @@
 //! Which images there are, as a study says it.
 
-use crate::images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10};
-use crate::kept::Kept;
-use engine::{DataFile, Error};
+use crate::{
+    images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10},
+    kept::Kept,
+};
+use contract::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fs, sync::Arc};

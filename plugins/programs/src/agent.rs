@@ -10,11 +10,11 @@ use crate::{
     words::{Known, OTHERS, Word, filled, parsed},
     workplace::Workplace,
 };
-use engine::{
+use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
-    guard::end_leftover,
     own_training::{Advance, Assignment, Curve, Measured, Place},
 };
+use engine::guard::end_leftover;
 use std::{
     collections::BTreeMap,
     fs,

@@ -1,11 +1,12 @@
 //! Refusals of keys of a program before anything runs.
 
 use crate::config::{ProgramConfig, Reading};
-use engine::{
+use contract::{
     Error, Metric,
     own_training::Measured,
-    results::{OWN_STEPS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME},
+    standard_metrics::{OWN_STEPS, UPDATES},
 };
+use engine::results::{TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME};
 use std::path::Path;
 
 impl ProgramConfig {

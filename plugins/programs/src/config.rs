@@ -1,11 +1,9 @@
 //! The keys of a program in a study.
 
+use contract::{DataFile, Metric, own_training::Measured, resources::Needs};
 use engine::{
-    DataFile, Metric,
     guard::StopSignal,
     imported::{Step, SumOf},
-    own_training::Measured,
-    resources::Needs,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
@@ -71,7 +69,7 @@ pub struct ProgramConfig {
     pub interpreter: String,
 }
 
-impl engine::Config for ProgramConfig {}
+impl contract::Config for ProgramConfig {}
 
 /// A file by its path.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -26,7 +26,7 @@ pub use config::ProgramConfig;
 pub use named::NamedConfig;
 
 /// Registers the agent `program`, the environment `named`, and first studies of programs.
-pub fn register(registry: &mut engine::Registry) {
+pub fn register(registry: &mut contract::Registry) {
     registry.environment(
         "named",
         1,
@@ -37,10 +37,10 @@ pub fn register(registry: &mut engine::Registry) {
         "program",
         1,
         "a program of your own, in any language, that trains and measures itself",
-        engine::AgentTraits {
+        contract::AgentTraits {
             learns: true,
             trains_itself: true,
-            ..engine::AgentTraits::default()
+            ..contract::AgentTraits::default()
         },
         agent::build,
     );

@@ -5,7 +5,7 @@
 //! columns follow, and the numbers, 8 bytes each, low byte first. No rows are the end: as many bytes of JSON as columns
 //! are said follow, the mean of each metric or `null`.
 
-use engine::{Error, own_training::Asked};
+use contract::{Error, own_training::Asked};
 use serde::Deserialize;
 use std::{
     collections::BTreeMap,

@@ -8,12 +8,9 @@ use crate::{
     config::{Reading, StepText},
     output::{LOG, STREAMS, is_noted, noted},
 };
-use engine::{
-    Error,
-    imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read},
-    own_training::Curve,
-    reach::Reach,
-};
+use contract::{Error, own_training::Curve};
+use document::reach::Reach;
+use engine::imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,

@@ -1,6 +1,6 @@
 //! The environment `named`: values that tell one task from another, and nothing to act in.
 
-use engine::{Channel, Environment, Error, Rng, Seat, Step};
+use contract::{Channel, Environment, Error, Rng, Seat, Step};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,7 +10,7 @@ use std::{borrow::Cow, collections::BTreeMap};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct NamedConfig(BTreeMap<String, Value>);
 
-impl engine::Config for NamedConfig {}
+impl contract::Config for NamedConfig {}
 
 impl JsonSchema for NamedConfig {
     fn schema_name() -> Cow<'static, str> {
@@ -105,7 +105,7 @@ mod tests {
     fn nothing_can_act_in_it() {
         let mut named = build(serde_json::from_value(json!({ "id": "a" })).unwrap()).unwrap();
         assert!(named.interface().seats.is_empty());
-        let mut rng = engine::random::stream(&["named"]);
+        let mut rng = contract::random::stream(&["named"]);
         assert!(named.reset(&mut rng).is_err() && named.step(&[], &mut rng).is_err());
     }
 }

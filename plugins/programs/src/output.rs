@@ -5,7 +5,8 @@
 //! in its file: who goes on reading begins behind the last one.
 
 use crate::lines::{AT, Filter, Lines};
-use engine::{Error, imported::BEGINS_AGAIN};
+use contract::Error;
+use engine::imported::BEGINS_AGAIN;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeSet, VecDeque},

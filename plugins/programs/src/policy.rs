@@ -1,6 +1,8 @@
 //! The policy that a program left as an ONNX file, computed by the engine.
 
-use engine::{Error, Seat, Space, first_largest, imported::matching, reach::Reach};
+use contract::{Error, Seat, Space, first_largest};
+use document::reach::Reach;
+use engine::imported::matching;
 use numerics::onnx::{Graph, Network};
 use std::{
     fs,
@@ -110,7 +112,7 @@ impl Policy {
         let outputs = self.outputs(observation)?;
         match &self.action {
             Space::Box(channels) => {
-                let limited = |(value, it): (&f64, &engine::Channel)| value.max(it.low).min(it.high);
+                let limited = |(value, it): (&f64, &contract::Channel)| value.max(it.low).min(it.high);
                 Ok(outputs.iter().zip(channels).map(limited).collect())
             }
             Space::Simplex(_) => shares(&outputs),
@@ -161,7 +163,7 @@ fn wrong(path: &Path, problem: String) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::{Channel, Choice};
+    use contract::{Channel, Choice};
 
     fn seat(action: Space) -> Seat {
         Seat {

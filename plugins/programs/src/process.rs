@@ -7,11 +7,9 @@ use crate::{
     variables,
     workplace::Workplace,
 };
-use engine::{
-    Error,
-    guard::{Ending, Guarded, Left, Order},
-    resources::Share,
-};
+use contract::ending::Ending;
+use contract::{Error, resources::Share};
+use engine::guard::{Guarded, Left, Order};
 use std::{path::Path, time::Duration};
 
 /// Time between two looks at a program.

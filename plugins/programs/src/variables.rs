@@ -2,7 +2,7 @@
 //! declared.
 
 use crate::{ProgramConfig, output, workplace::Workplace};
-use engine::resources::Share;
+use contract::resources::Share;
 use std::{collections::BTreeMap, ffi::OsString};
 
 /// Passed on as they are; a `*` at the end stands for any letters.

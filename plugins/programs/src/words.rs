@@ -2,7 +2,7 @@
 //!
 //! A word stays one argument, whatever is put into it: no shell reads it.
 
-use engine::{Error, own_training::Assignment};
+use contract::{Error, own_training::Assignment};
 use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 

@@ -15,7 +15,7 @@ use crate::{
     ProgramConfig,
     config::{Lock, NamedFile},
 };
-use engine::{DataFile, Error, own_training::Assignment};
+use contract::{DataFile, Error, own_training::Assignment};
 use serde_json::json;
 use std::{
     collections::BTreeMap,

@@ -9,10 +9,11 @@ use crate::{
     process::{Answer, Process, failed},
     rehearsal, seats, server,
 };
-use engine::{
+use contract::{
     Action, Agent, End, Environment, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates,
-    patience::Watch, product::SAVED_FILE,
+    product::SAVED_FILE,
 };
+use engine::patience::Watch;
 use rand::Rng as _;
 use serde::Deserialize;
 use std::{

@@ -4,7 +4,7 @@ use crate::{
     config::of_ones_own,
     making::{Code, Make, NamedFile, Told},
 };
-use engine::{Error, Metric};
+use contract::{Error, Metric};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -47,7 +47,7 @@ impl Default for AgentConfig {
     }
 }
 
-impl engine::Config for AgentConfig {}
+impl contract::Config for AgentConfig {}
 
 /// Whether an agent learns, and what it records, as its config says it.
 pub fn said_of(config: &Value) -> (bool, Vec<Metric>) {

@@ -1,7 +1,7 @@
 //! What a study says of an environment in Python.
 
 use crate::making::{Code, Make, NamedFile, Told};
-use engine::{Error, Metric, PerEpisode};
+use contract::{Error, Metric, PerEpisode};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -44,7 +44,7 @@ impl Default for PythonConfig {
     }
 }
 
-impl engine::Config for PythonConfig {}
+impl contract::Config for PythonConfig {}
 
 /// How an entry of `info` becomes a metric.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -160,7 +160,7 @@ pub fn of_ones_own(name: &str, what: &str) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::DataFile;
+    use contract::DataFile;
 
     fn config(value: Value) -> PythonConfig {
         serde_json::from_value(value).unwrap()
@@ -204,7 +204,7 @@ mod tests {
         let metric = |form: Value| with(json!({ "cost": form })).metrics["cost"].named("cost");
         assert_eq!(metric(json!("max")).per_episode, PerEpisode::Max);
         let said = metric(json!({ "take": "mean", "lower_is_better": true, "unit": "m" }));
-        assert_eq!((said.unit.as_str(), said.better), ("m", engine::Better::Lower));
+        assert_eq!((said.unit.as_str(), said.better), ("m", contract::Better::Lower));
         for (name, why) in [
             ("return", "every environment"),
             ("a b", "no name"),

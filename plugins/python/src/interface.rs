@@ -1,6 +1,6 @@
 //! What Python says of an environment: its seats, and how their numbers lie in shared memory.
 
-use engine::{Channel, Choice, Error, Seat, Space, choice};
+use contract::{Channel, Choice, Error, Seat, Space, choice};
 use serde::Deserialize;
 use std::path::PathBuf;
 

@@ -34,7 +34,7 @@ fn names(config: &Value) -> Vec<(&'static str, String)> {
 }
 
 /// Registers the environment and the agent `python`.
-pub fn register(registry: &mut engine::Registry) {
+pub fn register(registry: &mut contract::Registry) {
     registry.environment(
         "python",
         1,
@@ -46,11 +46,11 @@ pub fn register(registry: &mut engine::Registry) {
         "python",
         1,
         "a rule or a learner of your own, written in Python",
-        engine::AgentTraits {
+        contract::AgentTraits {
             learns: true,
-            datasets: engine::UseOfDatasets::Also,
+            datasets: contract::UseOfDatasets::Also,
             by_config: Some(agent_config::said_of),
-            ..engine::AgentTraits::default()
+            ..contract::AgentTraits::default()
         },
         agent::build,
     );

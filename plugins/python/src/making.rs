@@ -1,6 +1,6 @@
 //! Code in Python as a study names it: its maker, the files that it reads, and the text that Python gets of them.
 
-use engine::{DataFile, Error};
+use contract::{DataFile, Error};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

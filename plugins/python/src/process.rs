@@ -5,7 +5,8 @@
 //! it. Signals to the program that started it are not for it. Nothing it prints is shown, but for its last lines
 //! where it ends unexpectedly.
 
-use engine::{Error, patience::Watch};
+use contract::Error;
+use engine::patience::Watch;
 use std::{
     io::{Read, Write},
     os::unix::process::{CommandExt as _, ExitStatusExt},
@@ -285,7 +286,7 @@ fn ended(status: Option<ExitStatus>, last_words: &str) -> Error {
     let said = if last_words.is_empty() {
         String::new()
     } else {
-        format!("; it said last: {}", engine::plain_text::last_words(last_words))
+        format!("; it said last: {}", document::plain_text::last_words(last_words))
     };
     failed(format!("the Python process {how}{said}"))
 }

@@ -2,10 +2,11 @@
 //! environments, twice, and goes on from what it saved.
 
 use crate::agent::PythonAgent;
-use engine::{
-    Action, Agent, Environment, Error, Mode, Observation, Recorder, Rng, Transition, patience::Watch,
-    protocol::observe, random::stream,
+use contract::{
+    Action, Agent, Environment, Error, Mode, Observation, Recorder, Rng, Transition, protocol::observe,
+    random::stream,
 };
+use engine::patience::Watch;
 
 /// Steps of a rehearsal, each of all environments.
 const STEPS: usize = 5;

@@ -1,6 +1,6 @@
 //! Seats as an agent in Python is told of them, and the numbers of its actions.
 
-use engine::{Action, Channel, Error, Seat, Space, choice};
+use contract::{Action, Channel, Error, Seat, Space, choice};
 use serde_json::{Value, json};
 
 /// The seats, in order.
@@ -90,7 +90,7 @@ pub fn n_asked(seats: &[Seat]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::choice::Choice;
+    use contract::choice::Choice;
 
     fn seats() -> Vec<Seat> {
         let of = |name: &str, action: Space| Seat {

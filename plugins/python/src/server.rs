@@ -8,7 +8,7 @@ use crate::{
     making::Told,
     process::{Answer, Process, failed},
 };
-use engine::{Channel, Error, Seat};
+use contract::{Channel, Error, Seat};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::{

@@ -8,13 +8,13 @@ use super::{
     study::Planned,
 };
 use crate::{
-    Error,
     report::{self, IndexEntry, Manifest, Verdicts},
     spec::{along, way},
     store::write_durably,
     world::fs,
 };
 use blocks::Block;
+use contract::Error;
 use std::{
     io,
     path::{Path, PathBuf},

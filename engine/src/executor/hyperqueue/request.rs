@@ -2,11 +2,11 @@
 
 use super::Options;
 use crate::{
-    Error,
     executor::{Submission, quoted},
     store::read_file,
     world::fs,
 };
+use contract::Error;
 use serde::{Deserialize, Serialize};
 use std::{
     num::NonZeroUsize,

@@ -1,6 +1,6 @@
 //! In which order nodes stand, and how their flow is folded.
 
-use crate::drawing::Graph;
+use contract::drawing::Graph;
 use std::{collections::BTreeSet, ops::Range};
 
 /// A stack is not made shorter than this many ranks for the sake of width.

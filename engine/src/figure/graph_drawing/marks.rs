@@ -5,16 +5,14 @@ use super::{
     places::{Frame, NodeBox, Places, Span},
     routes::{Point, Route},
 };
-use crate::{
-    drawing::Graph,
-    figure::{
-        chart::{Hue, Style},
-        layout::{count, text},
-        paint::{Mark, Place, text_width},
-        series::{dashed, rectangle},
-        style::{INK, Rgb, blend},
-    },
+use crate::figure::{
+    chart::{Hue, Style},
+    layout::{count, text},
+    paint::{Mark, Place, text_width},
+    series::{dashed, rectangle},
+    style::{INK, Rgb, blend},
 };
+use contract::drawing::Graph;
 use plotters::style::text_anchor::HPos;
 use std::collections::BTreeMap;
 

@@ -18,8 +18,8 @@ use super::{
     layout::{DOUBLE, SINGLE, text},
     paint::{Drawing, Extent, Mark},
 };
-use crate::drawing::Graph;
 use arrangement::Arrangement;
+use contract::drawing::Graph;
 use places::Places;
 use plotters::style::text_anchor::HPos;
 use ways::Ways;

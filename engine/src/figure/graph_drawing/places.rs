@@ -4,14 +4,12 @@ use super::{
     arrangement::{Arrangement, Flow, Group},
     ways::Ways,
 };
-use crate::{
-    drawing::Graph,
-    figure::{
-        axes::{TEXT, break_lines},
-        layout::count,
-        paint::text_width,
-    },
+use crate::figure::{
+    axes::{TEXT, break_lines},
+    layout::count,
+    paint::text_width,
 };
+use contract::drawing::Graph;
 
 /// Room around the text of a box, and the height of a line of it.
 const PADDING: (f64, f64) = (4.0, 2.2);

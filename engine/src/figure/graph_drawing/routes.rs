@@ -5,10 +5,8 @@ use super::{
     places::{NodeBox, Places},
     ways::{Way, Ways},
 };
-use crate::{
-    drawing::{Edge, Graph},
-    figure::layout::count,
-};
+use crate::figure::layout::count;
+use contract::drawing::{Edge, Graph};
 use std::{cmp::Ordering, collections::BTreeMap};
 
 /// Between two arrows at one side of a box, at most.

@@ -7,8 +7,8 @@ use super::{
     routes::{self, Route},
     ways::{Way, Ways},
 };
-use crate::drawing::{Edge, Graph, Node};
 use crate::figure::paint::Mark;
+use contract::drawing::{Edge, Graph, Node};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 

@@ -1,7 +1,7 @@
 //! Which way each arrow takes, before anything has a place.
 
 use super::arrangement::Arrangement;
-use crate::drawing::Graph;
+use contract::drawing::Graph;
 use std::collections::BTreeSet;
 
 /// The way of an arrow.
@@ -120,7 +120,7 @@ fn assign(graph: &Graph, arrangement: &Arrangement, ways: &mut [Way], (stack, si
 /// How many arrows run along the gap after a stack: those that leave it for another one, and those that come
 /// to the next from further away.
 fn passing(graph: &Graph, arrangement: &Arrangement, stack: usize) -> usize {
-    let runs = |edge: &&crate::drawing::Edge| {
+    let runs = |edge: &&contract::drawing::Edge| {
         let (from, to) = (arrangement.stack(edge.from), arrangement.stack(edge.to));
         from != to && (from == stack || to == stack + 1)
     };

@@ -3,18 +3,18 @@
 
 use super::{EXAMPLE, Player, Suite, asked, default_metric, default_resamples};
 use crate::{
-    Error,
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
         chart::{Chart, Panel, Point, Scale, Series, Shape},
     },
     spec::names::{Names, Place},
-    statistics::SuiteStatistic,
     table::Normalise,
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::SuiteStatistic;
 
 /// Aggregates of normalised scores over environments, a panel each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -22,14 +22,14 @@ use super::{
     chart::Style,
 };
 use crate::{
-    Error,
     spec::names::{Names, Picked, Place},
-    statistics::Bootstrap,
     table::{
         Axis, Normalise, Scope, ScoreScale,
         normalised_scores::{Pooled, ends_in_words, normalised},
     },
 };
+use contract::Error;
+use statistics::Bootstrap;
 
 /// Below so many seeds percentile intervals are markedly too narrow.
 const FEW: usize = 10;

@@ -3,18 +3,18 @@
 
 use super::{EXAMPLE, Suite, asked, default_metric, default_resamples};
 use crate::{
-    Error,
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
         chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
     },
     spec::names::{Names, Place},
-    statistics::performance_profile,
     table::Normalise,
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::performance_profile;
 
 /// The share of runs above a normalised score, a line per agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -3,8 +3,6 @@
 
 use super::{Player, Suite, asked, default_metric, default_resamples};
 use crate::{
-    Error,
-    diagnostic::suggest,
     figure::{
         Figure, FigureSpec,
         build::{Context, count, problem},
@@ -12,12 +10,14 @@ use crate::{
     },
     kinds::Contradiction,
     spec::names::{Names, Place},
-    statistics::comparison::{probability_of_improvement, probability_of_improvement_interval},
     table::Normalise,
 };
+use contract::Error;
+use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use statistics::comparison::{probability_of_improvement, probability_of_improvement_interval};
 
 /// How often a run of one agent scores above one of another, a row per pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -3,7 +3,6 @@
 
 use super::{EXAMPLE, Player, Suite, asked, default_metric, default_resamples};
 use crate::{
-    Error, Phase,
     figure::{
         Figure, FigureSpec,
         build::{Context, level, problem},
@@ -11,11 +10,12 @@ use crate::{
     },
     results::TrialResult,
     spec::names::{Names, Place},
-    statistics::{SuiteStatistic, sample_efficiency, sample_efficiency::Run},
     table::{Axis, Normalise, ScoreScale},
 };
+use contract::{Error, Phase};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{SuiteStatistic, sample_efficiency};
 
 /// The interquartile mean of normalised scores against environment steps, a line per agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -54,7 +54,7 @@ impl Figure for SampleEfficiency {
         let suite = Suite::of(self.asked(), spec, context)?;
         let (mut series, mut missing, mut carried) = (Vec::new(), Vec::new(), false);
         for player in &suite.players {
-            let tasks: Vec<Vec<Run>> = suite
+            let tasks: Vec<Vec<sample_efficiency::Run>> = suite
                 .scales
                 .iter()
                 .map(|scale| runs(&suite, player, scale))
@@ -116,15 +116,15 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
 }
 
 /// True where the runs of all tasks were measured at the same steps.
-fn have_same_steps(tasks: &[Vec<Run>]) -> bool {
-    let steps = |run: &Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
+fn have_same_steps(tasks: &[Vec<sample_efficiency::Run>]) -> bool {
+    let steps = |run: &sample_efficiency::Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
     let mut all = tasks.iter().flatten().map(steps);
     let first = all.next();
     all.all(|steps| Some(&steps) == first.as_ref())
 }
 
 /// The line of an agent; `None` where its runs have no step in common.
-fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<Run>]) -> Option<Series> {
+fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<sample_efficiency::Run>]) -> Option<Series> {
     let learns = player.scope.learns() || player.scope.is_imported();
     if !learns && tasks.iter().flatten().all(|run| run.len() <= 1) {
         let value = SuiteStatistic::InterquartileMean.of(&player.tasks);
@@ -159,8 +159,8 @@ fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<Run>]) -> Option<Se
 }
 
 /// The scores of an agent in an environment during learning, run by run.
-fn runs(suite: &Suite<'_>, player: &Player<'_>, scale: &ScoreScale) -> Vec<Run> {
-    let run = |trial: &&TrialResult| -> Run {
+fn runs(suite: &Suite<'_>, player: &Player<'_>, scale: &ScoreScale) -> Vec<sample_efficiency::Run> {
+    let run = |trial: &&TrialResult| -> sample_efficiency::Run {
         let curve = trial.curve(Phase::Evaluate, suite.asked.metric).into_iter();
         curve
             .filter_map(|(step, value)| Some((step, scale.score(value)?)))

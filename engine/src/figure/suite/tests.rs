@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::{
-    Phase,
     figure::{Chart, FigureKind, FigureSpec, Series, Shape, tests::chart},
     report::synthetic::{AGENTS, noise, study, trial},
     results::Results,
 };
+use contract::Phase;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

@@ -168,7 +168,7 @@ impl Queue for Batch {
     }
 
     fn submit(&self, script: &Path, _: &Stop) -> Result<String, Error> {
-        let script = fs::read_to_string(script).map_err(crate::Error::file("read", script))?;
+        let script = fs::read_to_string(script).map_err(contract::Error::file("read", script))?;
         match process::random_number() % 10 {
             0 => Err(busy()),
             1 => {

@@ -3,9 +3,9 @@
 use crate::{
     results::{EndState, TrialEnd},
     store::Store,
-    trial::Trial,
     world::simulated::quietly,
 };
+use contract::trial::Trial;
 use std::{
     cell::RefCell,
     collections::{BTreeMap, BTreeSet},

@@ -6,18 +6,20 @@
 
 use super::{Bench, EXPIRY, SETTLES, faults, play, seeds, task, variable};
 use crate::{
-    Error,
     results::{EndState, SearchResult, TrialResult},
     scheduler::Task,
     search::{Failed, Goal, Halving, Method, Next, Numbers, Range, Search},
-    setting::Setting,
     spec::Progress,
     store::{Claim, Leases, Store, is_missing},
-    trial::{Part, Purpose, Trial},
     world::{
         clock,
         simulated::{Faults, Machine, quietly},
     },
+};
+use contract::{
+    Error,
+    setting::Setting,
+    trial::{Part, Purpose, Trial},
 };
 use rayon::prelude::*;
 use serde_json::{Value, json};

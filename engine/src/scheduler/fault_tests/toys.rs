@@ -1,11 +1,10 @@
 //! Small plugins whose trials save after every step and leave a policy.
 
 use super::ledger::Ledger;
-use crate::{
+use crate::world::{fs, process};
+use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Metric, Mode,
     Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, product,
-    protocol,
-    world::{fs, process},
 };
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -190,7 +189,7 @@ impl Agent for Tally {
 
 pub fn registry() -> Registry {
     let mut registry = Registry::default();
-    protocol::register(&mut registry);
+    protocols::register(&mut registry);
     registry.environment("throw", 1, "One throw.", |_: DiceConfig| {
         let channel = || Space::Box(vec![Channel::new("number", "")]);
         let seat = Seat {

@@ -19,16 +19,14 @@ pub use relay::Relay;
 pub(super) use remote::Remote;
 
 use crate::{
-    Error,
     executor::{Access, Stop, quoted, tell},
-    input_file,
-    resources::Capacity,
-    store,
     world::{
         fs::File,
         process::{self, Command, Stdio},
     },
 };
+use contract::{Error, resources::Capacity};
+use document::input_file;
 use std::{
     ffi::OsString,
     num::NonZeroUsize,
@@ -121,14 +119,14 @@ impl Found {
         lease_expiry: Duration,
     ) -> Result<Self, Error> {
         let program = std::env::current_exe().map_err(wire::broken)?;
-        let bytes = File::open(&program).and_then(store::digest_of_file);
+        let bytes = File::open(&program).and_then(contract::digest::of_file);
         let digest = bytes.map_err(Error::file("read", &program))?;
         let whose = format!("{} {}", process::place().host, absolute(store).display());
         let asked = Asked {
             access,
             program: &program,
             name: format!("regimen-{}", &digest[..16]),
-            store: store::digest(whose.as_bytes())[..16].to_owned(),
+            store: contract::digest::of_bytes(whose.as_bytes())[..16].to_owned(),
             version,
             lease_expiry,
         };

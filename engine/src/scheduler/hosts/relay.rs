@@ -6,7 +6,6 @@
 
 use super::wire::{ALIVE_EVERY, FromHost, Order, StudyFile, ToHost, broken, hear, say};
 use crate::{
-    Build, Error, build,
     limits::Limits,
     results::EndState,
     scheduler::{
@@ -14,9 +13,10 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Claim, Leases, Manifest, NotTaken, Parcel, Store, is_missing, read_bytes, write_durably},
+    store::{Claim, Leases, Manifest, NotTaken, Parcel, Store, is_missing, read_bytes, write_durably},
     world::{clock, fs},
 };
+use contract::{Build, Error, build};
 use std::{
     io::{self, BufRead, Write},
     path::{Path, PathBuf},
@@ -279,7 +279,7 @@ fn keep(file: &StudyFile, bytes: &[u8]) -> Result<(), Error> {
     if !fs::is_inside(path) {
         return Err(broken(format!("`{}` leads out of the folder", file.path)));
     }
-    if store::digest(bytes) != file.digest {
+    if contract::digest::of_bytes(bytes) != file.digest {
         return Err(broken(format!("`{}` did not arrive as it was sent", file.path)));
     }
     if let Some(folder) = path.parent() {

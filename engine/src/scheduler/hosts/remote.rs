@@ -5,15 +5,16 @@ use super::{
     wire::{FromHost, Order, SILENT_FOR, StudyFile, ToHost, hear, say},
 };
 use crate::{
-    Error, input_file,
     limits::Limits,
     scheduler::{
         process::{Replies, Shared},
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Manifest, NotTaken, Store},
+    store::{Manifest, NotTaken, Store},
 };
+use contract::Error;
+use document::input_file;
 use std::{io, path::Path, sync::Arc};
 
 /// Runs the trials of one slot on a host. A connection that breaks is made again when the next trial comes.
@@ -136,7 +137,7 @@ impl<'a> Remote<'a> {
     /// Brings a file that the study names. One that cannot be read or has changed fails the trial there as here.
     fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Trouble> {
         let read = input_file::read(path, input_file::Use::Bytes).ok();
-        let Some(bytes) = read.filter(|bytes| store::digest(bytes) == digest) else {
+        let Some(bytes) = read.filter(|bytes| contract::digest::of_bytes(bytes) == digest) else {
             return Ok(());
         };
         self.send(&ToHost::File(StudyFile {

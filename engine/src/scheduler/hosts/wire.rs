@@ -2,12 +2,12 @@
 //! bytes of files.
 
 use crate::{
-    Error,
     limits::Limits,
     results::EndState,
     scheduler::worker::{Reply, Request},
     store::Manifest,
 };
+use contract::Error;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{
     io::{self, BufRead, Write},

@@ -2,14 +2,13 @@
 
 use super::{Names, Picked, typed};
 use crate::{
-    diagnostic::{Span, suggest},
-    document::Node,
-    results::SUCCESS,
+    claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within},
     spec::claims::ClaimSpec,
-    statistics::{
-        Aggregate, Operand, Within,
-        claim::{self, Claim, ClaimError, Quantity},
-    },
+};
+use contract::standard_metrics::SUCCESS;
+use document::{
+    Node,
+    diagnostic::{Span, suggest},
 };
 
 /// A text, such as a claim, and where it stands.

@@ -1,12 +1,9 @@
 //! Figures against what trials record and trace.
 
 use super::{Names, Picked, Place};
-use crate::{
-    ProductKind,
-    diagnostic::suggest,
-    document::Entry,
-    figure::{FigureKind, FigureSpec},
-};
+use crate::figure::{FigureKind, FigureSpec};
+use contract::ProductKind;
+use document::{Entry, diagnostic::suggest};
 use std::{collections::BTreeSet, path::Path};
 
 impl Names<'_> {

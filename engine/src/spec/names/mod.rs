@@ -19,14 +19,16 @@ use super::{
     summary::Summary,
 };
 use crate::{
-    Better, Interface, Metric,
-    diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::{Entry, Kind, Node},
     figure::FigureSpec,
-    kinds, random,
-    results::{SUCCESS, Success, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
+    kinds,
+    results::{Success, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
     search::Search,
     table::TableSpec,
+};
+use contract::{Better, Interface, Metric, random, standard_metrics::SUCCESS};
+use document::{
+    Entry, Kind, Node,
+    diagnostic::{Diagnostic, Sources, Span, suggest},
 };
 use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
@@ -532,7 +534,7 @@ impl Names<'_> {
             .map(|name| format!("`{name}`"))
             .collect::<Vec<_>>()
             .join(", ");
-        let help = match crate::diagnostic::nearest(name, &list) {
+        let help = match document::diagnostic::nearest(name, &list) {
             Some(near) => format!("did you mean `{near}`? recorded here: {known}"),
             None => format!("recorded here: {known}"),
         };

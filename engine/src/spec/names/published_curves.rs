@@ -2,12 +2,10 @@
 
 use super::{Names, Picked, Place};
 use crate::{
-    diagnostic::suggest,
-    document::Node,
     published_curve::{PublishedCurve, PublishedCurveError},
-    reach::Outside,
     world::fs,
 };
+use document::{Node, diagnostic::suggest, reach::Outside};
 
 impl Names<'_> {
     /// Checks what a published curve names, and reads it.

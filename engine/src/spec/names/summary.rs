@@ -1,13 +1,13 @@
 //! The sentences of a study against its tables and claims.
 
 use super::{Names, claims::Text};
-use crate::{
+use crate::spec::{
+    answers::{Answer, AnswerText},
+    summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
+};
+use document::{
+    Node,
     diagnostic::{Span, suggest},
-    document::Node,
-    spec::{
-        answers::{Answer, AnswerText},
-        summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
-    },
 };
 
 impl Names<'_> {

@@ -1,10 +1,12 @@
 //! Tables against what trials record: what they are made of, published values, margins.
 
 use super::{Names, Place};
-use crate::{
+use crate::table::{
+    Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec,
+};
+use document::{
+    Entry,
     diagnostic::{Span, suggest},
-    document::Entry,
-    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use std::path::Path;
 

@@ -8,10 +8,10 @@
 
 use super::{Announcement, Bucket, When};
 use crate::{
-    Error,
     store::{Claim, Owner},
     world::clock,
 };
+use contract::Error;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{Mutex, MutexGuard, PoisonError},

@@ -23,8 +23,9 @@ mod service;
 
 pub(crate) use lease::BucketLeases;
 
-use super::{Announcement, Claim, Leases, NotTaken, Parcel, Store, index, is_missing, parcel, seal};
-use crate::{Error, results::TrialEnd};
+use super::{Announcement, Claim, Leases, NotTaken, Parcel, Store, index, is_missing, parcel};
+use crate::results::TrialEnd;
+use contract::{Error, digest};
 use objects::{Object, Objects, When};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
@@ -97,7 +98,7 @@ impl Bucket {
         let Fetch::Damaged { object, .. } = self.fetch(store, id)? else {
             return Ok(());
         };
-        let aside = format!("aside/{id}-{}", &seal::hash(&object.bytes)[..16]);
+        let aside = format!("aside/{id}-{}", &digest::of_bytes(&object.bytes)[..16]);
         let moved = self.objects.put(&aside, &object.bytes, When::Always);
         let moved = moved.and_then(|_| self.objects.delete(&key(id)));
         moved.map_err(|problem| self.error(&format!("set trial {id} aside in"), problem))
@@ -239,7 +240,8 @@ fn objects_at(_: &str, _: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Obj
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, Recorder, results::EndState, store::specimen::trial};
+    use crate::{results::EndState, store::specimen::trial};
+    use contract::{Phase, Recorder};
 
     /// A bucket and the stores of two machines that share it.
     fn two_machines() -> (tempfile::TempDir, Bucket, [Store; 2]) {

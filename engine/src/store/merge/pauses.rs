@@ -4,7 +4,8 @@ use super::{
     super::{Claim, Imprint, Partial, Store, TrialFile},
     Fate, Merge, Side, first_of, look,
 };
-use crate::{Error, results::EndState};
+use crate::results::EndState;
+use contract::Error;
 
 impl Merge<'_> {
     /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it

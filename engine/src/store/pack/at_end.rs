@@ -6,10 +6,10 @@
 
 use super::{Packing, packing::FILES};
 use crate::{
-    Error,
     store::{Leases, Owner, Store, fsck::refuse_links, inside, lease::is_lease},
     world::fs,
 };
+use contract::Error;
 use std::{collections::HashSet, time::Duration};
 
 impl Store {

@@ -14,10 +14,12 @@ mod salvage;
 #[cfg(test)]
 mod tests;
 
+use contract::digest;
 pub use packing::Packing;
 
-use super::{Loaded, Store, StoredTrial, index::parse, inside, names, seal};
-use crate::{Error, results::EndState, world::fs::File};
+use super::{Loaded, Store, StoredTrial, index::parse, inside, names};
+use crate::{results::EndState, world::fs::File};
+use contract::Error;
 use form::{Entry, id_of, number};
 use outline::OUTLINE_LENGTH;
 use std::{
@@ -63,7 +65,7 @@ impl Short {
         let trial = parse(&self.acknowledgement)
             .ok()
             .filter(|trial| trial.id() == id)?;
-        let is_whole = seal::hash(&self.metrics) == trial.end.digest;
+        let is_whole = digest::of_bytes(&self.metrics) == trial.end.digest;
         Some(trial.end.state).filter(|state| is_whole && matches!(state, EndState::Ok | EndState::Paused))
     }
 }
@@ -204,7 +206,7 @@ pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<S
 fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
-        if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == digest) {
+        if let Some(metrics) = metrics.filter(|metrics| digest::of_bytes(metrics) == digest) {
             return Ok(Some(metrics));
         }
     }

@@ -10,17 +10,14 @@
 //! where they are not what was written, and where a trial says what an outline cannot hold, its `trial.json` is read.
 
 use super::{
-    super::{
-        date::{rfc_3339_of, seconds_of},
-        seal::hash,
-    },
+    super::date::{rfc_3339_of, seconds_of},
     form::number,
 };
 use crate::{
-    Build,
     results::{EndState, TrialEnd},
     store::StoredTrial,
 };
+use contract::{Build, digest::of_bytes as hash};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,

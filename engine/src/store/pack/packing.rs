@@ -11,16 +11,16 @@ use super::{
     form::{Writer, id_of, number},
 };
 use crate::{
-    Error,
     store::{
         Claim, Leases, Owner, Store, TrialFile, absent_is_fine, fsck::refuse_links, inside, lease::is_lease,
-        partial, remove, seal, sealed_folder::flush_way,
+        partial, remove, sealed_folder::flush_way,
     },
     world::{
         clock,
         fs::{self, File},
     },
 };
+use contract::{Error, digest};
 use std::{
     io::{BufWriter, ErrorKind},
     path::{Path, PathBuf},
@@ -106,7 +106,7 @@ impl Store {
         // Processes of several machines may share their numbers.
         let temporary = folder.join(format!(".{}.tmp", Owner::this_process().token()));
         let written = write(&temporary, trials).and_then(|(packed, bytes)| {
-            let digest = File::open(&temporary).and_then(seal::hash_of_file);
+            let digest = File::open(&temporary).and_then(digest::of_file);
             let digest = digest.map_err(Error::file("read", &temporary))?;
             let inside = Path::new(FOLDER).join(format!("{digest}{ENDING}"));
             let path = self.root.join(&inside);

@@ -2,14 +2,14 @@
 
 use super::{ENDING, FOLDER, Pack, Short, form::id_of, is_pack};
 use crate::{
-    Error,
     store::{
         Store,
         fsck::{Check, Fault},
-        inside, remove, seal,
+        inside, remove,
     },
     world::fs::{self, File},
 };
+use contract::{Error, digest};
 use std::{
     io::ErrorKind,
     path::{Path, PathBuf},
@@ -87,7 +87,7 @@ impl Check<'_> {
 
     fn pack(&mut self, name: &str, path: PathBuf) -> Result<(), Error> {
         let whole_path = self.store.root.join(&path);
-        let digest = File::open(&whole_path).and_then(seal::hash_of_file);
+        let digest = File::open(&whole_path).and_then(digest::of_file);
         let digest = digest.map_err(Error::file("read", &whole_path))?;
         let Some(pack) = Pack::open(&whole_path)? else {
             return Ok(());

@@ -4,11 +4,10 @@ mod damage;
 
 use super::*;
 use crate::{
-    Phase, Recorder,
     results::TrialResult,
     store::{Fault, Leases, Merge, Packing, specimen},
-    trial::Trial,
 };
+use contract::{Phase, Recorder, trial::Trial};
 use std::{fs, time::Duration};
 
 fn trial(seed: u64) -> Trial {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Action, Mode, Observation, Phase, Rng};
+use contract::{Action, Mode, Observation, Phase, Rng};
 use serde_json::json;
 
 /// An agent that is one number.

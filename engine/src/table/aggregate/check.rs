@@ -2,10 +2,10 @@
 
 use super::{Aggregate, SUITE_MEAN};
 use crate::{
-    document::Node,
     spec::names::{Names, Place},
     table::normalised_scores::{Pooled, normalised, plays_everywhere},
 };
+use document::Node;
 
 /// Checks an aggregate; returns the names of its rows and columns.
 pub(super) fn aggregate(

@@ -13,17 +13,17 @@ use super::{
     Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::{
-    Error,
     results::{Results, TrialResult},
     spec::names::{Names, Place},
-    statistics::{
-        Bootstrap, Interval,
-        comparison::{probability_of_improvement, probability_of_improvement_interval},
-        estimators::{suite_iqm, suite_mean, suite_median, suite_optimality_gap, suite_share_above},
-    },
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::{
+    Bootstrap, Interval,
+    comparison::{probability_of_improvement, probability_of_improvement_interval},
+    estimators::{suite_iqm, suite_mean, suite_median, suite_optimality_gap, suite_share_above},
+};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Name of the column of means, the only one that is a mean over seeds.

@@ -2,13 +2,13 @@
 
 use super::*;
 use crate::{
-    Phase,
     report::synthetic::{ended, trial},
-    results::{EndState, TrialResult, UPDATES},
-    statistics::{Design, Verdict},
+    results::{EndState, TrialResult},
     table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal},
 };
+use contract::{Phase, standard_metrics::UPDATES};
 use serde_json::Value;
+use statistics::{Design, Verdict};
 
 /// Scores and aggregates made by `tests/fixtures/statistics/aggregate.py`.
 fn reference() -> Value {

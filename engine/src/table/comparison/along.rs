@@ -3,10 +3,9 @@
 use super::{Axis, Comparison};
 use crate::{
     results::TrialResult,
-    setting::word,
     table::{Scope, seeds::listed_first},
-    trial::TrialCell,
 };
+use contract::{setting::word, trial::TrialCell};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};

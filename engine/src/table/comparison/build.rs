@@ -2,12 +2,12 @@
 
 use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
 use crate::{
-    Error,
-    results::{Results, SUCCESS, TrialResult},
-    statistics::{Bootstrap, Interval, Summary, estimators, verdict::share_of},
+    results::{Results, TrialResult},
     table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem},
 };
+use contract::{Error, standard_metrics::SUCCESS};
 use measure::{Measure, seed_value};
+use statistics::{Bootstrap, Interval, Summary, estimators, verdict::share_of};
 use std::collections::{BTreeMap, HashMap};
 
 /// Computes the cells of a comparison, without published values.

@@ -1,11 +1,9 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
 use super::{AS_GIVEN, Along, Axis, Comparison, Form, Taken};
-use crate::{
-    diagnostic::suggest,
-    results::SUCCESS,
-    spec::names::{Names, Picked, Place, quoted},
-};
+use crate::spec::names::{Names, Picked, Place, quoted};
+use contract::standard_metrics::SUCCESS;
+use document::diagnostic::suggest;
 
 /// Checks a comparison; returns the names of its rows and columns.
 pub(super) fn comparison(

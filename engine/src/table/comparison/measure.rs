@@ -2,11 +2,11 @@
 
 use super::{AtStep, Comparison, Taken, build::Relation};
 use crate::{
-    Phase,
     results::TrialResult,
-    statistics::estimators::{mean, moving_average},
     table::{NoValue, Scope},
 };
+use contract::Phase;
+use statistics::estimators::{mean, moving_average};
 
 /// What one cell takes from a trial.
 pub(super) struct Measure<'a> {

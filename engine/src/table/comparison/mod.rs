@@ -12,11 +12,11 @@ pub(super) use build::summarise;
 
 use super::{Grid, NumberFormat, Table};
 use crate::{
-    Error,
     kinds::Contradiction,
     results::Results,
     spec::names::{Names, Place},
 };
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

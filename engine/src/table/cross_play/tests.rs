@@ -4,9 +4,9 @@ use super::*;
 use crate::{
     cross_play::tests::{crossed, encounter, trained},
     results::TrialResult,
-    statistics::Verdict,
     table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown},
 };
+use statistics::Verdict;
 
 const AGENTS: [&str; 3] = ["tdom_ac", "rommeo", "pr2"];
 /// The matrix of the thesis, table 4.2, and its means.

@@ -2,10 +2,8 @@
 //! pooled.
 
 use super::{Bound, Normalise};
-use crate::{
-    diagnostic::suggest,
-    spec::names::{Names, Picked, Place, quoted},
-};
+use crate::spec::names::{Names, Picked, Place, quoted};
+use document::diagnostic::suggest;
 use std::collections::BTreeMap;
 
 /// What pools normalised scores, for messages.

@@ -8,9 +8,9 @@ mod check;
 pub(crate) use check::{Pooled, normalised, plays_everywhere};
 
 use super::{Axis, NumberFormat, Scope};
-use crate::statistics::estimators::mean;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use statistics::estimators::mean;
 use std::collections::BTreeMap;
 
 /// What the scores 0 and 1 stand for.

@@ -28,16 +28,20 @@ mod controller;
 #[cfg(test)]
 mod tests;
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::designs::{Options, Tried, UnderWay, choices};
-use controller::Controller;
-use engine::{
+use crate::shared::{
+    checkpoint::{self, finite},
+    designs::{Options, Tried, UnderWay, choices},
+};
+use contract::{
     Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Preset, Recorder,
     Registry, Rng, Transition, Updates, choice,
 };
-use numerics::network::values;
-use numerics::optimizer::{Adam, Trained};
-use numerics::tensor_file::TensorFile;
+use controller::Controller;
+use numerics::{
+    network::values,
+    optimizer::{Adam, Trained},
+    tensor_file::TensorFile,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -87,7 +91,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         vec![Preset {
             name: "released_code",

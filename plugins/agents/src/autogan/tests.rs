@@ -8,7 +8,7 @@ fn agent(config: Config, seed: &str) -> AutoGan {
     AutoGan::new(
         config,
         &interface(),
-        &mut engine::random::stream(&["autogan", seed]),
+        &mut contract::random::stream(&["autogan", seed]),
     )
     .unwrap()
 }
@@ -24,7 +24,7 @@ fn quick() -> Config {
 
 #[test]
 fn it_learns_the_cells_one_after_the_other() {
-    let (mut agent, mut rng) = (agent(quick(), "learns"), engine::random::stream(&["search"]));
+    let (mut agent, mut rng) = (agent(quick(), "learns"), contract::random::stream(&["search"]));
     let values = search(&mut agent, 400, &mut rng);
     // 120 designs of one cell, whose best one is worth 2, then 10 that are derived.
     assert!(values[..130].iter().all(|value| *value <= 2.0));
@@ -54,14 +54,14 @@ fn the_best_derived_designs_are_the_beginnings_of_the_next_stage() {
     );
     agent.state.derived.as_mut().unwrap().push(tried(3, 0.0));
     agent.config.kept_designs = 3;
-    agent.grow(&mut engine::random::stream(&["grow"]));
+    agent.grow(&mut contract::random::stream(&["grow"]));
     assert_eq!(agent.state.beginnings, [3, 1, 5].map(|at| tried(at, 0.0).options));
     assert_eq!((agent.state.stage, agent.state.baseline), (1, None));
 }
 
 #[test]
 fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
-    let controller = Controller::new(&[2, 3], 7, &mut engine::random::stream(&["sum"]));
+    let controller = Controller::new(&[2, 3], 7, &mut contract::random::stream(&["sum"]));
     let mut sum = 0.0;
     for first in 0..2 {
         for second in 0..3 {
@@ -76,8 +76,8 @@ fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
 
 #[test]
 fn what_is_drawn_is_as_likely_as_it_is_judged() {
-    let controller = Controller::new(&[2, 3], 5, &mut engine::random::stream(&["drawn"]));
-    let mut rng = engine::random::stream(&["draws"]);
+    let controller = Controller::new(&[2, 3], 5, &mut contract::random::stream(&["drawn"]));
+    let mut rng = contract::random::stream(&["draws"]);
     let before = vec![vec![0, 1]];
     let mut count = 0.0;
     for _ in 0..3000 {
@@ -91,7 +91,7 @@ fn what_is_drawn_is_as_likely_as_it_is_judged() {
 
 #[test]
 fn gradients_agree_with_finite_differences() {
-    let controller = Controller::new(&[2, 3], 3, &mut engine::random::stream(&["gradients"]));
+    let controller = Controller::new(&[2, 3], 3, &mut contract::random::stream(&["gradients"]));
     let design = [vec![1, 0], vec![0, 2]];
     let of = |controller: &Controller| f64::from(values(controller.judged(&design).0)[0]);
     let mut loss = controller.judged(&design).0.backward();
@@ -116,7 +116,7 @@ fn gradients_agree_with_finite_differences() {
 #[test]
 fn settings_that_contradict_each_other_are_refused() {
     let problem = |config: Config| {
-        AutoGan::new(config, &interface(), &mut engine::random::stream(&[]))
+        AutoGan::new(config, &interface(), &mut contract::random::stream(&[]))
             .unwrap_err()
             .to_string()
     };

@@ -15,13 +15,17 @@
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
 use crate::shared::{checkpoint, replay::Batch, seat};
-use burn::module::Module;
-use burn::tensor::{Device, Tensor};
-use engine::{Channel, Error};
-use numerics::network::{Activation, Mlp, matrix, values};
-use numerics::parameters::{restore, store};
-use numerics::policy_file::{FILE_NAME, Head, Ports};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use burn::{
+    module::Module,
+    tensor::{Device, Tensor},
+};
+use contract::{Channel, Error};
+use numerics::{
+    network::{Activation, Mlp, matrix, values},
+    parameters::{restore, store},
+    policy_file::{FILE_NAME, Head, Ports},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use rand::{RngCore, seq::SliceRandom};
 use serde_json::json;
 use std::path::Path;
@@ -317,7 +321,7 @@ impl AssetCritic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
     use numerics::network::device;
     use std::collections::BTreeSet;
 

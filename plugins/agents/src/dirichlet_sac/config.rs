@@ -1,7 +1,7 @@
 //! The hyper-parameters of the Dirichlet soft actor-critic, each with the source of its default.
 
 use crate::shared::scaling::ObservationScaling;
-use engine::{Preset, Product, product::Networks};
+use contract::{Preset, Product, product::Networks};
 use numerics::dirichlet::entropy;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -163,7 +163,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let values = json!({
             "batch_size": 1024,
@@ -238,7 +238,7 @@ mod tests {
             Some(TargetEntropy::MinusSqrtD)
         );
         assert!(read(r#"{"target_entropie": "minus_sqrt_d"}"#).is_err());
-        let preset = &<Config as engine::Config>::presets()[0];
+        let preset = &<Config as contract::Config>::presets()[0];
         assert_eq!(
             serde_json::from_value::<Config>(preset.values.clone())
                 .unwrap()

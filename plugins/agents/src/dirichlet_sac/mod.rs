@@ -40,24 +40,28 @@ use asset_network::AssetChannels;
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
 use networks::{Critics, PolicyNetwork, Shape};
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::scaling::Scaling;
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use crate::shared::{allocation, seat};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    allocation,
+    checkpoint::{self, finite},
+    replay::{Batch, Replay},
+    scaling::Scaling,
+    schedule::UpdateSchedule,
+    seat,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::dirichlet_policy::{log_density, sample};
-use numerics::network::{device, matrix, softplus, values};
-use numerics::optimizer::{Adam, ScalarAdam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::Head;
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use numerics::{
+    dirichlet_policy::{log_density, sample},
+    network::{device, matrix, softplus, values},
+    optimizer::{Adam, ScalarAdam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::Head,
+    tensor_file::{TensorFile, TensorFileError},
+};
 use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -7,13 +7,17 @@ use super::{
     config::{Config, NetworkKind},
 };
 use crate::shared::checkpoint;
-use burn::module::Module;
-use burn::tensor::{Device, Tensor};
-use engine::{Channel, Error};
-use numerics::network::{Activation, Mlp, TwinMlp};
-use numerics::parameters::restore;
-use numerics::policy_file::{Head, PREFIX, Policy, Ports};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use burn::{
+    module::Module,
+    tensor::{Device, Tensor},
+};
+use contract::{Channel, Error};
+use numerics::{
+    network::{Activation, Mlp, TwinMlp},
+    parameters::restore,
+    policy_file::{Head, PREFIX, Policy, Ports},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use rand::RngCore;
 use std::path::Path;
 

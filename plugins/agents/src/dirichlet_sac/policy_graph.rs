@@ -11,11 +11,13 @@
 //! | h | what the encoder gives | `[batch, assets, width]` |
 
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
-use engine::{Error, export::PortablePolicy};
-use numerics::network::Activation;
-use numerics::onnx::{Dense, Graph, Setting, Value, dense_layers};
-use numerics::policy_file::Head;
-use numerics::tensor_file::TensorFile;
+use contract::{Error, policy_form::PortablePolicy};
+use numerics::{
+    network::Activation,
+    onnx::{Dense, Graph, Setting, Value, dense_layers},
+    policy_file::Head,
+    tensor_file::TensorFile,
+};
 use serde::Deserialize;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 use super::*;
 use crate::shared::bandit;
-use engine::random::stream;
+use contract::random::stream;
 use numerics::parameters::{parameters, with_parameters};
 
 fn tiny() -> Config {

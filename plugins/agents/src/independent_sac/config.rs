@@ -1,8 +1,10 @@
 //! The hyper-parameters of independent soft actor-critic, each with the source of its default.
 
-use crate::shared::joint::Sight;
-use crate::shared::seat_network::{Hidden, check_batch};
-use engine::{Error, Preset};
+use crate::shared::{
+    joint::Sight,
+    seat_network::{Hidden, check_batch},
+};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -104,7 +106,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let haarnoja = json!({
             "discount": 0.99, "target_smoothing": 0.005, "updates_per_step": 1.0, "width": 256,
@@ -195,7 +197,7 @@ mod tests {
             ..Config::default()
         };
         assert!(problem(fixed).contains("`target_entropy`: a fixed temperature"));
-        let presets = <Config as engine::Config>::presets();
+        let presets = <Config as contract::Config>::presets();
         assert!(presets.iter().all(|p| {
             serde_json::from_value::<Config>(p.values.clone())
                 .unwrap()

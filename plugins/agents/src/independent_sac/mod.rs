@@ -33,23 +33,26 @@ mod tests;
 
 pub use config::{Config, Temperature};
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::joint::{JointLayout, columns};
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    checkpoint::{self, finite},
+    joint::{JointLayout, columns},
+    replay::{Batch, Replay},
+    schedule::UpdateSchedule,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::network::{Mlp, TwinMlp, values};
-use numerics::optimizer::{Adam, ScalarAdam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy, Ports};
-use numerics::squashed::{mean_action, sample_exact};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    network::{Mlp, TwinMlp, values},
+    optimizer::{Adam, ScalarAdam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy, Ports},
+    squashed::{mean_action, sample_exact},
+    tensor_file::TensorFile,
+};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,11 +1,9 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::coordination as game;
-use crate::shared::joint::Sight;
-use engine::random::stream;
-use numerics::network::Activation;
-use numerics::optimizer::gradients;
+use crate::shared::{coordination as game, joint::Sight};
+use contract::random::stream;
+use numerics::{network::Activation, optimizer::gradients};
 
 fn tiny() -> Config {
     Config {

@@ -1,9 +1,8 @@
 //! The hyper-parameters of the Lyapunov actor-critics, each with the source of its default.
 
-use crate::shared::scaling::ObservationScaling;
-use crate::shared::seat_network::check_batch;
+use crate::shared::{scaling::ObservationScaling, seat_network::check_batch};
 use burn::tensor::Tensor;
-use engine::{Error, Preset};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
@@ -190,7 +189,7 @@ fn released_code() -> Value {
 
 const ABOUT_THESIS: &str = "what thesis, table 2.1 and section 2.4.1, print";
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         vec![
             Preset {
@@ -284,7 +283,7 @@ impl JsonSchema for ClacConfig {
     }
 }
 
-impl engine::Config for ClacConfig {
+impl contract::Config for ClacConfig {
     fn presets() -> Vec<Preset> {
         let mut released = released_code();
         released["smoothness"] = json!(0.5);
@@ -333,10 +332,11 @@ mod tests {
     #[test]
     fn presets_differ_where_thesis_and_code_do() {
         let of = |presets: Vec<Preset>, name| presets.into_iter().find(|it| it.name == name).unwrap().values;
-        let lac =
-            |name| serde_json::from_value::<Config>(of(<Config as engine::Config>::presets(), name)).unwrap();
+        let lac = |name| {
+            serde_json::from_value::<Config>(of(<Config as contract::Config>::presets(), name)).unwrap()
+        };
         let clac = |name| {
-            serde_json::from_value::<ClacConfig>(of(<ClacConfig as engine::Config>::presets(), name))
+            serde_json::from_value::<ClacConfig>(of(<ClacConfig as contract::Config>::presets(), name))
                 .unwrap()
                 .0
         };

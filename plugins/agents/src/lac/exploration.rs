@@ -3,7 +3,7 @@
 
 use super::config::Config;
 use crate::shared::box_seat::BoxSeat;
-use engine::{Error, Rng};
+use contract::{Error, Rng};
 use numerics::gaussian::standard_normal;
 
 /// Normal noise on some channels.
@@ -47,9 +47,8 @@ impl Disturbance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::regulator;
-    use crate::shared::scaling::ObservationScaling;
-    use engine::random::stream;
+    use crate::shared::{regulator, scaling::ObservationScaling};
+    use contract::random::stream;
 
     /// Variances of what is added to both channels.
     fn added(sd: f64, prefixes: &[&str]) -> Result<[f32; 2], Error> {

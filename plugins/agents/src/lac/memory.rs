@@ -4,11 +4,9 @@
 //! What was seen before lies behind the action in a row of the buffer, so that drawing keeps them together. A
 //! transition without, the first one of an episode, is not stored then.
 
-use crate::shared::joint::columns;
-use crate::shared::replay::Replay;
-use crate::shared::scaling::Scaling;
+use crate::shared::{joint::columns, replay::Replay, scaling::Scaling};
 use burn::tensor::Tensor;
-use engine::{End, Rng, Transition};
+use contract::{End, Rng, Transition};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 
 /// The buffer, and what was seen last by each environment that is stepped.
@@ -130,7 +128,7 @@ impl Memory {
 mod tests {
     use super::*;
     use crate::shared::scaling::ObservationScaling;
-    use engine::{Channel, Observation, random::stream};
+    use contract::{Channel, Observation, random::stream};
     use numerics::network::values;
 
     fn memory(before: bool, bootstrap_at_time_limit: bool) -> Memory {

@@ -50,27 +50,30 @@ mod tests;
 
 pub use config::{ClacConfig, Config, SmoothnessNorm};
 
-use crate::shared::box_seat::BoxSeat;
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::multiplier::Multiplier;
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::seat::mismatch;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    box_seat::BoxSeat,
+    checkpoint::{self, finite},
+    multiplier::Multiplier,
+    schedule::UpdateSchedule,
+    seat::mismatch,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use exploration::Disturbance;
 use memory::{Before, Drawn, Memory, Options};
 use networks::{Limits, value};
-use numerics::network::{Mlp, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
-use numerics::squashed::{mean_action, sample_exact};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    network::{Mlp, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy},
+    squashed::{mean_action, sample_exact},
+    tensor_file::TensorFile,
+};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -2,10 +2,12 @@
 
 use super::config::Config;
 use burn::tensor::Tensor;
-use engine::Rng;
-use numerics::gaussian_head::mean_and_log_sd;
-use numerics::network::{Mlp, device};
-use numerics::squashed::{Draw, sample_exact};
+use contract::Rng;
+use numerics::{
+    gaussian_head::mean_and_log_sd,
+    network::{Mlp, device},
+    squashed::{Draw, sample_exact},
+};
 
 /// A policy to be trained: mean and ln sd of each entry of an action.
 pub fn policy(config: &Config, n_observed: usize, n_acted: usize, rng: &mut Rng) -> Mlp {
@@ -57,7 +59,7 @@ impl Limits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
     use numerics::network::{matrix, values};
 
     fn config() -> Config {

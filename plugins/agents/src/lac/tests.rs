@@ -1,11 +1,12 @@
 //! Tests of the agents as a whole and of their equations.
 
 use super::*;
-use crate::shared::coordination::{self, assert_gradient};
-use crate::shared::regulator::{self, Plants};
-use engine::random::stream;
-use numerics::network::Activation;
-use numerics::optimizer::gradients;
+use crate::shared::{
+    coordination::{self, assert_gradient},
+    regulator::{self, Plants},
+};
+use contract::random::stream;
+use numerics::{network::Activation, optimizer::gradients};
 
 fn tiny() -> Config {
     Config {
@@ -352,7 +353,7 @@ fn episodes_of_one_step_give_no_neighbours() {
         let mut transitions = plants.step(&mut agent, &mut rng);
         transitions
             .iter_mut()
-            .for_each(|it| it.end = Some(engine::End::Truncated));
+            .for_each(|it| it.end = Some(contract::End::Truncated));
         agent
             .learn(&transitions, &mut rng, &mut Recorder::default())
             .unwrap();

@@ -2,9 +2,11 @@
 //! default.
 
 use super::exploration::Noise;
-use crate::shared::joint::Sight;
-use crate::shared::seat_network::{Hidden, check_batch};
-use engine::{Error, Preset};
+use crate::shared::{
+    joint::Sight,
+    seat_network::{Hidden, check_batch},
+};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -98,7 +100,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let openai = json!({ "batch_size": 1024, "updates_per_step": 0.01, "learning_starts": 25_600 });
         let thesis = json!({

@@ -86,7 +86,7 @@ fn advance(noise: Noise, n_entries: usize, state: &mut Vec<f32>, rng: &mut impl 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
 
     /// Variance and correlation from step to step over many steps.
     fn moments(noise: Noise) -> (f64, f64) {

@@ -2,11 +2,9 @@
 
 use super::exploration::Noise;
 use super::*;
-use crate::shared::coordination as game;
-use crate::shared::joint::Sight;
-use engine::random::stream;
-use numerics::network::Activation;
-use numerics::optimizer::gradients;
+use crate::shared::{coordination as game, joint::Sight};
+use contract::random::stream;
+use numerics::{network::Activation, optimizer::gradients};
 
 fn tiny() -> Config {
     Config {
@@ -142,7 +140,7 @@ fn contradictions_are_named() {
         })
         .contains("0.9 is above `exploration_sd`, 0.5")
     );
-    let preset = <Config as engine::Config>::presets();
+    let preset = <Config as contract::Config>::presets();
     assert!(preset.iter().all(|p| {
         serde_json::from_value::<Config>(p.values.clone())
             .unwrap()

@@ -1,8 +1,10 @@
 //! The hyper-parameters of multi-agent soft Q-learning, each with the source of its default.
 
-use crate::shared::joint::Sight;
-use crate::shared::seat_network::{Hidden, check_batch};
-use engine::{Error, Preset};
+use crate::shared::{
+    joint::Sight,
+    seat_network::{Hidden, check_batch},
+};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -126,7 +128,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let rommeo = json!({
             "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "batch_size": 512, "discount": 0.99,
@@ -210,7 +212,7 @@ mod tests {
 
     #[test]
     fn the_temperature_declines() {
-        let preset = <Config as engine::Config>::presets().remove(0);
+        let preset = <Config as contract::Config>::presets().remove(0);
         let paper: Config = serde_json::from_value(preset.values).unwrap();
         assert!(
             (paper.temperature_at(0) - 500.1).abs() < 1e-9 && (paper.temperature_at(10) - 500.1).abs() < 1e-9
@@ -237,7 +239,7 @@ mod tests {
             text.contains("`moved_particles`") && text.contains("16 moved leaves 0"),
             "{text}"
         );
-        let presets = <Config as engine::Config>::presets();
+        let presets = <Config as contract::Config>::presets();
         assert!(presets.iter().all(|p| {
             serde_json::from_value::<Config>(p.values.clone())
                 .unwrap()

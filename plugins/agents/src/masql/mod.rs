@@ -47,24 +47,27 @@ mod tests;
 
 pub use config::{Config, EvaluationAction};
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::joint::{JointLayout, columns, repeat_rows};
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    checkpoint::{self, finite},
+    joint::{JointLayout, columns, repeat_rows},
+    replay::{Batch, Replay},
+    schedule::UpdateSchedule,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::gaussian::{standard_normal, standard_uniform};
-use numerics::network::{Mlp, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy, Ports};
-use numerics::stein::{Particles, SteinDirection, stein_direction};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    gaussian::{standard_normal, standard_uniform},
+    network::{Mlp, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy, Ports},
+    stein::{Particles, SteinDirection, stein_direction},
+    tensor_file::TensorFile,
+};
 use std::path::Path;
 
 const NAME: &str = "masql";

@@ -1,9 +1,8 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::coordination as game;
-use crate::shared::joint::Sight;
-use engine::random::stream;
+use crate::shared::{coordination as game, joint::Sight};
+use contract::random::stream;
 use numerics::network::Activation;
 
 fn tiny() -> Config {

@@ -1,6 +1,6 @@
 //! Shares on a simplex: equal, drawn, and made of weights.
 
-use engine::{Action, Error, Rng};
+use contract::{Action, Error, Rng};
 use rand::Rng as _;
 
 /// `n` equal shares.

@@ -1,7 +1,7 @@
 //! A tiny problem for the tests of learning agents: one decision per episode, reward minus the distance to a
 //! known answer.
 
-use engine::{Agent, End, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use contract::{Agent, End, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
 use numerics::policy_file::Policy;
 use rand::Rng as _;
 
@@ -24,7 +24,7 @@ pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition>
     };
     let observations: Vec<Observation> = seen.iter().map(observe).collect();
     let actions = agent.act(&observations, Mode::Train, rng).unwrap();
-    let transition = |(observation, action): (Observation, engine::Action)| {
+    let transition = |(observation, action): (Observation, contract::Action)| {
         let reward = -distance(&action[0], &observation.state);
         let next_observation = observation.clone();
         Transition {
@@ -70,12 +70,12 @@ pub fn error(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
 /// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
 /// went on.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
-    let mut rng = engine::random::stream(&["continues"]);
+    let mut rng = contract::random::stream(&["continues"]);
     let mut one = build(&mut rng);
     train(one.as_mut(), 5, &mut rng);
     let dir = tempfile::tempdir().unwrap();
     one.save(dir.path()).unwrap();
-    let mut two = build(&mut engine::random::stream(&["another start"]));
+    let mut two = build(&mut contract::random::stream(&["another start"]));
     two.load(dir.path()).unwrap();
     assert!(
         two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0),
@@ -94,13 +94,13 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     );
     assert!(matches!(
         two.load(&dir.path().join("nowhere")),
-        Err(engine::Error::File { .. })
+        Err(contract::Error::File { .. })
     ));
 }
 
 /// Asserts that a trained agent records every declared metric and no other.
 pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
-    let mut record = train(agent, 5, &mut engine::random::stream(&["record"]));
+    let mut record = train(agent, 5, &mut contract::random::stream(&["record"]));
     record.flush_means(1);
     let mut declared: Vec<_> = declared.iter().map(|metric| metric.name.as_str()).collect();
     let mut recorded: Vec<_> = record.names().iter().map(String::as_str).collect();
@@ -121,7 +121,7 @@ pub fn assert_exports(agent: &mut dyn Agent) {
         .act(
             &[observation],
             Mode::Evaluate,
-            &mut engine::random::stream(&["x"]),
+            &mut contract::random::stream(&["x"]),
         )
         .unwrap()
         .remove(0)
@@ -136,7 +136,7 @@ pub fn assert_exports(agent: &mut dyn Agent) {
 /// Asserts that an agent which takes up the policy that another one exported is scored as that one to the
 /// bit, and that it takes up none of other channels.
 pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
-    let stream = |name: &str| engine::random::stream(&["imports", name]);
+    let stream = |name: &str| contract::random::stream(&["imports", name]);
     let (mut one, mut two) = (
         build(&interface(), &mut stream("one")),
         build(&interface(), &mut stream("two")),
@@ -154,7 +154,7 @@ pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
     assert_eq!(act(one.as_mut()), act(two.as_mut()));
     assert!(matches!(
         two.import(&dir.path().join("nowhere")),
-        Err(engine::Error::File { .. })
+        Err(contract::Error::File { .. })
     ));
     let mut other = build(
         &crate::shared::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3),

@@ -4,7 +4,7 @@
 use super::joint::acted;
 use super::scaling::{ObservationScaling, Scaling};
 use super::seat::{observed, only_seat};
-use engine::{Action, Error, Interface, Observation};
+use contract::{Action, Error, Interface, Observation};
 use numerics::policy_file::Ports;
 
 /// How observations become numbers for networks, and their outputs actions.
@@ -117,7 +117,7 @@ impl BoxSeat {
 mod tests {
     use super::super::coordination::interface;
     use super::*;
-    use engine::{Channel, Space};
+    use contract::{Channel, Space};
 
     fn seat(interface: &Interface) -> Result<BoxSeat, Error> {
         BoxSeat::new("tested", ObservationScaling::Typical, interface)

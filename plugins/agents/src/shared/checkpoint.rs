@@ -1,10 +1,12 @@
 //! The one file in which a learning agent keeps everything it needs to continue to the same bits.
 
-use engine::Error;
-use numerics::network::Mlp;
-use numerics::optimizer::Trained;
-use numerics::policy_file::{self, Head, Ports};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use contract::Error;
+use numerics::{
+    network::Mlp,
+    optimizer::Trained,
+    policy_file::{self, Head, Ports},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::json;
 use std::path::Path;

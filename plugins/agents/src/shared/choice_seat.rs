@@ -1,7 +1,7 @@
 //! Seats that take one of several named options, as an index or as the largest of a number for each.
 
 use super::seat::{kind, mismatch, named};
-use engine::{Channel, Error, Interface, Seat, Space, choice};
+use contract::{Channel, Error, Interface, Seat, Space, choice};
 
 /// The options of a seat, of which it takes one.
 #[derive(Debug, Clone, PartialEq)]
@@ -169,7 +169,7 @@ pub(crate) mod tests {
     fn an_option_is_taken_by_its_index_or_by_the_largest_number() {
         let mut seat = interface(1, &["rest", "act", "wait"], &[]).seats.remove(0);
         let by_index = ChoiceSeat::new("rule", &seat).unwrap();
-        seat.action = Space::Choices(vec![engine::Choice::new("action", &["rest", "act", "wait"])]);
+        seat.action = Space::Choices(vec![contract::Choice::new("action", &["rest", "act", "wait"])]);
         let by_number = ChoiceSeat::new("rule", &seat).unwrap();
         assert_eq!(by_index.names(), by_number.names());
         for option in 0..3 {
@@ -181,7 +181,7 @@ pub(crate) mod tests {
         for nothing in [&[3.0][..], &[-1.0], &[f64::NAN], &[0.0, 1.0]] {
             assert!(by_index.taken(nothing).is_err(), "{nothing:?}");
         }
-        let two = engine::Choice::new("other", &["a"]);
+        let two = contract::Choice::new("other", &["a"]);
         seat.action = Space::Choices(vec![two.clone(), two]);
         let text = ChoiceSeat::new("rule", &seat).unwrap_err().to_string();
         assert!(text.contains("takes several choices at once"), "{text}");

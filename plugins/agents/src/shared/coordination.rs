@@ -1,12 +1,14 @@
 //! A tiny game for the tests of agents that play several seats: all earn alike, and alone none can earn much.
 
 use burn::tensor::Tensor;
-use engine::{
+use contract::{
     Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition,
 };
-use numerics::network::{Mlp, values};
-use numerics::parameters::{parameters, with_parameters};
-use numerics::policy_file::Policy;
+use numerics::{
+    network::{Mlp, values},
+    parameters::{parameters, with_parameters},
+    policy_file::Policy,
+};
 use rand::Rng as _;
 
 /// Seats that observe and act with these numbers of entries.
@@ -42,7 +44,7 @@ pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition>
     let seen: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
     let observations: Vec<Observation> = seen.iter().map(|x| observe(*x)).collect();
     let actions = agent.act(&observations, Mode::Train, rng).unwrap();
-    let transition = |(observation, action): (Observation, engine::Action)| {
+    let transition = |(observation, action): (Observation, contract::Action)| {
         let rewards = vec![reward(observation.seats[0][0], &action); 2];
         let next_observation = observation.clone();
         Transition {
@@ -82,12 +84,12 @@ pub fn score(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
 /// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
 /// went on.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
-    let mut rng = engine::random::stream(&["continues"]);
+    let mut rng = contract::random::stream(&["continues"]);
     let mut one = build(&mut rng);
     train(one.as_mut(), 8, &mut rng);
     let dir = tempfile::tempdir().unwrap();
     one.save(dir.path()).unwrap();
-    let mut two = build(&mut engine::random::stream(&["another start"]));
+    let mut two = build(&mut contract::random::stream(&["another start"]));
     two.load(dir.path()).unwrap();
     assert!(
         two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0),
@@ -106,13 +108,13 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     );
     assert!(matches!(
         two.load(&dir.path().join("nowhere")),
-        Err(engine::Error::File { .. })
+        Err(contract::Error::File { .. })
     ));
 }
 
 /// Asserts that a trained agent records every declared metric and no other.
 pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
-    let mut record = train(agent, 8, &mut engine::random::stream(&["record"]));
+    let mut record = train(agent, 8, &mut contract::random::stream(&["record"]));
     record.flush_means(1);
     let mut declared: Vec<_> = declared.iter().map(|metric| metric.name.as_str()).collect();
     let mut recorded: Vec<_> = record.names().iter().map(String::as_str).collect();
@@ -165,7 +167,11 @@ pub fn assert_exports(agent: &mut dyn Agent, x: f64, observed: usize) {
     let dir = tempfile::tempdir().unwrap();
     assert!(agent.export(dir.path()).unwrap());
     let action = agent
-        .act(&[observe(x)], Mode::Evaluate, &mut engine::random::stream(&["x"]))
+        .act(
+            &[observe(x)],
+            Mode::Evaluate,
+            &mut contract::random::stream(&["x"]),
+        )
         .unwrap()
         .remove(0);
     for (seat, action) in action.iter().enumerate() {

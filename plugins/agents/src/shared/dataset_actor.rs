@@ -17,13 +17,17 @@ use super::joint::acted;
 use super::replay::Batch;
 use super::scaling::{ObservationScaling, Scaling};
 use super::{allocation, checkpoint, seat};
-use burn::module::Module;
-use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
-use numerics::network::{Activation, Mlp, device, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{FILE_NAME, Head, Policy, Ports};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use burn::{
+    module::Module,
+    tensor::{Tensor, activation::softmax},
+};
+use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
+use numerics::{
+    network::{Activation, Mlp, device, matrix, values},
+    optimizer::{Adam, Trained},
+    policy_file::{FILE_NAME, Head, Policy, Ports},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -345,7 +349,7 @@ fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use engine::{Agent, Channel, Mode, Recorder};
+    use contract::{Agent, Channel, Mode, Recorder};
     use rand::Rng as _;
 
     /// One observed channel `x` and one action in a box with limits -1 and 1.
@@ -398,7 +402,7 @@ pub(crate) mod tests {
     /// Asserts that an agent which learned from a widely spread dataset keeps its scaling where it is loaded
     /// and where its policy is taken up.
     pub(crate) fn assert_scaling_is_kept(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
-        let stream = |name: &str| engine::random::stream(&["scaling", name]);
+        let stream = |name: &str| contract::random::stream(&["scaling", name]);
         let mut data = decisions(50, &mut stream("data"), |_, _| vec![0.2, 0.3, 0.5], |_, _| 1.0);
         for transition in &mut data {
             transition.observation.seats[0][0] = 1e3 + 50.0 * transition.observation.seats[0][0];
@@ -440,7 +444,7 @@ pub(crate) mod tests {
             "tested",
             &form(scale_by),
             interface,
-            &mut engine::random::stream(&["actor"]),
+            &mut contract::random::stream(&["actor"]),
         )
         .unwrap()
     }
@@ -524,7 +528,7 @@ pub(crate) mod tests {
             "tested",
             &form(ScaleBy::Typical),
             &interface,
-            &mut engine::random::stream(&["x"]),
+            &mut contract::random::stream(&["x"]),
         );
         let text = refused.unwrap_err().to_string();
         assert!(text.contains("within 0 and 5"), "{text}");

@@ -1,7 +1,7 @@
 //! What an agent that proposes whole designs keeps: the design under way, and what those that it tried were worth.
 
 use super::seat::{kind, mismatch, only_seat};
-use engine::{Choice, Error, Interface, Rng, Space, Transition, choice};
+use contract::{Choice, Error, Interface, Rng, Space, Transition, choice};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 
@@ -80,7 +80,7 @@ pub fn best(tried: &[Tried]) -> Option<&Tried> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use engine::{Action, Agent, Channel, End, Mode, Observation, Recorder, Seat};
+    use contract::{Action, Agent, Channel, End, Mode, Observation, Recorder, Seat};
 
     /// Two choices in each of two steps; a design is worth the number of second options that it takes, and three
     /// more where it takes the third one of `norm` in the second step.

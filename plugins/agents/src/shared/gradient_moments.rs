@@ -2,7 +2,7 @@
 //! of the estimates.
 
 use super::checkpoint;
-use engine::{Better, Error, Interface, Metric, Recorder, Updates};
+use contract::{Better, Error, Interface, Metric, Recorder, Updates};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

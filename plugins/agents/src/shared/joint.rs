@@ -10,13 +10,14 @@
 
 use super::seat::{kind, mismatch, named, observed};
 use burn::tensor::Tensor;
-use engine::{Action, Channel, Error, Interface, Observation, Seat, Space};
-use numerics::network::matrix;
-use numerics::policy_file::Ports;
+use contract::{Action, Channel, Error, Interface, Observation, Seat, Space};
+use numerics::{network::matrix, policy_file::Ports};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 /// The columns of each seat in joint vectors, and their names.
 #[derive(Debug, Clone, PartialEq)]
@@ -351,7 +352,7 @@ mod tests {
     #[test]
     fn the_options_of_a_choice_are_entries() {
         let mut interface = interface(&[1, 1], &[1, 1]);
-        interface.seats[1].action = Space::Choices(vec![engine::Choice::new("valve", &["shut", "open"])]);
+        interface.seats[1].action = Space::Choices(vec![contract::Choice::new("valve", &["shut", "open"])]);
         let layout = JointLayout::new("x", &interface).unwrap();
         assert_eq!((layout.acted(1), layout.n_acted()), (1..3, 3));
         assert_eq!(layout.ports(1..2, 1..3).outputs, ["valve.shut", "valve.open"]);

@@ -4,10 +4,12 @@
 //! `None` where the file is of another form, and builds a [`Graph`] for each seat otherwise.
 
 use super::{checkpoint, opponent_modelling};
-use engine::{Error, Registry, export::PortablePolicy};
-use numerics::onnx::Graph;
-use numerics::policy_file::{FILE_NAME, Head, Policy};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use contract::{Error, Registry, policy_form::PortablePolicy};
+use numerics::{
+    onnx::Graph,
+    policy_file::{FILE_NAME, Head, Policy},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::path::Path;

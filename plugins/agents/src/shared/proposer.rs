@@ -3,7 +3,7 @@
 
 use super::checkpoint;
 use super::designs::{Tried, UnderWay, best, choices, random_design};
-use engine::{
+use contract::{
     Action, Agent, Choice, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates, choice,
 };
 use numerics::tensor_file::TensorFile;

@@ -5,7 +5,7 @@
 //! observed is `x` and a second channel that says nothing. Episodes start with `x` uniform in `[-1, 1]` and
 //! are cut off after 10 steps. Doing nothing keeps `x` where it is.
 
-use engine::{
+use contract::{
     Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition,
 };
 use numerics::policy_file::Policy;
@@ -96,7 +96,7 @@ pub fn train(agent: &mut dyn Agent, plants: &mut Plants, rounds: usize, rng: &mu
 /// The action at each of these places where it is scored.
 pub fn scored(agent: &mut dyn Agent, places: &[f64]) -> Vec<f64> {
     let seen: Vec<_> = places.iter().map(|x| observe(*x)).collect();
-    let actions = agent.act(&seen, Mode::Evaluate, &mut engine::random::stream(&["scored"]));
+    let actions = agent.act(&seen, Mode::Evaluate, &mut contract::random::stream(&["scored"]));
     actions.unwrap().into_iter().map(|action| action[0][0]).collect()
 }
 
@@ -118,7 +118,7 @@ pub fn mean_return(mut act: impl FnMut(&[f64]) -> Vec<f64>) -> f64 {
 /// Asserts that an agent learns: after `rounds` rounds its return is less than a third of that of doing
 /// nothing and a fifth of that of random actions away from zero, and before them it was not.
 pub fn assert_learns(agent: &mut dyn Agent, rounds: usize) {
-    let mut rng = engine::random::stream(&["regulator"]);
+    let mut rng = contract::random::stream(&["regulator"]);
     let idle = mean_return(|places| vec![0.0; places.len()]);
     let random = mean_return(|places| places.iter().map(|_| rng.random_range(-1.0..1.0)).collect());
     let before = mean_return(|places| scored(agent, places));
@@ -135,12 +135,12 @@ pub fn assert_learns(agent: &mut dyn Agent, rounds: usize) {
 /// Asserts that an agent which was saved in the middle of episodes and loaded takes the same next updates and
 /// actions as the one that went on.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
-    let mut rng = engine::random::stream(&["continues"]);
+    let mut rng = contract::random::stream(&["continues"]);
     let (mut one, mut plants) = (build(&mut rng), Plants::new(&mut rng));
     train(one.as_mut(), &mut plants, 13, &mut rng);
     let dir = tempfile::tempdir().unwrap();
     one.save(dir.path()).unwrap();
-    let mut two = build(&mut engine::random::stream(&["another start"]));
+    let mut two = build(&mut contract::random::stream(&["another start"]));
     two.load(dir.path()).unwrap();
     assert!(
         two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0),
@@ -155,13 +155,13 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     assert_eq!(go_on(one.as_mut()), go_on(two.as_mut()));
     assert!(matches!(
         two.load(&dir.path().join("nowhere")),
-        Err(engine::Error::File { .. })
+        Err(contract::Error::File { .. })
     ));
 }
 
 /// Asserts that a trained agent records these metrics and no others.
 pub fn assert_records(agent: &mut dyn Agent, expected: &[&str]) {
-    let mut rng = engine::random::stream(&["record"]);
+    let mut rng = contract::random::stream(&["record"]);
     let mut plants = Plants::new(&mut rng);
     let mut record = train(agent, &mut plants, 13, &mut rng);
     record.flush_means(1);
@@ -179,7 +179,7 @@ pub fn names(declared: &[Metric]) -> Vec<&str> {
 
 /// Asserts that the exported policy acts as the agent is scored, and that a fresh agent takes it up.
 pub fn assert_exports(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
-    let mut rng = engine::random::stream(&["exports"]);
+    let mut rng = contract::random::stream(&["exports"]);
     let (mut one, mut two) = (build(&mut rng), build(&mut rng));
     let mut plants = Plants::new(&mut rng);
     train(one.as_mut(), &mut plants, 13, &mut rng);

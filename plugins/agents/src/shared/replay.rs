@@ -12,9 +12,11 @@ use super::joint::{JointLayout, columns};
 use super::ring::Ring;
 use super::scaling::Scaling;
 use burn::tensor::Tensor;
-use engine::{End, Observation, Transition};
-use numerics::network::matrix;
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use contract::{End, Observation, Transition};
+use numerics::{
+    network::matrix,
+    tensor_file::{TensorFile, TensorFileError},
+};
 use rand::{Rng, RngCore};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -307,7 +309,7 @@ fn single<'a>(entries: impl Iterator<Item = &'a f64>) -> impl Iterator<Item = f3
 mod tests {
     use super::super::scaling::ObservationScaling;
     use super::*;
-    use engine::{Channel, random::stream};
+    use contract::{Channel, random::stream};
     use numerics::network::values;
 
     /// Two seats that observe 2 and 1 entries and act with 1 and 2.

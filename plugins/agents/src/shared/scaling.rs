@@ -1,6 +1,6 @@
 //! How observations reach a network: centred and divided by a typical deviation, channel by channel.
 
-use engine::Channel;
+use contract::Channel;
 use numerics::policy_file::Ports;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! When an off-policy agent updates: a number of updates per environment step, after a first stretch without.
 
-use engine::Updates;
+use contract::Updates;
 use serde::{Deserialize, Serialize};
 
 /// Counts environment steps and says how many updates are due.

@@ -1,6 +1,6 @@
 //! What agents ask of the seats they are built for: the kind of space, the positions of channels by name.
 
-use engine::{Channel, Error, Interface, Seat, Space};
+use contract::{Channel, Error, Interface, Seat, Space};
 
 /// The only seat of a single-agent environment.
 ///

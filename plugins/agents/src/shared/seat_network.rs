@@ -1,6 +1,6 @@
 //! The networks of agents that play several seats: fully connected, all hidden layers alike.
 
-use engine::Error;
+use contract::Error;
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
 
@@ -58,7 +58,7 @@ mod tests {
             layers: 3,
             activation: Activation::Tanh,
         };
-        let network = hidden.network(2, 5, 1.0, &mut engine::random::stream(&["hidden"]));
+        let network = hidden.network(2, 5, 1.0, &mut contract::random::stream(&["hidden"]));
         assert_eq!(
             (network.sizes(), network.activations()),
             (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice())

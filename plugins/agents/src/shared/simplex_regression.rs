@@ -2,9 +2,8 @@
 
 use super::scaling::Scaling;
 use burn::tensor::Tensor;
-use engine::{Transition, Updates};
-use numerics::dirichlet::LOG_ACTION_FLOOR;
-use numerics::network::matrix;
+use contract::{Transition, Updates};
+use numerics::{dirichlet::LOG_ACTION_FLOOR, network::matrix};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

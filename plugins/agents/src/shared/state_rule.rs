@@ -1,6 +1,6 @@
 //! Rules that decide from the full state alone, as agents.
 
-use engine::{Action, Agent, Error, Mode, Observation, Rng};
+use contract::{Action, Agent, Error, Mode, Observation, Rng};
 
 /// A rule without memory and chance.
 pub trait StateRule: Send {

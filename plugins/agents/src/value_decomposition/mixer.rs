@@ -10,8 +10,7 @@
 //! `Q_tot = elu(Q |W_1(s)| + b_1(s)) |W_2(s)| + b_2(s)`; the three first are affine in s, the last has a hidden layer
 //! (Rashid et al. 2018, section 4 and figure 2).
 
-use burn::module::Module;
-use burn::tensor::Tensor;
+use burn::{module::Module, tensor::Tensor};
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
 
@@ -63,10 +62,12 @@ fn elu(x: Tensor<2>) -> Tensor<2> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
-    use numerics::network::{matrix, values};
-    use numerics::optimizer::gradients;
-    use numerics::parameters::{parameters, with_parameters};
+    use contract::random::stream;
+    use numerics::{
+        network::{matrix, values},
+        optimizer::gradients,
+        parameters::{parameters, with_parameters},
+    };
     use proptest::prelude::*;
 
     fn mixer(seed: &str) -> MonotonicMixer {

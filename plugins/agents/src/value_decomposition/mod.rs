@@ -50,25 +50,28 @@ mod tests;
 pub use config::{Config, Mixing};
 pub use mixer::MonotonicMixer;
 
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::choice_seat::ChoiceSeat;
-use crate::shared::joint::columns;
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::scaling::Scaling;
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::seat::{mismatch, named, observed};
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    checkpoint::{self, finite},
+    choice_seat::ChoiceSeat,
+    joint::columns,
+    replay::{Batch, Replay},
+    scaling::Scaling,
+    schedule::UpdateSchedule,
+    seat::{mismatch, named, observed},
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
-use numerics::network::{Mlp, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{self, Head, Policy, Ports};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    network::{Mlp, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{self, Head, Policy, Ports},
+    tensor_file::TensorFile,
+};
 use rand::Rng as _;
 use std::path::Path;
 

@@ -1,9 +1,11 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use engine::{Channel, End, Seat, Space, random::stream};
-use numerics::optimizer::gradients;
-use numerics::parameters::{parameters, with_parameters};
+use contract::{Channel, End, Seat, Space, random::stream};
+use numerics::{
+    optimizer::gradients,
+    parameters::{parameters, with_parameters},
+};
 
 /// The two-step game of Rashid et al. 2018, section 5.1: in the first step the first seat chooses between two matrix
 /// games. In one the team earns 7 whatever it does; in the other 0, 1, 1 or 8.
@@ -130,7 +132,7 @@ fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_add
 
 #[test]
 fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
-    let named = engine::Choice::new("game", &["a", "b"]);
+    let named = contract::Choice::new("game", &["a", "b"]);
     let spaces = [
         Space::Discrete(named.options.clone()),
         Space::Choices(vec![named]),
@@ -310,7 +312,7 @@ fn what_is_not_in_the_data_is_held_down() {
             action: vec![vec![0.0], vec![0.0]],
             rewards: vec![-3.0, -3.0],
             next_observation: two_step::observation(0),
-            end: Some(engine::End::Terminated),
+            end: Some(contract::End::Terminated),
         };
         let data: Vec<Transition> = (0..32).map(|_| step()).collect();
         let mut record = Recorder::default();

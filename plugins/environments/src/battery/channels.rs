@@ -2,7 +2,7 @@
 
 use super::load::LARGEST_W_PER_CELL;
 use super::model::State;
-use engine::{Channel, Metric, PerEpisode, Seat, Space};
+use contract::{Channel, Metric, PerEpisode, Seat, Space};
 
 /// Mean of max(U, 0.4) for a uniform U: the typical part of the largest demand.
 const TYPICAL_PART: f64 = 0.58;

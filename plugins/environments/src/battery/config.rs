@@ -4,7 +4,7 @@ use super::ageing::Ageing;
 use super::load::Load;
 use super::parameters::{CellParameters, END_OF_DISCHARGE_V, SECOND_LIFE};
 use super::start::Start;
-use engine::{Error, Preset};
+use contract::{Error, Preset};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -118,7 +118,7 @@ impl Default for BatteryConfig {
     }
 }
 
-impl engine::Config for BatteryConfig {
+impl contract::Config for BatteryConfig {
     fn presets() -> Vec<Preset> {
         vec![
             Preset {
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn presets_are_configs() {
-        for preset in <BatteryConfig as engine::Config>::presets() {
+        for preset in <BatteryConfig as contract::Config>::presets() {
             assert!(parse(preset.values).is_ok(), "{}", preset.name);
         }
     }

@@ -5,7 +5,7 @@ use super::*;
 const EQUAL: [f64; 4] = [0.25; 4];
 
 fn rng(name: &str) -> Rng {
-    engine::random::stream(&["battery", name])
+    contract::random::stream(&["battery", name])
 }
 
 /// A rule of the thesis: the weights, low to high, go to the cells by rising voltage.

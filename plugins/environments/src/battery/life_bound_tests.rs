@@ -11,7 +11,7 @@ fn config(cells: &str) -> BatteryConfig {
 }
 
 fn rng(pack: &str, episode: usize) -> Rng {
-    engine::random::stream(&["life bound", pack, &episode.to_string()])
+    contract::random::stream(&["life bound", pack, &episode.to_string()])
 }
 
 /// What a controller reads: the environment before a decision, its number, and random numbers of its own.
@@ -19,7 +19,7 @@ type Controller<'a> = &'a mut dyn FnMut(&Battery, usize, &mut Rng) -> Vec<f64>;
 
 /// Decisions survived, the bound, and the lowest voltage at the end.
 fn play(battery: &mut Battery, mut rng: Rng, controller: Controller<'_>) -> (u64, u64, f64) {
-    let mut own = engine::random::stream(&["controller"]);
+    let mut own = contract::random::stream(&["controller"]);
     battery.reset(&mut rng).unwrap();
     for decision in 0.. {
         let weights = controller(battery, decision, &mut own);
@@ -151,7 +151,7 @@ fn no_search_through_an_episode_outlives_the_bound() {
         let mut battery = Battery::new(config(pack)).unwrap();
         let n = battery.cells.len();
         for episode in 0..3 {
-            let mut luck = engine::random::stream(&["search", pack, &episode.to_string()]);
+            let mut luck = contract::random::stream(&["search", pack, &episode.to_string()]);
             let mut best: (Vec<f64>, (u64, f64)) = (vec![0.0; n * 40], (0, 0.0));
             for _ in 0..250 {
                 let mut changed = best.0.clone();

@@ -1,6 +1,7 @@
 //! The load that the pack must carry.
 
-use engine::{DataFile, Error, Rng, reach::quoted};
+use contract::{DataFile, Error, Rng};
+use document::reach::quoted;
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -222,7 +223,7 @@ mod tests {
     #[test]
     fn the_thesis_load_is_cut_off_below() {
         let source = LoadSource::new(&Load::Thesis, 4).unwrap();
-        let mut rng = engine::random::stream(&["load"]);
+        let mut rng = contract::random::stream(&["load"]);
         let draws: Vec<f64> = (0..20_000)
             .map(|_| match source.draw(0.0, &mut rng) {
                 Demand::Power(power_w) => power_w,
@@ -238,7 +239,7 @@ mod tests {
     #[test]
     fn a_row_holds_until_the_next() {
         let source = load_file("t_s,power_w,remark\n0,10,a\n10, 20 ,b\n").unwrap();
-        let mut rng = engine::random::stream(&["load"]);
+        let mut rng = contract::random::stream(&["load"]);
         for (time_s, power_w) in [(0.0, 10.0), (9.0, 10.0), (10.0, 20.0), (1e6, 20.0)] {
             assert_eq!(source.draw(time_s, &mut rng), Demand::Power(power_w));
             assert_eq!(source.within(Demand::Power(0.0), time_s), Demand::Power(power_w));

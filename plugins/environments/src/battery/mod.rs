@@ -51,7 +51,7 @@ pub use parameters::CellParameters;
 pub use start::Start;
 
 use crate::simplex;
-use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
 use life_bound::LifeBound;
 use load::{Demand, LoadSource};
 use rand::Rng as _;

@@ -1,9 +1,7 @@
 //! The environment against trajectories of other programs (`tests/fixtures/battery`).
 
 use super::*;
-use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, io::Write, path::PathBuf};
 
 /// Largest allowed deviation of a voltage, V, and of a state relative to its value.
 const VOLTAGE_TOLERANCE: f64 = 1e-6;
@@ -105,7 +103,7 @@ fn load_file(column: &str, rows: impl Iterator<Item = (f64, f64)>) -> (tempfile:
     let mut file = tempfile::NamedTempFile::new().unwrap();
     writeln!(file, "t_s,{column}").unwrap();
     rows.for_each(|(time_s, load)| writeln!(file, "{time_s},{load}").unwrap());
-    let load = Load::File(engine::DataFile::new(file.path()));
+    let load = Load::File(contract::DataFile::new(file.path()));
     (file, load)
 }
 
@@ -135,7 +133,7 @@ fn start_of(frame: &Frame) -> Start {
 
 /// Steps one cell every second and compares at each row; the last row must be the one that terminates.
 fn follow(mut battery: Battery, frame: &Frame) {
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     battery.reset(&mut rng).unwrap();
     assert_state(&battery, frame, 0);
     let mut time_s = 0.0;
@@ -192,7 +190,7 @@ fn wearing_cells_follow_the_reference_program() {
         };
         let mut battery = Battery::new(config.clone()).unwrap();
         follow(Battery::new(config).unwrap(), &frame);
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         battery.reset(&mut rng).unwrap();
         while battery.step(&[vec![1.0]], &mut rng).unwrap().end.is_none() {}
         let (trace, last) = (traced(&battery), frame.len() - 1);
@@ -217,7 +215,7 @@ fn rested_voltages_follow_the_reference_program() {
                 ..Default::default()
             })
             .unwrap();
-            battery.reset(&mut engine::random::stream(&[])).unwrap();
+            battery.reset(&mut contract::random::stream(&[])).unwrap();
             assert!(
                 (battery.cells()[0].voltage_v() - frame.at("v_rest_V", row)).abs() < VOLTAGE_TOLERANCE,
                 "row {row}"
@@ -237,7 +235,7 @@ fn profile_starts_follow_the_reference_program() {
                 ..Default::default()
             })
             .unwrap();
-            let observation = battery.reset(&mut engine::random::stream(&[])).unwrap();
+            let observation = battery.reset(&mut contract::random::stream(&[])).unwrap();
             assert_state(&battery, &frame, row);
             assert_close(
                 observation[0][1],
@@ -281,7 +279,7 @@ fn follow_pack(mut battery: Battery, frame: &Frame, count: usize) {
     let names = |prefix: &str, suffix: &str| -> Vec<String> {
         (1..=count).map(|n| format!("{prefix}{n}{suffix}")).collect()
     };
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     let start = battery.reset(&mut rng).unwrap();
     assert_voltages(&start[0], &frame.row(&names("V", ""), 0), &frame.name);
     for row in 1..frame.len() {

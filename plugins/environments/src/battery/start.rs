@@ -7,7 +7,7 @@
 use super::cell::Cell;
 use super::model::{Model, Physics, State};
 use super::parameters::CellParameters;
-use engine::{Error, Rng};
+use contract::{Error, Rng};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -200,7 +200,7 @@ mod tests {
         let parameters = [CellParameters::FRESH; 3];
         let starter = Starter::new(Start::ProfileRange([500, 503]), &parameters, PHYSICS).unwrap();
         let mut cells = parameters.map(|one| Cell::new(one, PHYSICS));
-        let mut rng = engine::random::stream(&["start"]);
+        let mut rng = contract::random::stream(&["start"]);
         let mut seen = [[false; 3]; 3];
         for _ in 0..100 {
             starter.place(&mut cells, &mut rng);

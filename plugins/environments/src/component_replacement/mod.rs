@@ -32,7 +32,7 @@ pub mod components;
 use crate::choices;
 use bound::{Problem, least_cost};
 use components::{Component, FAILED, N_COMPONENTS, N_STATES, worn};
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ impl Default for ComponentReplacementConfig {
     }
 }
 
-impl engine::Config for ComponentReplacementConfig {}
+impl contract::Config for ComponentReplacementConfig {}
 
 /// The wear is written only where it is not the published one.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]

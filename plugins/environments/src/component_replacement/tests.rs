@@ -2,7 +2,7 @@
 
 use super::components::COMPONENTS;
 use super::*;
-use engine::random::stream;
+use contract::random::stream;
 use serde_json::json;
 use std::path::PathBuf;
 

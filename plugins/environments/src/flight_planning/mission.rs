@@ -17,7 +17,7 @@
 //! one airspeed and one height; the climb to it is flown along the way, and its energy is spread over the leg.
 
 use super::power::{climb_j, level_w};
-use engine::Error;
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

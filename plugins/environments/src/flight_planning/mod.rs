@@ -19,7 +19,7 @@ pub mod mission;
 pub mod optimum;
 pub mod power;
 
-use engine::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use mission::{AIRSPEEDS_M_PER_S, Course, HEIGHTS_M, Mission, Speed};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,7 +33,7 @@ pub struct FlightPlanningConfig {
     pub mission: Mission,
 }
 
-impl engine::Config for FlightPlanningConfig {}
+impl contract::Config for FlightPlanningConfig {}
 
 /// The `flight_planning` environment.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ pub fn choices() -> Vec<Choice> {
 /// # Errors
 /// [`Error::Action`] for an action that is none of [`choices`].
 pub fn course(action: &[f64]) -> Result<Course, Error> {
-    let taken = engine::choice::taken(&choices(), action)?;
+    let taken = contract::choice::taken(&choices(), action)?;
     Ok(Course::of(taken[0], taken[1]))
 }
 
@@ -293,7 +293,7 @@ mod tests {
 
     fn fly(plan: &[Course]) -> (f64, Step, Vec<f64>) {
         let mut environment = FlightPlanning::new(FlightPlanningConfig::default()).unwrap();
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         environment.reset(&mut rng).unwrap();
         let place = |of: &[f64], value: f64| of.iter().position(|known| *known == value).unwrap();
         let mut sum = 0.0;
@@ -303,7 +303,7 @@ mod tests {
                 place(&AIRSPEEDS_M_PER_S, air(course)),
                 place(&HEIGHTS_M, course.height_m),
             ];
-            let action = engine::choice::vector(&choices(), &taken);
+            let action = contract::choice::vector(&choices(), &taken);
             let step = environment.step(&[action], &mut rng).unwrap();
             sum += step.rewards[0];
             last = Some(step);
@@ -335,7 +335,7 @@ mod tests {
     #[test]
     fn a_plan_ends_with_its_legs() {
         let mut environment = FlightPlanning::new(FlightPlanningConfig::default()).unwrap();
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         let seen = environment.reset(&mut rng).unwrap().remove(0);
         assert_eq!(seen[..7], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let action = vec![0.0; 10];

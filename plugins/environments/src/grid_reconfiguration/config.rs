@@ -1,7 +1,7 @@
 //! What a study may say of the `grid_reconfiguration` environment.
 
 use super::feeder::{N_LINES, N_SECTIONS};
-use engine::{Error, Preset, Rng};
+use contract::{Error, Preset, Rng};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -57,7 +57,7 @@ impl Default for GridReconfigurationConfig {
     }
 }
 
-impl engine::Config for GridReconfigurationConfig {
+impl contract::Config for GridReconfigurationConfig {
     fn presets() -> Vec<Preset> {
         let preset = |name, about, values| Preset { name, about, values };
         vec![
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn faults_are_drawn_among_whole_lines_and_all_of_them_occur() {
         let two = config(json!({ "failed_lines": [9, 36], "drawn_faults": 2 }));
-        let mut rng = engine::random::stream(&["faults"]);
+        let mut rng = contract::random::stream(&["faults"]);
         let mut seen = [0; N_LINES + 1];
         for _ in 0..2000 {
             let failed = two.draw_faults(&mut rng);

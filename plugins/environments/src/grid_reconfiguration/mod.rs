@@ -29,7 +29,7 @@ pub mod restoration;
 
 pub use config::GridReconfigurationConfig;
 
-use engine::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use feeder::N_LINES;
 use restoration::{Operation, Switchgear};
 use serde::{Deserialize, Serialize};
@@ -185,7 +185,7 @@ impl Environment for GridReconfiguration {
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         crate::unit_box::check_seats(actions, 1)?;
-        let taken = engine::choice::taken(&self.choices, &actions[0])?;
+        let taken = contract::choice::taken(&self.choices, &actions[0])?;
         self.situation.closed = Some(taken.into_iter().map(|option| option == 1).collect());
         let info = self.info();
         Ok(Step {
@@ -281,13 +281,13 @@ mod tests {
     fn opening(environment: &GridReconfiguration, open: &[usize]) -> Vec<f64> {
         let lines = environment.gear.switches.iter();
         let taken: Vec<usize> = lines.map(|line| usize::from(!open.contains(line))).collect();
-        engine::choice::vector(&environment.choices, &taken)
+        contract::choice::vector(&environment.choices, &taken)
     }
 
     #[test]
     fn the_least_losses_have_no_gap() {
         let mut environment = feeder(json!({ "failed_lines": [], "loss_weight": 1.0 }));
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         assert_eq!(environment.reset(&mut rng).unwrap(), [vec![0.0; 36]]);
         let best = opening(&environment, &[7, 9, 14, 32, 37]);
         let step = environment.step(&[best], &mut rng).unwrap();
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn a_loop_is_worth_nothing_and_has_nothing_to_show() {
         let mut environment = feeder(json!({ "failed_lines": [5] }));
-        let mut rng = engine::random::stream(&[]);
+        let mut rng = contract::random::stream(&[]);
         let seen = environment.reset(&mut rng).unwrap();
         assert_eq!(seen[0].iter().position(|failed| *failed == 1.0), Some(3));
         let all_closed = opening(&environment, &[]);
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn no_design_is_better_than_the_optimum() {
         let mut environment = feeder(json!({ "drawn_faults": 2 }));
-        let mut rng = engine::random::stream(&["designs"]);
+        let mut rng = contract::random::stream(&["designs"]);
         let mut feasible = 0;
         for _ in 0..60 {
             environment.reset(&mut rng).unwrap();
@@ -335,7 +335,7 @@ mod tests {
     fn an_episode_is_restored_before_and_after_its_step() {
         let mut one = feeder(json!({ "drawn_faults": 3 }));
         let mut two = feeder(json!({ "drawn_faults": 3 }));
-        let mut rng = engine::random::stream(&["restored"]);
+        let mut rng = contract::random::stream(&["restored"]);
         one.reset(&mut rng).unwrap();
         two.restore(&one.snapshot()).unwrap();
         let action = opening(&one, &[7, 9, 14, 32, 37]);
@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn presets_are_configs() {
-        for preset in <GridReconfigurationConfig as engine::Config>::presets() {
+        for preset in <GridReconfigurationConfig as contract::Config>::presets() {
             assert!(
                 build(serde_json::from_value(preset.values).unwrap()).is_ok(),
                 "{}",

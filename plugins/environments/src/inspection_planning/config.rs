@@ -1,7 +1,7 @@
 //! What a study may say of the `inspection_planning` environment.
 
 use super::crack_growth::{CrackGrowth, N_AGES};
-use engine::{DataFile, Error, Preset};
+use contract::{DataFile, Error, Preset};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -64,7 +64,7 @@ impl Default for InspectionPlanningConfig {
     }
 }
 
-impl engine::Config for InspectionPlanningConfig {
+impl contract::Config for InspectionPlanningConfig {
     fn presets() -> Vec<Preset> {
         let preset = |name, about, components, required| Preset {
             name,

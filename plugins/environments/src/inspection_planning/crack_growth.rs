@@ -23,7 +23,7 @@
 //! hold what is no crack yet. Constants and bins: P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D. Ernst,
 //! "IMP-MARL: a suite of environments for large-scale infrastructure management planning via MARL", NeurIPS 2023.
 
-use engine::{DataFile, Error};
+use contract::{DataFile, Error};
 use serde::Deserialize;
 use std::{
     collections::BTreeMap,
@@ -307,7 +307,7 @@ fn conditional(joint: &[Belief; N_BINS]) -> Vec<Vec<(usize, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
     use rand::Rng as _;
     use rand_distr::{Distribution, Normal};
     use std::io::Write as _;

@@ -1,7 +1,7 @@
 //! The environment as a whole.
 
 use super::*;
-use engine::random::stream;
+use contract::random::stream;
 use serde_json::json;
 
 fn environment(values: serde_json::Value) -> InspectionPlanning {

@@ -37,8 +37,8 @@ pub use config::{Growth, InspectionPlanningConfig};
 
 use crate::choices;
 use belief::{Beliefs, Model, Treatment, system_failure};
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use crack_growth::{Belief, FAILED};
-use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 

@@ -61,7 +61,7 @@ fn follow(run: &Run, correlated: bool, tolerance: f64) -> usize {
     let config =
         json!({ "correlated": correlated, "campaign": run.campaign, "crack_growth": { "file": table() } });
     let mut environment = InspectionPlanning::new(serde_json::from_value(config).unwrap()).unwrap();
-    environment.reset(&mut engine::random::stream(&[])).unwrap();
+    environment.reset(&mut contract::random::stream(&[])).unwrap();
     let (mut sum, mut compared) = (0.0, 0);
     for (t, recorded) in run.steps.iter().enumerate() {
         let place = format!("{} step {t}, correlated {correlated}", run.kind);

@@ -7,7 +7,7 @@ use super::{
     scenario::Scenario,
     world::{Motion, Vector, World},
 };
-use engine::{Error, Rng};
+use contract::{Error, Rng};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,7 +62,7 @@ impl Default for ParticlesConfig {
     }
 }
 
-impl engine::Config for ParticlesConfig {}
+impl contract::Config for ParticlesConfig {}
 
 /// Where bodies are at the start of an episode; all are at rest.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]

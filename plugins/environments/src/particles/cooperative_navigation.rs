@@ -11,7 +11,7 @@ use super::{
     scenario::{Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
-use engine::{Channel, Metric, PerEpisode};
+use contract::{Channel, Metric, PerEpisode};
 
 const AGENTS: usize = 3;
 const LANDMARKS: usize = 3;

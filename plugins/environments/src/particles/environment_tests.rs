@@ -39,14 +39,14 @@ fn placed(variant: Variant, agents: &[Vector]) -> Particles {
         ..config(scenario, variant)
     })
     .unwrap();
-    particles.reset(&mut engine::random::stream(&[])).unwrap();
+    particles.reset(&mut contract::random::stream(&[])).unwrap();
     particles
 }
 
 /// Repeats one joint action and gives back the last step.
 fn advance(particles: &mut Particles, actions: &[Vector], steps: usize) -> Step {
     let actions: Vec<Vec<f64>> = actions.iter().map(|action| action.to_vec()).collect();
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     let mut last = particles.step(&actions, &mut rng).unwrap();
     for _ in 1..steps {
         last = particles.step(&actions, &mut rng).unwrap();
@@ -237,7 +237,7 @@ fn without_the_edge_a_hunt_is_zero_sum_in_the_thesis() {
 /// Returns of every seat over `episodes` random starts.
 fn returns(config: ParticlesConfig, episodes: usize, random: bool) -> Vec<Vec<f64>> {
     let mut particles = Particles::new(config).unwrap();
-    let mut rng = engine::random::stream(&["baselines"]);
+    let mut rng = contract::random::stream(&["baselines"]);
     let seats = particles.seats().len();
     let episode = |_| {
         particles.reset(&mut rng).unwrap();
@@ -355,7 +355,7 @@ fn starts_that_do_not_fit_are_explained() {
 #[test]
 fn random_starts_stay_in_their_squares() {
     let mut particles = Particles::new(config(PredatorPrey, Thesis)).unwrap();
-    let mut rng = engine::random::stream(&["starts"]);
+    let mut rng = contract::random::stream(&["starts"]);
     let mut farthest = [0.0_f64; 2];
     for _ in 0..1000 {
         particles.reset(&mut rng).unwrap();
@@ -376,7 +376,7 @@ fn random_starts_stay_in_their_squares() {
 
 #[test]
 fn actions_beyond_the_limits_are_refused_or_clipped() {
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     let wild = vec![vec![0.0, 0.0], vec![0.0, -1.5], vec![0.0, 0.0]];
     for variant in [Thesis, Openai] {
         let problem = placed(variant, &SPREAD)
@@ -419,8 +419,8 @@ fn a_joint_observation_is_everybodys_one_after_the_other() {
             Particles::new(config(scenario, Thesis)).unwrap(),
         );
         let (mut one, mut other) = (
-            engine::random::stream(&["same"]),
-            engine::random::stream(&["same"]),
+            contract::random::stream(&["same"]),
+            contract::random::stream(&["same"]),
         );
         let (joint_seen, own_seen) = (joint.reset(&mut one).unwrap(), own.reset(&mut other).unwrap());
         assert!(joint_seen.iter().all(|seen| *seen == own_seen.concat()));
@@ -447,7 +447,7 @@ fn a_restored_episode_continues_to_the_same_bits() {
         (PredatorPrey, Mpe2),
     ] {
         let mut first = Particles::new(config(scenario, variant)).unwrap();
-        let mut rng = engine::random::stream(&["restored"]);
+        let mut rng = contract::random::stream(&["restored"]);
         first.reset(&mut rng).unwrap();
         let seats = first.seats().len();
         let mut draw = || {
@@ -455,7 +455,7 @@ fn a_restored_episode_continues_to_the_same_bits() {
                 .map(|_| vec![rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0)])
                 .collect::<Vec<_>>()
         };
-        let mut unused = engine::random::stream(&[]);
+        let mut unused = contract::random::stream(&[]);
         (0..10).for_each(|_| drop(first.step(&draw(), &mut unused).unwrap()));
         let text = first.snapshot().to_string();
         let mut second = Particles::new(config(scenario, variant)).unwrap();

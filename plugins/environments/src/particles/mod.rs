@@ -54,7 +54,7 @@ pub use rules::{Integration, Rules, Sharing, Variant};
 pub use world::{Body, Motion, Vector, World};
 
 use crate::unit_box;
-use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 

@@ -61,7 +61,7 @@ fn follow(scenario: ScenarioName, variant: Variant, name: &str, agents: usize, l
         ..Default::default()
     };
     let mut particles = Particles::new(config).unwrap();
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     let mut observations = particles.reset(&mut rng).unwrap();
     let mut compared = 0;
     for (t, row) in reference.iter().enumerate() {

@@ -13,7 +13,7 @@ use super::{
     scenario::{Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
-use engine::{Channel, Metric, PerEpisode};
+use contract::{Channel, Metric, PerEpisode};
 
 const PREDATORS: usize = 3;
 const PREY: usize = PREDATORS;

@@ -1,7 +1,7 @@
 //! What a task adds to the world: its bodies, what agents see of them, and what they earn.
 
 use super::world::{Body, World, difference};
-use engine::{Channel, Metric, PerEpisode};
+use contract::{Channel, Metric, PerEpisode};
 
 /// A task in the world of particles.
 pub(super) trait Scenario: Send {

@@ -11,12 +11,12 @@ fn buying(environment: &Redundancy, counts: &Counts) -> Vec<f64> {
         .flat_map(|of| std::iter::repeat_n(of + 1, counts[of]))
         .collect();
     taken.resize(environment.config.places, 0);
-    engine::choice::vector(&environment.choices, &taken)
+    contract::choice::vector(&environment.choices, &taken)
 }
 
 /// Rewards of all steps, and the last step.
 fn play(environment: &mut Redundancy, design: &[Counts]) -> (Vec<f64>, Step) {
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     environment.reset(&mut rng).unwrap();
     let mut steps: Vec<Step> = Vec::new();
     for counts in design {
@@ -49,7 +49,7 @@ fn the_best_design_has_no_gap() {
 #[test]
 fn two_steps_by_hand() {
     let mut environment = redundancy(json!({ "subsystems": 2, "cost_budget": 10, "weight_budget": 20 }));
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     let seen = environment.reset(&mut rng).unwrap();
     assert_eq!(seen, [[1.0, 0.0, 1.0, 1.0, 1.0]]);
     let first = buying(&environment, &[2, 0, 0, 1]);
@@ -94,7 +94,7 @@ fn a_type_that_a_subsystem_lacks_leaves_its_place_empty() {
 #[test]
 fn no_design_is_better_than_the_optimum() {
     let mut environment = redundancy(json!({ "weight_budget": 300, "cost_budget": 200 }));
-    let mut rng = engine::random::stream(&["designs"]);
+    let mut rng = contract::random::stream(&["designs"]);
     let mut feasible = 0;
     for _ in 0..300 {
         environment.reset(&mut rng).unwrap();
@@ -113,7 +113,7 @@ fn no_design_is_better_than_the_optimum() {
 #[test]
 fn an_episode_is_restored_between_steps() {
     let mut one = redundancy(json!({ "subsystems": 3 }));
-    let mut rng = engine::random::stream(&[]);
+    let mut rng = contract::random::stream(&[]);
     one.reset(&mut rng).unwrap();
     let action = buying(&one, &[0, 1, 0, 2]);
     one.step(std::slice::from_ref(&action), &mut rng).unwrap();
@@ -157,7 +157,7 @@ fn impossible_configs_are_refused() {
 
 #[test]
 fn presets_state_their_optimum() {
-    for preset in <RedundancyConfig as engine::Config>::presets() {
+    for preset in <RedundancyConfig as contract::Config>::presets() {
         let environment = redundancy(preset.values);
         let stated = format!("optimum {:.6}", environment.optimal_reliability);
         assert!(preset.about.ends_with(&stated), "{}: {stated}", preset.name);

@@ -20,7 +20,9 @@
 pub mod optimum;
 pub mod system;
 
-use engine::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Preset, Rng, Seat, Space, Step};
+use contract::{
+    Channel, Choice, End, Environment, Error, Metric, PerEpisode, Preset, Rng, Seat, Space, Step,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -68,7 +70,7 @@ impl Default for RedundancyConfig {
     }
 }
 
-impl engine::Config for RedundancyConfig {
+impl contract::Config for RedundancyConfig {
     fn presets() -> Vec<Preset> {
         let preset = |name, about, values| Preset { name, about, values };
         vec![
@@ -321,7 +323,7 @@ impl Environment for Redundancy {
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         crate::unit_box::check_seats(actions, 1)?;
-        let taken = engine::choice::taken(&self.choices, &actions[0])?;
+        let taken = contract::choice::taken(&self.choices, &actions[0])?;
         let Some(types) = self.config.types().get(self.designed.len()) else {
             return Err(Error::Model {
                 model: "redundancy",

@@ -3,7 +3,7 @@
 use super::cycle::{Health, Wear};
 use super::engine::EngineName;
 use super::flight::Flight;
-use engine::Error;
+use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -123,7 +123,7 @@ impl Default for TurbofanConfig {
     }
 }
 
-impl engine::Config for TurbofanConfig {}
+impl contract::Config for TurbofanConfig {}
 
 impl TurbofanConfig {
     /// The health that is given.

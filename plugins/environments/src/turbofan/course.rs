@@ -4,7 +4,7 @@ use super::config::HealthParameter;
 use super::fleet::Fleet;
 use super::model::FlightCondition;
 use super::recorded::{Recording, Sample};
-use engine::Rng;
+use contract::Rng;
 use rand::Rng as _;
 use std::sync::Arc;
 

@@ -8,7 +8,7 @@
 
 use super::config::HealthParameter;
 use super::flight::{DrawnFlight, FlightClass, FlightPoint};
-use engine::{Rng, random::stream};
+use contract::{Rng, random::stream};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

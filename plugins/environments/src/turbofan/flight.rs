@@ -2,10 +2,8 @@
 
 use super::atmosphere::Air;
 use super::solver::Held;
-use engine::{
-    DataFile, Error, Rng,
-    reach::{quoted, quoted_names},
-};
+use contract::{DataFile, Error, Rng};
+use document::reach::{quoted, quoted_names};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -49,8 +49,8 @@ pub use model::{Distortion, FlightCondition, Model, SensorModel};
 pub use recorded::Recorded;
 
 use crate::unit_box::check_seats;
-use ::engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use config::LARGEST_WEAR;
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use cycle::{Engine, Health, N, Point};
 use flight::{FlightPoint, Route};
 use serde::{Deserialize, Serialize};

@@ -9,7 +9,7 @@ use super::sensors::Correction;
 use super::solver::{Held, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
-use engine::{Channel, Error, Product, Rng, product::Policy};
+use contract::{Channel, Error, Product, Rng, product::Policy};
 use rand_distr::{Distribution, StandardNormal};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -19,7 +19,7 @@ use super::model::{FlightCondition, Model, SensorModel};
 use super::recorded::Recorded;
 use super::sensors::{Correction, SENSORS, Watched, sensor_channels};
 use crate::unit_box::check_seats;
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,7 +62,7 @@ impl Default for SamplesConfig {
     }
 }
 
-impl engine::Config for SamplesConfig {}
+impl contract::Config for SamplesConfig {}
 
 /// The `turbofan_samples` environment.
 #[derive(Debug)]
@@ -297,7 +297,7 @@ impl Environment for TurbofanSamples {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use engine::random::stream;
+    use contract::random::stream;
 
     #[test]
     fn samples_are_of_the_engine_and_what_it_reads_costs_nothing() {

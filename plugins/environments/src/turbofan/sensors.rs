@@ -7,7 +7,7 @@ use super::course::{Course, MadeUp};
 use super::fleet::Fleet;
 use super::model::{FlightCondition, SensorModel};
 use super::recorded::{Asked, Recorded, Recording};
-use engine::{Channel, Error};
+use contract::{Channel, Error};
 
 /// What is measured by default: the sensors of N-CMAPSS that say something of health.
 pub(super) const SENSORS: [&str; 14] = [

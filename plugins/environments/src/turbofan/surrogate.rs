@@ -10,7 +10,7 @@
 use super::model::FlightCondition;
 use super::sensors::Correction;
 use crate::policy_network::{FILE, Header, PolicyNetwork};
-use engine::{Channel, Error, Product, product::Policy};
+use contract::{Channel, Error, Product, product::Policy};
 use std::path::Path;
 
 /// The fitted network.

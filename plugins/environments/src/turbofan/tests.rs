@@ -6,7 +6,7 @@ use super::engine::EngineName;
 use super::flight::FlightPoint;
 use super::solver::{Held, Operation};
 use super::*;
-use ::engine::random::stream;
+use contract::random::stream;
 use rand::Rng as _;
 use std::{collections::BTreeMap, path::PathBuf};
 

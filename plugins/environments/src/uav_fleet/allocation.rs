@@ -13,9 +13,11 @@
 
 use super::config::Allocator;
 use super::string::STRINGS;
-use crate::battery::Cell;
-use crate::policy_network::{FILE, PolicyNetwork};
-use engine::Error;
+use crate::{
+    battery::Cell,
+    policy_network::{FILE, PolicyNetwork},
+};
+use contract::Error;
 
 /// What can be measured of a pack.
 #[derive(Debug, Clone, Copy)]

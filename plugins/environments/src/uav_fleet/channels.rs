@@ -3,7 +3,7 @@
 use super::UavFleetConfig;
 use super::string::STRINGS;
 use super::uav::Uav;
-use engine::{Channel, Metric, PerEpisode, Seat, Space};
+use contract::{Channel, Metric, PerEpisode, Seat, Space};
 
 /// What is done to a UAV on a day, by its position.
 pub const CHOICES: [&str; 3] = ["nothing", "replace_worst", "replace_all"];

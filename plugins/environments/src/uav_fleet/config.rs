@@ -1,8 +1,7 @@
 //! What a study may say of the `uav_fleet` environment.
 
-use crate::battery::Ageing;
-use crate::flight_planning::mission::Mission;
-use engine::{Error, Preset, Product, product};
+use crate::{battery::Ageing, flight_planning::mission::Mission};
+use contract::{Error, Preset, Product, product};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -144,7 +143,7 @@ impl Default for UavFleetConfig {
     }
 }
 
-impl engine::Config for UavFleetConfig {
+impl contract::Config for UavFleetConfig {
     fn presets() -> Vec<Preset> {
         vec![
             Preset {

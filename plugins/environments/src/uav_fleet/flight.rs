@@ -9,9 +9,11 @@ use super::allocation::{Readings, Sharing};
 use super::calibration::{Log, PHYSICS};
 use super::config::UavFleetConfig;
 use super::string::{CellString, STRINGS};
-use crate::battery::{Cell, State};
-use crate::flight_planning::mission::Segment;
-use engine::Rng;
+use crate::{
+    battery::{Cell, State},
+    flight_planning::mission::Segment,
+};
+use contract::Rng;
 use rand::Rng as _;
 
 /// What became of a flight.

@@ -56,11 +56,13 @@ pub mod uav;
 
 pub use config::UavFleetConfig;
 
-use crate::choices;
-use crate::flight_planning::{self, mission::Course, optimum::optimum};
+use crate::{
+    choices,
+    flight_planning::{self, mission::Course, optimum::optimum},
+};
 use allocation::Sharing;
 use config::{Modules, Planner};
-use engine::{Channel, Designs, End, Environment, Error, Metric, Rng, Seat, Step};
+use contract::{Channel, Designs, End, Environment, Error, Metric, Rng, Seat, Step};
 use rand::{Rng as _, RngCore, SeedableRng};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

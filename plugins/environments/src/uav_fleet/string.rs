@@ -3,7 +3,7 @@
 use super::calibration::Estimate;
 use super::config::UavFleetConfig;
 use crate::battery::{Ageing, CellParameters};
-use engine::Rng;
+use contract::Rng;
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 

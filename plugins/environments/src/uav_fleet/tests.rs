@@ -2,9 +2,11 @@
 
 use super::calibration::{Estimate, Log};
 use super::*;
-use crate::battery::{Battery, BatteryConfig, CellParameters, Cells, Load, Start};
-use crate::flight_planning::mission::Segment;
-use engine::random::stream;
+use crate::{
+    battery::{Battery, BatteryConfig, CellParameters, Cells, Load, Start},
+    flight_planning::mission::Segment,
+};
+use contract::random::stream;
 use serde_json::json;
 
 const NOTHING: [f64; 3] = [0.0; 3];
@@ -328,8 +330,8 @@ fn equal_streams_give_equal_episodes_and_a_snapshot_goes_on() {
 fn a_plan_that_a_search_found_is_flown() {
     let folder = tempfile::tempdir().unwrap();
     let found = |legs: usize| {
-        let action = engine::choice::vector(&flight_planning::choices(), &[6, 2]);
-        let design = engine::Design {
+        let action = contract::choice::vector(&flight_planning::choices(), &[6, 2]);
+        let design = contract::Design {
             candidate: 0,
             observed_return: 0.0,
             chosen_by: None,

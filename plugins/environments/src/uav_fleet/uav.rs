@@ -2,7 +2,7 @@
 
 use super::config::UavFleetConfig;
 use super::string::{CellString, STRINGS};
-use engine::Rng;
+use contract::Rng;
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 

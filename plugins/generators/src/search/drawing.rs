@@ -1,7 +1,7 @@
 //! A generator as a graph: its operations one after the other, shortcuts and skips beside them.
 
 use crate::architecture::{CellArchitecture, N_CELLS, Normalisation, Order, Upsampling};
-use engine::drawing::{Edge, Graph, Node};
+use contract::drawing::{Edge, Graph, Node};
 
 /// What the boxes of a generator are, those first that an architecture decides; the others stay grey.
 const OPERATIONS: [&str; 9] = [

@@ -29,12 +29,14 @@ mod scoring;
 #[cfg(test)]
 mod tests;
 
-use crate::architecture::{Architecture, CellArchitecture, N_CELLS};
-use crate::images::Images;
-use crate::search_space::{CellOptions, choices, effective, genotype};
-use crate::source::{Source, shrunk};
-use crate::tabular::channels;
-use engine::{
+use crate::{
+    architecture::{Architecture, CellArchitecture, N_CELLS},
+    images::Images,
+    search_space::{CellOptions, choices, effective, genotype},
+    source::{Source, shrunk},
+    tabular::channels,
+};
+use contract::{
     Channel, End, Environment, Error, Metric, PerEpisode, Preset, Registry, Rng, Seat, Space, Step, choice,
     drawing::{Graph, Image},
 };
@@ -143,7 +145,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let released = json!({
             "size": 32, "critic_steps": 782, "critic_steps_per_generator_step": 5, "batch": 64,

@@ -2,14 +2,18 @@
 
 use super::Config;
 use super::scoring::{Scores, Scoring};
-use crate::adversarial::{Adversaries, Training, latents, training_device};
-use crate::architecture::CellArchitecture;
-use crate::discriminator::Discriminator;
-use crate::generator::{Generator, GeneratorSizes};
-use crate::images::Images;
-use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
-use engine::{Error, Rng};
+use crate::{
+    adversarial::{Adversaries, Training, latents, training_device},
+    architecture::CellArchitecture,
+    discriminator::Discriminator,
+    generator::{Generator, GeneratorSizes},
+    images::Images,
+};
+use burn::{
+    module::Module,
+    tensor::{Tensor, TensorData},
+};
+use contract::{Error, Rng};
 use numerics::network::{device, values};
 use rand::Rng as _;
 use std::sync::Arc;
@@ -166,6 +170,6 @@ impl Proxy {
 
 /// Latent vectors number `batch` of those that every generator is looked at with.
 fn fixed_latents(batch: usize, count: usize, length: usize) -> Tensor<2> {
-    let mut rng = engine::random::stream(&["latent vectors to look at", &batch.to_string()]);
+    let mut rng = contract::random::stream(&["latent vectors to look at", &batch.to_string()]);
     latents(count, length, &mut rng)
 }

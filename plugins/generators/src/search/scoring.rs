@@ -1,14 +1,18 @@
 //! How generated images are scored: by what network, against which real images.
 
-use crate::feature_network::{FeatureNetwork, Form};
-use crate::images::Images;
-use crate::inception::{self, Inception};
-use crate::kept::Kept;
-use crate::scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score};
-use crate::source::{ImageFile, Source, n_numbers, shrunk};
-use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
-use engine::{Error, Product, product};
+use crate::{
+    feature_network::{FeatureNetwork, Form},
+    images::Images,
+    inception::{self, Inception},
+    kept::Kept,
+    scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score},
+    source::{ImageFile, Source, n_numbers, shrunk},
+};
+use burn::{
+    module::Module,
+    tensor::{Tensor, TensorData},
+};
+use contract::{Error, Product, product};
 use numerics::network::{device, values};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -199,7 +203,7 @@ impl Network {
                     channels: 16,
                     classes,
                 };
-                let mut rng = engine::random::stream(&["untrained feature network"]);
+                let mut rng = contract::random::stream(&["untrained feature network"]);
                 Ok(Self::Classifier(
                     Box::new(FeatureNetwork::new(form, &mut rng).valid()),
                     form,

@@ -1,7 +1,7 @@
 //! The search as an environment, with generators of two channels.
 
 use super::*;
-use engine::random::stream;
+use contract::random::stream;
 
 fn small() -> Config {
     Config {
@@ -161,7 +161,7 @@ fn the_number_of_scored_images_is_in_the_identity_and_not_in_the_random_streams(
     let of = |key: &str, value: usize| {
         let mut config = about.defaults.clone();
         config[key] = json!(value);
-        let environment = engine::trial::Part::new(NAME, about.version, config);
+        let environment = contract::trial::Part::new(NAME, about.version, config);
         (environment.id(), environment.stream_id(about))
     };
     let ((id, streams), (other_id, other_streams)) = (of("scored_images", 20), of("scored_images", 40));

@@ -16,9 +16,11 @@
 mod ridge;
 mod surrogate;
 
-use crate::kept::Kept;
-use crate::search_space::{CellOptions, N_CELLS, choices, effective};
-use engine::{
+use crate::{
+    kept::Kept,
+    search_space::{CellOptions, N_CELLS, choices, effective},
+};
+use contract::{
     Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Product, Registry, Rng, Seat, Space, Step,
     choice, product,
 };
@@ -74,7 +76,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {}
+impl contract::Config for Config {}
 
 /// The environment.
 #[derive(Debug)]
@@ -261,7 +263,7 @@ fn tried(dataset: &Dataset, source: &str) -> Result<Vec<Measured>, Error> {
         let problem = format!("`{source}` left no designs of generators");
         return Err(Error::config("landscape.measured.datasets", problem));
     }
-    let one = |episode: &engine::dataset::Episode| {
+    let one = |episode: &contract::dataset::Episode| {
         let cells = episode.actions.iter().enumerate().map(|(step, action)| {
             let taken = choice::taken(&own, action)?;
             Ok(effective(step, &taken))
@@ -286,7 +288,7 @@ fn drawn(seed: u64) -> Vec<Measured> {
         let words: Vec<&str> = std::iter::once("landscape")
             .chain(words.iter().map(String::as_str))
             .collect();
-        engine::random::stream(&words).random::<f64>() - 0.5
+        contract::random::stream(&words).random::<f64>() - 0.5
     };
     let named = |step: usize, at: usize, option: usize| format!("{seed} {step} {at} {option}");
     let worth = |cells: &[CellOptions]| {
@@ -306,7 +308,7 @@ fn drawn(seed: u64) -> Vec<Measured> {
             .sum();
         alone * 0.3 + pairs * 0.1
     };
-    let mut rng = engine::random::stream(&["architectures", &seed.to_string()]);
+    let mut rng = contract::random::stream(&["architectures", &seed.to_string()]);
     (0..N_DRAWN)
         .map(|_| {
             let draw = |step: usize, rng: &mut Rng| {

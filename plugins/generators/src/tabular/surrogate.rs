@@ -8,9 +8,9 @@
 
 use super::ridge::Ridge;
 use crate::search_space::{CellOptions, N_CELLS, all_cells, n_options};
-use engine::random::stream;
-use engine::statistics::rank_correlation;
+use contract::random::stream;
 use rand::Rng as _;
+use statistics::rank_correlation;
 use std::collections::BTreeMap;
 
 /// One architecture as it was measured: its cells, and both scores and the features after each of them.

@@ -1,8 +1,10 @@
 //! The table as an environment.
 
 use super::*;
-use engine::dataset::{DatasetWriter, Episode};
-use engine::random::stream;
+use contract::{
+    dataset::{DatasetWriter, Episode},
+    random::stream,
+};
 use serde_json::json;
 
 fn environment(config: serde_json::Value) -> Result<Box<dyn Environment>, Error> {
@@ -106,7 +108,7 @@ fn what_searches_left_is_looked_up() {
 fn designs_of_something_else_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut interface = environment(json!({})).unwrap().interface();
-    interface.seats[0].action = Space::Choices(vec![engine::Choice::new("switch", &["open", "closed"])]);
+    interface.seats[0].action = Space::Choices(vec![contract::Choice::new("switch", &["open", "closed"])]);
     Dataset::write_empty(folder.path(), &interface).unwrap();
     let product = json!({ "from": "grid", "folder": folder.path() });
     let text = environment(json!({ "landscape": { "measured": { "datasets": [product] } } }))

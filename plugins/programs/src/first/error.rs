@@ -1,6 +1,6 @@
 //! Why no study is made of a program or a sweep, and what would be one.
 
-use engine::Error;
+use contract::Error;
 use std::path::PathBuf;
 
 /// Why no study is made.

@@ -19,7 +19,7 @@ mod written;
 mod yaml;
 
 use command::{Command, Said};
-use engine::first_study::{Draft, DraftError, Given};
+use contract::draft::{Draft, DraftError, Given};
 use error::NoStudy;
 use help::{Help, HelpOption};
 use metrics::Seen;

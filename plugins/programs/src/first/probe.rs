@@ -10,7 +10,9 @@ use crate::{
     process::Process,
     workplace::Workplace,
 };
-use engine::{DataFile, Error, imported::matching, reach::Reach, resources::Share};
+use contract::{DataFile, Error, resources::Share};
+use document::reach::Reach;
+use engine::imported::matching;
 use std::{path::Path, time::Duration};
 
 /// How long a program may take to say its options.

@@ -74,7 +74,7 @@ impl Sweep {
     /// [`NoStudy`] for a file that is none, and for what it lacks.
     pub fn read(folder: &Path, file: &Path) -> Result<Self, NoStudy> {
         let path = folder.join(file);
-        let text = std::fs::read_to_string(&path).map_err(engine::Error::file("read", &path))?;
+        let text = std::fs::read_to_string(&path).map_err(contract::Error::file("read", &path))?;
         let value = yaml::read(&file.display().to_string(), &text)?;
         let mut sweep = if value.get("hydra").is_some() {
             hydra::read(folder, file, &value)?

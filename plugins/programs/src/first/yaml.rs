@@ -1,10 +1,7 @@
 //! YAML of other programs as plain values.
 
 use super::error::NoStudy;
-use engine::{
-    diagnostic::{Sources, render},
-    document,
-};
+use document::diagnostic::{Sources, render};
 use serde_json::Value;
 
 /// The values of a text.

@@ -1,10 +1,8 @@
 //! Packs of which any bit was changed, and packs that were cut anywhere: what is read is true, or nothing is.
 
 use super::{super::form, Bench, trial};
-use crate::{
-    Error,
-    store::{Store, StoredTrial, pack::Short},
-};
+use crate::store::{Store, StoredTrial, pack::Short};
+use contract::Error;
 use std::{fs, io::Cursor, path::Path};
 
 /// How many trials the packs hold.

@@ -2,7 +2,7 @@
 //! in many of them.
 
 use super::super::joint::Sight;
-use engine::{Error, Preset};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};

@@ -41,13 +41,15 @@ use super::schedule::UpdateSchedule;
 use super::seat::mismatch;
 use super::targets::bootstrapped;
 use burn::tensor::Tensor;
-use engine::{
+use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
-use numerics::network::{matrix, values};
-use numerics::policy_file::FILE_NAME;
-use numerics::squashed::{Draw, sample};
-use numerics::tensor_file::{TensorFile, TensorFileError};
+use numerics::{
+    network::{matrix, values},
+    policy_file::FILE_NAME,
+    squashed::{Draw, sample},
+    tensor_file::{TensorFile, TensorFileError},
+};
 use serde_json::json;
 use std::path::Path;
 
@@ -183,7 +185,7 @@ fn prediction_error() -> Metric {
         "mean squared difference between predicted and actual actions of the others, per seat (Fig. 4.5)";
     Metric::new(PREDICTION_ERROR, "", about)
         .lower_is_better()
-        .per_episode(engine::PerEpisode::Mean)
+        .per_episode(contract::PerEpisode::Mean)
 }
 
 impl Player {

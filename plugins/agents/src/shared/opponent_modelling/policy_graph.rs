@@ -5,11 +5,13 @@
 //! alone, or beside it the actions `tanh mu` that its opponent models predict of the same observation.
 
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
-use engine::{Error, export::PortablePolicy};
-use numerics::network::Activation;
-use numerics::onnx::{Graph, Setting, Value, dense_layers, with_first_outputs};
-use numerics::policy_file::Head;
-use numerics::tensor_file::TensorFile;
+use contract::{Error, policy_form::PortablePolicy};
+use numerics::{
+    network::Activation,
+    onnx::{Graph, Setting, Value, dense_layers, with_first_outputs},
+    policy_file::Head,
+    tensor_file::TensorFile,
+};
 use serde::Deserialize;
 use std::path::Path;
 

@@ -2,7 +2,7 @@
 
 use super::{ActingPrediction, Game, SeatBatch, beside};
 use burn::tensor::Tensor;
-use engine::{Mode, Rng};
+use contract::{Mode, Rng};
 use numerics::squashed::{mean_action, sample};
 
 /// The actions `[rows, n_i]` of a seat: drawn where it explores, means where it is scored.

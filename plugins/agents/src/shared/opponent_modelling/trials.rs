@@ -1,15 +1,15 @@
 //! What the tests of the algorithms with opponent models share.
 
 use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
-use crate::shared::coordination;
-use crate::shared::joint::Sight;
+use crate::shared::{coordination, joint::Sight};
 use burn::tensor::Tensor;
-use engine::random::stream;
-use engine::{Agent, Metric, Mode, Observation, Rng};
-use numerics::input_norm::NormalisedMlp;
-use numerics::network::{Activation, values};
-use numerics::optimizer::gradients;
-use numerics::parameters::{parameters, with_parameters};
+use contract::{Agent, Metric, Mode, Observation, Rng, random::stream};
+use numerics::{
+    input_norm::NormalisedMlp,
+    network::{Activation, values},
+    optimizer::gradients,
+    parameters::{parameters, with_parameters},
+};
 
 /// Settings for small networks that learn fast.
 pub(crate) fn tiny() -> Settings {

@@ -1,8 +1,10 @@
 //! The hyper-parameters of soft actor-critic, each with the source of its default.
 
-use crate::shared::scaling::ObservationScaling;
-use crate::shared::seat_network::{Hidden, check_batch};
-use engine::{Error, Preset};
+use crate::shared::{
+    scaling::ObservationScaling,
+    seat_network::{Hidden, check_batch},
+};
+use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -99,7 +101,7 @@ impl Default for Config {
     }
 }
 
-impl engine::Config for Config {
+impl contract::Config for Config {
     fn presets() -> Vec<Preset> {
         let haarnoja = json!({
             "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "temperature": "automatic",

@@ -34,23 +34,26 @@ mod tests;
 
 pub use config::{Config, Temperature};
 
-use crate::shared::box_seat::BoxSeat;
-use crate::shared::checkpoint::{self, finite};
-use crate::shared::multiplier::Multiplier;
-use crate::shared::replay::{Batch, Replay};
-use crate::shared::schedule::UpdateSchedule;
-use crate::shared::targets::{bootstrapped, half_squared_error, mean};
-use burn::module::Module;
-use burn::tensor::Tensor;
-use engine::{
+use crate::shared::{
+    box_seat::BoxSeat,
+    checkpoint::{self, finite},
+    multiplier::Multiplier,
+    replay::{Batch, Replay},
+    schedule::UpdateSchedule,
+    targets::{bootstrapped, half_squared_error, mean},
+};
+use burn::{module::Module, tensor::Tensor};
+use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
-use numerics::network::{Mlp, TwinMlp, matrix, values};
-use numerics::optimizer::{Adam, Trained};
-use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
-use numerics::squashed::{mean_action, sample_exact};
-use numerics::tensor_file::TensorFile;
+use numerics::{
+    network::{Mlp, TwinMlp, matrix, values},
+    optimizer::{Adam, Trained},
+    parameters::{restore, soft_update, store},
+    policy_file::{Head, Policy},
+    squashed::{mean_action, sample_exact},
+    tensor_file::TensorFile,
+};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

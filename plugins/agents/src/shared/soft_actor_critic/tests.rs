@@ -1,11 +1,12 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::coordination::assert_gradient;
-use crate::shared::regulator::{self, Plants};
-use engine::random::stream;
-use numerics::network::Activation;
-use numerics::optimizer::gradients;
+use crate::shared::{
+    coordination::assert_gradient,
+    regulator::{self, Plants},
+};
+use contract::random::stream;
+use numerics::{network::Activation, optimizer::gradients};
 
 fn tiny() -> Config {
     Config {

@@ -1,12 +1,16 @@
 //! Settings of the environment, and what follows from them: what is seen, done and measured.
 
-use crate::turbofan::config::HealthParameter;
-use crate::turbofan::engine::EngineName;
-use crate::turbofan::fleet::Fleet;
-use crate::turbofan::model::{FlightCondition, Model};
-use crate::turbofan::recorded::Recorded;
-use crate::turbofan::sensors::{SENSORS, sensor_channels};
-use engine::{Channel, Metric, PerEpisode, Seat, Space};
+use crate::{
+    turbofan::engine::EngineName,
+    turbofan::{
+        config::HealthParameter,
+        fleet::Fleet,
+        model::{FlightCondition, Model},
+        recorded::Recorded,
+        sensors::{SENSORS, sensor_channels},
+    },
+};
+use contract::{Channel, Metric, PerEpisode, Seat, Space};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +91,7 @@ impl Default for CalibrationConfig {
     }
 }
 
-impl engine::Config for CalibrationConfig {}
+impl contract::Config for CalibrationConfig {}
 
 pub(super) fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
     let sensors = |prefix| sensor_channels(prefix, &config.sensors, ranges);

@@ -29,7 +29,7 @@ use super::recorded::Sample;
 use super::sensors::Watched;
 use crate::unit_box::check_seats;
 use config::{metrics, seat};
-use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 

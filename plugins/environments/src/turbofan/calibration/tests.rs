@@ -2,7 +2,7 @@
 
 use super::{CalibrationConfig, Cost, TurbofanCalibration};
 use crate::turbofan::{config::HealthParameter, fleet::Fleet, *};
-use ::engine::random::stream;
+use contract::random::stream;
 
 fn environment(config: serde_json::Value) -> TurbofanCalibration {
     let config: CalibrationConfig = serde_json::from_value(config).unwrap();

@@ -1,10 +1,7 @@
 //! Rows of numbers from the files of recordings.
 
-use engine::{
-    DataFile, Error, FileFormat,
-    panics::or_damaged,
-    reach::{quoted, quoted_names},
-};
+use contract::{DataFile, Error, FileFormat, panics::or_damaged};
+use document::reach::{quoted, quoted_names};
 
 /// Told of every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
 pub(super) type Row<'a> = dyn FnMut(u64, &[f64]) -> Result<(), Error> + 'a;

@@ -9,7 +9,8 @@
 //! Files of gigabytes are read a piece of rows at a time. Rows are counted from 1, those for testing after the others.
 
 use super::files::Row;
-use engine::{Error, reach::quoted_names};
+use contract::Error;
+use document::reach::quoted_names;
 use hdf5_reader::{Dataset, Hdf5File, SliceInfo, SliceInfoElem};
 use std::path::Path;
 

@@ -26,7 +26,7 @@ use super::flight::FlightPoint;
 use super::model::FlightCondition;
 use super::sensors::{Correction, range};
 use super::solver::Held;
-use engine::{DataFile, Error};
+use contract::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{

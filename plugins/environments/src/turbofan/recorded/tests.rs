@@ -4,7 +4,7 @@ use crate::turbofan::{
     calibration::{CalibrationConfig, TurbofanCalibration},
     samples::{self, SamplesConfig},
 };
-use engine::{Environment as _, random::stream};
+use contract::{Environment as _, random::stream};
 use rand::Rng as _;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ fn every_format_says_the_same() {
 /// Whatever becomes of the bytes of a recording: it is read or refused, and never ends its reader.
 #[test]
 fn a_damaged_recording_is_read_or_refused() {
-    engine::panics::print_no_caught_ones();
+    contract::panics::print_no_caught_ones();
     let dir = tempfile::tempdir().unwrap();
     for format in ["csv", "parquet", "h5"] {
         let whole = std::fs::read(fixture(format)).unwrap();

@@ -1,0 +1,439 @@
+//! Drawings that trials leave: the graph of a design that was found, and samples of what was made.
+//!
+//! A protocol whose environment has something to draw calls [`leave`] after an episode. `graph.json` holds a
+//! [`Graph`]; `images.png` holds square images of one size, one below the other, in 8-bit RGB.
+
+use crate::{Environment, Error, ProductKind};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    fs,
+    io::Cursor,
+    path::{Path, PathBuf},
+};
+
+/// The file with the graph of a design.
+pub const GRAPH_FILE: &str = "graph.json";
+/// The file with samples.
+pub const IMAGES_FILE: &str = "images.png";
+
+/// Most bytes of pixels that are read; a file that claims more is refused before anything is set aside for it.
+const MOST_BYTES: u64 = 1 << 28;
+
+/// A design as boxes and arrows along a flow.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Graph {
+    /// The boxes.
+    pub nodes: Vec<Node>,
+    /// The arrows.
+    pub edges: Vec<Edge>,
+    /// The first words of all labels that designs of this kind may have, those that are best told apart first.
+    /// Each has the same colour in every figure; where empty, the most frequent ones of a graph are coloured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub operations: Vec<String>,
+}
+
+/// A box of a graph.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Node {
+    /// What stands in it; a single character, as `+`, stands in a circle.
+    pub label: String,
+    /// Its place along the flow. Only the order counts, as of the lanes.
+    pub column: u32,
+    /// Its place across the flow.
+    #[serde(default)]
+    pub lane: i32,
+    /// The name of the frame that it stands in, as `cell 1`; empty for none.
+    #[serde(default)]
+    pub group: String,
+}
+
+/// An arrow of a graph, along the flow.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edge {
+    /// Number of the node where it begins, from 0.
+    pub from: usize,
+    /// Number of the node where it ends.
+    pub to: usize,
+    /// What stands beside it; empty for nothing.
+    #[serde(default)]
+    pub label: String,
+    /// True for a skip or a shortcut, which is drawn dashed and around what it passes.
+    #[serde(default)]
+    pub bypass: bool,
+}
+
+/// A picture.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Image {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Red, green and blue of each pixel, row by row, `[height, width, 3]`.
+    pub pixels: Vec<u8>,
+}
+
+/// Why something cannot be drawn.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DrawingError {
+    /// A graph without a node.
+    #[error("the graph has no node")]
+    NoNode,
+    /// An edge leads from or to a node that is not there.
+    #[error("edge {edge} names node {node}, but the nodes are 0 to {last}", last = nodes - 1)]
+    NoSuchNode {
+        /// Number of the edge, from 0.
+        edge: usize,
+        /// The node that it names.
+        node: usize,
+        /// How many nodes there are.
+        nodes: usize,
+    },
+    /// An edge that does not lead along the flow.
+    #[error("edge {edge} leads from column {from} to column {to}, which is not along the flow")]
+    AgainstTheFlow {
+        /// Number of the edge, from 0.
+        edge: usize,
+        /// Column of the node where it begins.
+        from: u32,
+        /// Column of the node where it ends.
+        to: u32,
+    },
+    /// Two nodes at one place.
+    #[error("nodes {one} and {other} both stand in column {column}, lane {lane}")]
+    SamePlace {
+        /// Number of a node, from 0.
+        one: usize,
+        /// Number of the other one.
+        other: usize,
+        /// Their column.
+        column: u32,
+        /// Their lane.
+        lane: i32,
+    },
+    /// The pixels are not as many as the size says.
+    #[error("an image of {width} x {height} pixels has {expected} bytes, but {found} are given")]
+    Pixels {
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes of such an image.
+        expected: u64,
+        /// Bytes that are there.
+        found: usize,
+    },
+    /// An image is not square, or of another size than the first.
+    #[error("image {number} has {width} x {height} pixels, but all must have {side} x {side}")]
+    Size {
+        /// Number of the image, from 0.
+        number: usize,
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Side of all images: the first one's width.
+        side: u32,
+    },
+    /// No image, or images without pixels.
+    #[error("there is no pixel to draw")]
+    NoPixel,
+    /// More pixels than can be kept in one file.
+    #[error("{images} images of {side} x {side} pixels are too many for one file")]
+    TooMany {
+        /// How many images.
+        images: usize,
+        /// Their side.
+        side: u32,
+    },
+    /// The encoder of the file refuses.
+    #[error("the images cannot be encoded: {problem}")]
+    Encoder {
+        /// What it says.
+        problem: String,
+    },
+}
+
+/// What a trial left to be shown.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Drawings {
+    /// The graph of a design.
+    pub graph: Option<Graph>,
+    /// Samples, all of one size.
+    pub images: Vec<Image>,
+    /// Why something that it left cannot be shown.
+    pub problem: Option<String>,
+}
+
+impl Drawings {
+    /// Reads what a trial's folder holds of one kind; other kinds of products are nothing to be shown.
+    ///
+    /// # Errors
+    /// As [`Graph::read`] and [`Image::read_all`].
+    pub fn read(&mut self, kind: ProductKind, folder: &Path) -> Result<(), Error> {
+        match kind {
+            ProductKind::Graph => self.graph = Some(Graph::read(folder)?),
+            ProductKind::Images => self.images = Image::read_all(folder)?,
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Writes the graph and the images that an environment has after its last episode into a trial's folder, each
+/// where there is one; says what was written.
+///
+/// # Errors
+/// What the environment reports, [`Error::Drawing`] where it gives what cannot be drawn, and [`Error::Store`]
+/// where a file cannot be written.
+pub fn leave(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ProductKind>, Error> {
+    let mut left = Vec::new();
+    if let Some(graph) = environment.graph() {
+        graph.write(folder)?;
+        left.push(ProductKind::Graph);
+    }
+    let images = environment.images()?;
+    if !images.is_empty() {
+        Image::write_all(&images, folder)?;
+        left.push(ProductKind::Images);
+    }
+    Ok(left)
+}
+
+impl Graph {
+    /// Holds the graph against what can be drawn.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn check(&self) -> Result<(), DrawingError> {
+        if self.nodes.is_empty() {
+            return Err(DrawingError::NoNode);
+        }
+        let mut places = BTreeMap::new();
+        for (other, node) in self.nodes.iter().enumerate() {
+            let (column, lane) = (node.column, node.lane);
+            match places.entry((column, lane)) {
+                Entry::Vacant(free) => drop(free.insert(other)),
+                Entry::Occupied(taken) => {
+                    let one = *taken.get();
+                    return Err(DrawingError::SamePlace {
+                        one,
+                        other,
+                        column,
+                        lane,
+                    });
+                }
+            }
+        }
+        (0..self.edges.len()).try_for_each(|edge| self.check_edge(edge))
+    }
+
+    fn check_edge(&self, edge: usize) -> Result<(), DrawingError> {
+        let Edge { from, to, .. } = self.edges[edge];
+        let nodes = self.nodes.len();
+        if let Some(node) = [from, to].into_iter().find(|node| *node >= nodes) {
+            return Err(DrawingError::NoSuchNode { edge, node, nodes });
+        }
+        let (from, to) = (self.nodes[from].column, self.nodes[to].column);
+        if from < to {
+            Ok(())
+        } else {
+            Err(DrawingError::AgainstTheFlow { edge, from, to })
+        }
+    }
+
+    /// Writes the graph into a trial's folder.
+    ///
+    /// # Errors
+    /// [`Error::Drawing`] for a graph that cannot be drawn, [`Error::Store`] where the file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), Error> {
+        self.check()?;
+        let path = folder.join(GRAPH_FILE);
+        let text = serde_json::to_vec_pretty(self).map_err(std::io::Error::from);
+        text.and_then(|text| fs::write(&path, text))
+            .map_err(Error::file("write", &path))
+            .map_err(Error::of_store)
+    }
+
+    /// Reads the graph that a trial left.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no graph that can be drawn.
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        let path = folder.join(GRAPH_FILE);
+        let text = fs::read(&path).map_err(Error::file("read", &path))?;
+        let graph: Self = serde_json::from_slice(&text).map_err(damaged(&path))?;
+        graph.check().map_err(damaged(&path))?;
+        Ok(graph)
+    }
+}
+
+impl Image {
+    /// Holds the pixels against the size.
+    ///
+    /// # Errors
+    /// [`DrawingError::Pixels`] or [`DrawingError::NoPixel`].
+    pub fn check(&self) -> Result<(), DrawingError> {
+        let (width, height, found) = (self.width, self.height, self.pixels.len());
+        let expected = 3 * u64::from(width) * u64::from(height);
+        if expected != found as u64 {
+            return Err(DrawingError::Pixels {
+                width,
+                height,
+                expected,
+                found,
+            });
+        }
+        if found == 0 {
+            Err(DrawingError::NoPixel)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Writes square images of one size into a trial's folder.
+    ///
+    /// # Errors
+    /// [`Error::Drawing`] where there is none or they do not fit, [`Error::Store`] where the file cannot be
+    /// written.
+    pub fn write_all(images: &[Self], folder: &Path) -> Result<(), Error> {
+        let stacked = stacked(images)?;
+        let path = folder.join(IMAGES_FILE);
+        fs::write(&path, stacked.png()?)
+            .map_err(Error::file("write", &path))
+            .map_err(Error::of_store)
+    }
+
+    /// Reads the images that a trial left.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the file cannot be read, [`Error::Damaged`] where it is no 8-bit RGB PNG whose
+    /// height is a multiple of its width.
+    pub fn read_all(folder: &Path) -> Result<Vec<Self>, Error> {
+        let path = folder.join(IMAGES_FILE);
+        let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+        let stacked = decoded(&bytes).map_err(damaged(&path))?;
+        let side = stacked.width;
+        if stacked.height % side != 0 {
+            let problem = format!(
+                "{} rows are no whole number of squares of {side} pixels",
+                stacked.height
+            );
+            return Err(Error::Damaged { path, problem });
+        }
+        let size = stacked.pixels.len() / (stacked.height / side) as usize;
+        let one = |pixels: &[u8]| Self {
+            width: side,
+            height: side,
+            pixels: pixels.to_vec(),
+        };
+        Ok(stacked.pixels.chunks(size).map(one).collect())
+    }
+
+    /// The image as a PNG file.
+    ///
+    /// # Errors
+    /// What [`check`](Self::check) says.
+    pub fn png(&self) -> Result<Vec<u8>, DrawingError> {
+        self.check()?;
+        let refused = |error: png::EncodingError| DrawingError::Encoder {
+            problem: error.to_string(),
+        };
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Default);
+        encoder.set_filter(png::FilterType::Sub);
+        let mut writer = encoder.write_header().map_err(refused)?;
+        writer.write_image_data(&self.pixels).map_err(refused)?;
+        writer.finish().map_err(refused)?;
+        Ok(bytes)
+    }
+
+    /// Mean of red, green and blue over all pixels, from 0 to 255.
+    #[must_use]
+    pub fn mean_color(&self) -> [f64; 3] {
+        let mut sums = [0_u64; 3];
+        for pixel in self.pixels.chunks_exact(3) {
+            for (sum, value) in sums.iter_mut().zip(pixel) {
+                *sum += u64::from(*value);
+            }
+        }
+        let pixels = f64::from(self.width) * f64::from(self.height);
+        #[allow(
+            clippy::cast_precision_loss,
+            reason = "a sum of bytes of a picture is far below 2^52"
+        )]
+        sums.map(|sum| sum as f64 / pixels)
+    }
+}
+
+/// One image with all others below it.
+fn stacked(images: &[Image]) -> Result<Image, DrawingError> {
+    let side = images.first().ok_or(DrawingError::NoPixel)?.width;
+    for (number, image) in images.iter().enumerate() {
+        let (width, height) = (image.width, image.height);
+        if (width, height) != (side, side) {
+            return Err(DrawingError::Size {
+                number,
+                width,
+                height,
+                side,
+            });
+        }
+        image.check()?;
+    }
+    let too_many = DrawingError::TooMany {
+        images: images.len(),
+        side,
+    };
+    let rows = u32::try_from(images.len())
+        .ok()
+        .and_then(|count| count.checked_mul(side));
+    let height = rows.filter(|rows| 3 * u64::from(*rows) * u64::from(side) <= MOST_BYTES);
+    Ok(Image {
+        width: side,
+        height: height.ok_or(too_many)?,
+        pixels: images.iter().flat_map(|image| &image.pixels).copied().collect(),
+    })
+}
+
+/// What an 8-bit RGB PNG holds; else what it is instead.
+fn decoded(bytes: &[u8]) -> Result<Image, String> {
+    let words = |error: png::DecodingError| error.to_string();
+    let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(words)?;
+    let (color, depth) = reader.output_color_type();
+    if (color, depth) != (png::ColorType::Rgb, png::BitDepth::Eight) {
+        return Err(format!(
+            "its pixels are {color:?} of {depth:?} bits, not RGB of 8 bits"
+        ));
+    }
+    let (width, height) = (reader.info().width, reader.info().height);
+    let size = 3 * u64::from(width) * u64::from(height);
+    if size > MOST_BYTES {
+        return Err(format!("{width} x {height} pixels are more than are read"));
+    }
+    let mut pixels = vec![0; reader.output_buffer_size()];
+    reader.next_frame(&mut pixels).map_err(words)?;
+    Ok(Image {
+        width,
+        height,
+        pixels,
+    })
+}
+
+fn damaged<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> Error {
+    let path: PathBuf = path.to_owned();
+    move |error| Error::Damaged {
+        path,
+        problem: error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,30 @@
+//! How processes end.
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// It left with this exit code.
+    Code(i32),
+    /// This signal ended it.
+    Signal(i32),
+}
+
+/// A signal as people know it, as in `signal 11 (segmentation fault)`.
+#[must_use]
+pub fn signal_name(signal: i32) -> String {
+    let name = match signal {
+        4 => "illegal instruction",
+        6 => "abort",
+        7 => "bus error",
+        8 => "arithmetic fault",
+        9 => "kill",
+        11 => "segmentation fault",
+        15 => "termination",
+        24 => "processor time limit",
+        25 => "file size limit",
+        31 => "bad system call",
+        _ => return format!("signal {signal}"),
+    };
+    format!("signal {signal} ({name})")
+}

@@ -1,0 +1,303 @@
+//! Every way in which the engine can fail below the spec, as one enum.
+
+use crate::ending::{Ending, signal_name};
+use document::{plain_text, reach};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// An error of the engine or of a plugin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be read or written.
+    #[error("cannot {doing} `{}`: {source}", path.display())]
+    File {
+        /// What was tried, as in "read".
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A value of a plugin's config is wrong in a way that its schema cannot say.
+    #[error("`{key}`: {problem}")]
+    Config {
+        /// The key inside the plugin's config, dotted.
+        key: String,
+        /// What is wrong and what to write instead.
+        problem: String,
+    },
+    /// This machine lacks something that a plugin needs, or has another version of it. The config may be right.
+    #[error("`{key}`: {problem}")]
+    Unavailable {
+        /// The key inside the plugin's config that names what is missing, dotted.
+        key: String,
+        /// What is missing and how to get it.
+        problem: String,
+    },
+    /// An agent cannot be used with an environment.
+    #[error("agent `{agent}` cannot be used here: {problem}")]
+    Mismatch {
+        /// The agent.
+        agent: &'static str,
+        /// What it needs.
+        problem: String,
+    },
+    /// A data file changed after its content had become part of the trial's id.
+    #[error(
+        "the data file `{}` does not hold what this trial's id names; restore it and run with \
+         --retry-failed, or run again as it \
+         is: the changed content makes new trials",
+        path.display()
+    )]
+    DataFileChanged {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A number that must be finite is not.
+    #[error("{what} is not finite at step {step}: {value}")]
+    NotFinite {
+        /// Which number.
+        what: String,
+        /// At which step of the trial.
+        step: u64,
+        /// The value.
+        value: f64,
+    },
+    /// An action lies outside its space.
+    #[error("action outside its space: {problem}")]
+    Action {
+        /// Which entry, which value, which limit.
+        problem: String,
+    },
+    /// A model's equations cannot be continued.
+    #[error("{model}: {problem}")]
+    Model {
+        /// The model.
+        model: &'static str,
+        /// What failed, with time and values.
+        problem: String,
+    },
+    /// A checkpoint or snapshot does not fit.
+    #[error("checkpoint of {what} does not fit: {problem}")]
+    Checkpoint {
+        /// Whose checkpoint.
+        what: &'static str,
+        /// What does not fit.
+        problem: String,
+    },
+    /// What another trial left for this one cannot be used.
+    #[error("what trial {trial} left cannot be used: {problem}")]
+    Source {
+        /// Id of the trial that leaves it.
+        trial: String,
+        /// The fault.
+        problem: String,
+    },
+    /// What a trial left as its policy is of no form that other runtimes can be given.
+    #[error(
+        "what trial {trial} of `{agent}` left as its policy acts on no observation in a form that is known here: {}",
+        known.join(", ")
+    )]
+    NoPortablePolicy {
+        /// Id of the trial.
+        trial: String,
+        /// Its agent.
+        agent: String,
+        /// Names of the forms.
+        known: Vec<&'static str>,
+    },
+    /// A dataset was gathered in an environment whose seats see or do something else.
+    #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
+    OtherInterface {
+        /// What differs, as in "observed channel 3".
+        what: String,
+        /// What it is in the dataset.
+        found: String,
+        /// What it is here.
+        expected: String,
+    },
+    /// Designs were to be proposed in an environment that has not exactly one seat.
+    #[error("a search proposes the designs of one seat; this environment has {seats} seats")]
+    ManySeats {
+        /// How many seats there are.
+        seats: usize,
+    },
+    /// A dataset was to be made of seats of which some choose and others do not.
+    #[error(
+        "a dataset holds {what} of one kind; in this environment those of some seats are choices and those of others \
+         are not"
+    )]
+    MixedSeats {
+        /// What is of two kinds, as in "actions".
+        what: &'static str,
+    },
+    /// A dataset was to be made of an environment without seats.
+    #[error("a dataset holds what seats saw and did; this environment has none")]
+    NoSeats,
+    /// A process that computes for the trial was ended from outside: no fault of the trial.
+    #[error("{what} was ended by signal {signal}")]
+    Ended {
+        /// Which process.
+        what: &'static str,
+        /// The number of the signal.
+        signal: i32,
+    },
+    /// A program that trains an agent did not end well, by its own doing.
+    #[error("`{program}` {}{}", ending(*how), last_words(said))]
+    Program {
+        /// Its first words.
+        program: String,
+        /// How it ended.
+        how: Ending,
+        /// Its last lines on standard error.
+        said: String,
+    },
+    /// Nothing was heard of a training for longer than the study allows.
+    #[error("nothing was heard of it for the limit of {} s", limit.as_secs_f64())]
+    Silent {
+        /// How long that may be.
+        limit: Duration,
+    },
+    /// A plugin stopped without an answer.
+    #[error("it stopped with `{said}`, which is a mistake of its code")]
+    Panicked {
+        /// What it said, and where in the source code.
+        said: String,
+    },
+    /// The trial left before its end because it was asked to; its state is saved.
+    #[error("the trial was asked to stop; it continues from its checkpoint")]
+    Stopped,
+    /// A file that a person gave is not what it should be.
+    #[error("`{}`{}: {}", path.display(), place(*line, column.as_deref()), said(path, problem))]
+    Input {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1, where one is to blame.
+        line: Option<u64>,
+        /// The name of the column, where one is to blame.
+        column: Option<String>,
+        /// What is wrong there.
+        problem: String,
+    },
+    /// A bucket of object storage cannot be used.
+    #[error("cannot {doing} `{address}`: {problem}")]
+    Bucket {
+        /// What was tried, as in "list the trials in".
+        doing: String,
+        /// The bucket, as `s3://bucket/prefix`.
+        address: String,
+        /// What the service said, or what is missing.
+        problem: String,
+    },
+    /// A stored file is not what it should be.
+    #[error("`{}` is damaged: {}", path.display(), said(path, problem))]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        problem: String,
+    },
+    /// A stored file is of a later program; it is left as it is.
+    #[error("`{}` was written by a newer program ({problem}) and is left as it is: use that program", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// What says so.
+        problem: String,
+    },
+    /// A file in a folder of results is not as its report wrote it, so that no report can be made of it.
+    #[error(
+        "`{}` {problem}: take back the folder as it was committed (`git checkout`), or write it again from a store by \
+         `regimen report` without `--recorded`",
+        path.display()
+    )]
+    Record {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        problem: String,
+    },
+    /// An environment gives something to draw that cannot be drawn.
+    #[error(transparent)]
+    Drawing(#[from] crate::drawing::DrawingError),
+    /// A table, figure or claim could not be made from what is stored.
+    #[error("{what}: {problem}")]
+    Render {
+        /// Which table, figure or claim.
+        what: String,
+        /// What is missing.
+        problem: String,
+    },
+    /// The store cannot be written: a full disk, missing rights.
+    #[error("the store cannot be written: {problem}")]
+    Store {
+        /// What was tried, where, and what the system said.
+        problem: String,
+    },
+    /// A worker process misbehaved.
+    #[error("worker process: {problem}")]
+    Worker {
+        /// What happened.
+        problem: String,
+    },
+}
+
+fn ending(how: Ending) -> String {
+    match how {
+        Ending::Code(code) => format!("left with exit code {code}"),
+        Ending::Signal(signal) => format!("was ended by {}", signal_name(signal)),
+    }
+}
+
+fn last_words(said: &str) -> String {
+    if said.is_empty() {
+        "; it said nothing on standard error".into()
+    } else {
+        format!("; it said last: {}", plain_text::last_words(said))
+    }
+}
+
+/// A place inside a file, as in `, line 3, column `x``.
+fn place(line: Option<u64>, column: Option<&str>) -> String {
+    let line = line.map_or(String::new(), |line| format!(", line {line}"));
+    line + &column.map_or(String::new(), |column| format!(", column `{column}`"))
+}
+
+/// A problem with a file, without words of one that is not the study's.
+fn said<'a>(path: &Path, problem: &'a str) -> Cow<'a, str> {
+    if reach::is_foreign(path) {
+        Cow::Owned(reach::without_words(problem))
+    } else {
+        Cow::Borrowed(problem)
+    }
+}
+
+impl Error {
+    /// An error about a file, to be used with `map_err`.
+    pub fn file(doing: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::File { doing, path, source }
+    }
+
+    /// The same error where the file is one of the store: then the trial is not to blame.
+    pub fn of_store(self) -> Self {
+        match self {
+            Self::File { .. } => Self::Store {
+                problem: self.to_string(),
+            },
+            other => other,
+        }
+    }
+
+    /// An error about one key of a plugin's config.
+    pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Config {
+            key: key.into(),
+            problem: problem.into(),
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! What plugins and the engine agree on.
+//!
+//! A plugin implements [`Environment`], [`Agent`] or [`Protocol`] and is entered into a [`Registry`]; the engine
+//! describes a [trial](trial::TrialKey) by the plugins' names and configs, and runs it from them. Nothing here knows
+//! of studies, stores, tables or machines.
+//!
+//! Nothing below [`trial`] reads an environment variable or global randomness, and no clock reaches a number: a trial's
+//! numbers depend on its [`trial::TrialKey`] only.
+
+pub mod agent;
+pub mod build;
+pub mod cast;
+pub mod checkpoint;
+pub mod choice;
+pub mod clock;
+pub mod complete_config;
+pub mod data_file;
+pub mod dataset;
+pub mod design;
+pub mod digest;
+pub mod draft;
+pub mod drawing;
+pub mod ending;
+pub mod environment;
+pub mod error;
+pub mod metrics_file;
+pub mod own_training;
+pub mod panics;
+pub mod parquet;
+pub mod policy_form;
+pub mod product;
+pub mod protocol;
+pub mod random;
+pub mod recorder;
+pub mod registry;
+pub mod resources;
+pub mod setting;
+pub mod standard_metrics;
+pub mod trial;
+
+pub use agent::{Agent, Mode, Transition, Updates};
+pub use build::Build;
+pub use checkpoint::{Keeper, NoKeeper};
+pub use choice::{Choice, first_largest};
+pub use data_file::{DataFile, FileFormat};
+pub use dataset::Dataset;
+pub use design::{Design, Designs};
+pub use environment::{
+    Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface,
+    Seat, Space, Step,
+};
+pub use error::Error;
+pub use own_training::OwnTraining;
+pub use product::{Checkpoint, Product, ProductKind};
+pub use protocol::Protocol;
+pub use random::Rng;
+pub use recorder::{Phase, Recorder};
+pub use registry::{AgentTraits, Config, Preset, Registry, UseOfDatasets};

@@ -1,0 +1,115 @@
+//! A digest of the values in a file: the same for the same columns with the same cells in the same order, whichever
+//! library, codec and version wrote the file.
+
+use super::{Cells, Column, Table};
+use crate::{Error, panics};
+use std::path::Path;
+
+/// The way in which values are hashed, with its version; it stands first in what is hashed.
+const FORMAT: &[u8] = b"regimen values 1\n";
+const LENGTH: usize = 32;
+
+/// The first 32 hexadecimal digits of a BLAKE3 hash of the values in the bytes of a file.
+///
+/// # Errors
+/// [`Error::Damaged`] where it is no such file.
+pub fn values_digest(bytes: Vec<u8>, path: &Path) -> Result<String, Error> {
+    let table = panics::or_damaged(path, || Table::decode(bytes, path))?;
+    let mut values = FORMAT.to_vec();
+    for (name, column) in &table.columns {
+        push_bytes(&mut values, name.as_bytes());
+        push_bytes(&mut values, column.kind().as_bytes());
+        push_column(&mut values, column);
+    }
+    Ok(blake3::hash(&values).to_hex()[..LENGTH].to_string())
+}
+
+fn push_column(to: &mut Vec<u8>, column: &Column) {
+    match column {
+        Column::Text(cells) => push_cells(to, cells, |to, it| push_bytes(to, it.data())),
+        Column::U64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        Column::U32(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        Column::I64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        Column::F64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        Column::Bool(cells) => push_cells(to, cells, |to, it| to.push(u8::from(*it))),
+        Column::Vectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
+        Column::WholeVectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
+        Column::Other(_) => {}
+    }
+}
+
+/// The number of the cells; then for an empty cell a 0, for another one a 1 and its value.
+fn push_cells<T>(to: &mut Vec<u8>, cells: &Cells<T>, value: impl Fn(&mut Vec<u8>, &T)) {
+    push_count(to, cells.len());
+    for cell in cells.iter() {
+        to.push(u8::from(cell.is_some()));
+        if let Some(cell) = cell {
+            value(to, cell);
+        }
+    }
+}
+
+fn push_rows<T>(to: &mut Vec<u8>, rows: &[Option<Vec<T>>], value: impl Fn(&T) -> [u8; 8]) {
+    push_count(to, rows.len());
+    for row in rows {
+        to.push(u8::from(row.is_some()));
+        let entries = row.as_deref().unwrap_or_default();
+        push_count(to, entries.len());
+        to.extend(entries.iter().flat_map(&value));
+    }
+}
+
+/// Bytes after their number.
+fn push_bytes(to: &mut Vec<u8>, bytes: &[u8]) {
+    push_count(to, bytes.len());
+    to.extend_from_slice(bytes);
+}
+
+fn push_count(to: &mut Vec<u8>, count: usize) {
+    to.extend((count as u64).to_le_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parquet::{Values, encode};
+
+    fn digest(columns: Vec<(&str, Values<'_>)>) -> String {
+        let path = Path::new("table.parquet");
+        let entries = [("version", columns.len().to_string())];
+        values_digest(encode(path, columns, &entries).unwrap(), path).unwrap()
+    }
+
+    /// Receipts of verifications hold it: another one is another [`FORMAT`].
+    #[test]
+    fn the_digest_of_a_table_stays() {
+        let columns = vec![
+            ("word", Values::Text(vec!["a", "b"])),
+            ("number", Values::MaybeF64(vec![Some(0.5), None])),
+            ("vector", Values::Vectors(vec![&[1.0, -0.0], &[]])),
+        ];
+        assert_eq!(digest(columns), "292551baaebaba505b33307818c5d1ef");
+    }
+
+    #[test]
+    fn every_value_name_kind_and_order_counts_and_room_for_empty_cells_does_not() {
+        let of = |values| digest(vec![("a", values)]);
+        let known = of(Values::F64(vec![0.0, 1.0]));
+        assert_eq!(of(Values::MaybeF64(vec![Some(0.0), Some(1.0)])), known);
+        let others = [
+            of(Values::F64(vec![-0.0, 1.0])),
+            of(Values::F64(vec![1.0, 0.0])),
+            of(Values::F64(vec![0.0, 1.0, 1.0])),
+            of(Values::MaybeF64(vec![Some(0.0), None])),
+            of(Values::I64(vec![0, 1])),
+            digest(vec![("b", Values::F64(vec![0.0, 1.0]))]),
+        ];
+        assert!(others.iter().all(|other| *other != known));
+    }
+
+    #[test]
+    fn another_file_is_damage() {
+        let refused = values_digest(b"no table".to_vec(), Path::new("table.parquet"));
+        assert!(matches!(refused, Err(Error::Damaged { .. })));
+    }
+}

@@ -1,0 +1,32 @@
+//! Forms of policy files that can be written for other runtimes.
+
+use crate::Error;
+use std::path::Path;
+
+/// A form of policy files that can be written for other runtimes.
+pub struct PolicyForm {
+    /// Its name, as messages and properties say it.
+    pub name: &'static str,
+    /// Reads the policies in a folder that holds `policy.safetensors`; `None` where it is of another form.
+    pub read: ReadPolicies,
+}
+
+/// What reads the policies of one form.
+///
+/// # Errors
+/// Where the file cannot be read, or is of this form and not whole.
+pub type ReadPolicies = fn(&Path) -> Result<Option<Vec<PortablePolicy>>, Error>;
+
+/// A policy from observations of one seat to its actions, ready to be written.
+pub struct PortablePolicy {
+    /// The seat, where one file holds the policies of several; else empty.
+    pub seat: String,
+    /// Names of the entries of the observation, in order.
+    pub inputs: Vec<String>,
+    /// Names of the entries of the action, in order.
+    pub outputs: Vec<String>,
+    /// How what its network gives out becomes an action, in a word.
+    pub head: String,
+    /// An ONNX file of it, with properties by name.
+    pub to_onnx: Box<dyn Fn(&[(String, String)]) -> Vec<u8>>,
+}

@@ -1,0 +1,481 @@
+//! Measuring a policy: whole episodes, every one on random numbers of its own.
+
+use super::{
+    Run,
+    position::{Blocks, Position, restored},
+};
+use crate::{
+    Action, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, clock,
+    dataset, drawing, standard_metrics::EPISODE_LENGTH,
+};
+use serde::Serialize;
+use serde_json::Value;
+use std::{cell::RefCell, collections::BTreeMap};
+
+/// Episodes that are stepped together, so that the policy sees many rows at a time.
+const ROWS: u64 = 256;
+
+/// What to measure, and under which name it is stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measurement {
+    /// `Evaluate` or `Final`.
+    phase: Phase,
+    /// Training steps done so far.
+    pub step: u64,
+    /// Number of episodes.
+    episodes: u64,
+    /// How many of them, from the first, are recorded step by step.
+    traced: u64,
+    /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever
+    /// plays them.
+    stream: String,
+    /// How the agent acts.
+    mode: Mode,
+    /// True where episodes are played one after the other, whoever plays them.
+    one_by_one: bool,
+    /// True where the environment's drawings of the last episode are left.
+    drawn: bool,
+}
+
+impl Measurement {
+    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so
+    /// that a curve does not rest on the luck of one set of starts.
+    #[must_use]
+    pub fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
+        Self {
+            phase: Phase::Evaluate,
+            step,
+            episodes,
+            traced: 0,
+            stream: format!("evaluate {index}"),
+            mode: Mode::Evaluate,
+            one_by_one: false,
+            drawn: false,
+        }
+    }
+
+    /// The measurement at the end, the first `traced` of its episodes recorded step by step.
+    #[must_use]
+    pub fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
+        Self {
+            phase: Phase::Final,
+            step,
+            episodes,
+            traced,
+            stream: "final".into(),
+            mode: Mode::Evaluate,
+            one_by_one: false,
+            drawn: false,
+        }
+    }
+
+    /// The measurement at the end of a trial that follows episodes one after the other.
+    pub fn one_by_one(episodes: u64, traced: u64) -> Self {
+        Self {
+            one_by_one: true,
+            ..Self::at_the_end(0, episodes, traced)
+        }
+    }
+
+    /// The same, which leaves the environment's drawings of its last episode.
+    #[must_use]
+    pub fn with_drawings(self) -> Self {
+        Self { drawn: true, ..self }
+    }
+
+    /// Episodes that are stepped together by an agent: one, where it remembers.
+    fn together(&self, agent: &dyn Agent) -> u64 {
+        if self.one_by_one || agent.remembers() {
+            1
+        } else {
+            ROWS
+        }
+    }
+
+    /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
+    pub fn to_gather(episodes: u64, mode: Mode) -> Self {
+        Self {
+            phase: Phase::Final,
+            step: 0,
+            episodes,
+            traced: 0,
+            stream: "gather".into(),
+            mode,
+            one_by_one: false,
+            drawn: false,
+        }
+    }
+}
+
+/// One episode under way.
+struct Episode {
+    slot: usize,
+    index: u64,
+    environment: Box<dyn Environment>,
+    rng: Rng,
+    observation: Observation,
+    decisions: u64,
+    returns: Vec<f64>,
+    info: Vec<f64>,
+    assessed: Vec<f64>,
+    gathered: Option<dataset::Episode>,
+}
+
+/// Whole episodes that are kept, by number.
+pub type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
+
+/// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions
+/// of each.
+///
+/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every
+/// block of episodes the trial can be stopped: `learning` says what learning needs then, and the [`Position`]
+/// of the checkpoint gives the `blocks` to continue from; `None` begins the measurement.
+///
+/// # Errors
+/// [`Error::Stopped`] between two blocks, and whatever the environment or the agent reports.
+pub fn measure<L: Serialize>(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    blocks: Option<Blocks>,
+    learning: impl Fn() -> Option<L>,
+) -> Result<(), Error> {
+    measure_and_keep(run, what, blocks, learning, None)
+}
+
+/// As [`measure`]; every episode goes into `kept` when it ends.
+pub fn measure_and_keep<L: Serialize>(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    blocks: Option<Blocks>,
+    learning: impl Fn() -> Option<L>,
+    kept: Option<&Kept>,
+) -> Result<(), Error> {
+    let begin = || Blocks {
+        first: 0,
+        rng: run.streams.agent(&format!("{} {}", what.phase.name(), what.step)),
+        pool: Vec::new(),
+    };
+    let Blocks {
+        mut first,
+        mut rng,
+        pool,
+    } = blocks.unwrap_or_else(begin);
+    let together = what.together(&*run.agent);
+    let rows = what.episodes.min(together);
+    let mut pool = open_pool(run, rows, &pool)?;
+    while first < what.episodes {
+        let blocks = || Blocks {
+            first,
+            rng: rng.clone(),
+            pool: snapshots(first, &pool),
+        };
+        run.checkpoint(|| Position {
+            learning: learning(),
+            measuring: Some(blocks()),
+        })?;
+        let mut active = Vec::with_capacity(pool.len());
+        for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
+            if let Some(environment) = pool[slot].take() {
+                let mut episode = start(run, what, slot, index, environment)?;
+                if kept.is_some() {
+                    let mut gathered = dataset::Episode::default();
+                    gathered.see(&*episode.environment, &episode.observation.seats);
+                    episode.gathered = Some(gathered);
+                }
+                active.push(episode);
+            }
+        }
+        while !active.is_empty() {
+            active = advance(run, what, active, &mut rng, &mut pool, kept)?;
+        }
+        first += together;
+    }
+    Ok(())
+}
+
+/// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens
+/// to it. `episodes` are those of all measurements together, for progress. To be called before anything else:
+/// it goes on from a checkpoint by itself.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_alone(
+    run: &mut Run<'_>,
+    measurements: impl Iterator<Item = Measurement>,
+    episodes: u64,
+) -> Result<(), Error> {
+    let position: Option<Position<usize>> = run.resume()?;
+    let (first, mut blocks) = position.map_or((0, None), |position| {
+        (position.learning.unwrap_or(0), position.measuring)
+    });
+    let mut done = 0;
+    for (place, what) in measurements.enumerate() {
+        done += what.episodes;
+        if place >= first {
+            measure(run, &what, blocks.take(), || Some(place))?;
+            (run.progress)(done, episodes);
+        }
+    }
+    Ok(())
+}
+
+/// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
+/// `episode` is done.
+pub fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
+    let what = Measurement::at_the_end(step, episodes, 0);
+    let together = what.together(&*run.agent);
+    let until = (episode / together + 1) * together;
+    let what = Measurement {
+        episodes: episodes.min(until),
+        ..what
+    };
+    measure(run, &what, None, || None::<()>)
+}
+
+/// Environments, each free while it plays no episode.
+type Pool = Vec<Option<Box<dyn Environment>>>;
+
+/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears
+/// the same way whatever the other slots do.
+fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Error> {
+    if snapshots.is_empty() {
+        return (0..rows).map(|_| (run.make_environment)().map(Some)).collect();
+    }
+    if snapshots.len() as u64 != rows {
+        let problem = format!("{} environments stored, {rows} needed", snapshots.len());
+        return Err(Error::Checkpoint {
+            what: "a measurement",
+            problem,
+        });
+    }
+    snapshots
+        .iter()
+        .map(|snapshot| restored(run.make_environment, snapshot).map(Some))
+        .collect()
+}
+
+/// What the environments went through so far: nothing before the first block. Between blocks all of them are
+/// free.
+fn snapshots(first: u64, pool: &Pool) -> Vec<Value> {
+    if first == 0 {
+        Vec::new()
+    } else {
+        pool.iter()
+            .flatten()
+            .map(|environment| environment.snapshot())
+            .collect()
+    }
+}
+
+fn start(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    slot: usize,
+    index: u64,
+    mut environment: Box<dyn Environment>,
+) -> Result<Episode, Error> {
+    let mut rng = run.streams.environment(&what.stream, index);
+    let seats = environment.reset_to(index, &mut rng)?;
+    run.agent.restart();
+    let observation = observe(&*run.agent, &*environment, seats);
+    let (returns, info) = (
+        vec![0.0; environment.seats().len()],
+        vec![0.0; environment.metrics().len()],
+    );
+    let (decisions, assessed) = (0, Vec::new());
+    let episode = Episode {
+        slot,
+        index,
+        environment,
+        rng,
+        observation,
+        decisions,
+        returns,
+        info,
+        assessed,
+        gathered: None,
+    };
+    trace(run, what, &episode);
+    Ok(episode)
+}
+
+/// Steps every active episode once; gives back those that go on and puts the environments of the others back
+/// in the pool.
+fn advance(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    mut active: Vec<Episode>,
+    rng: &mut Rng,
+    pool: &mut Pool,
+    kept: Option<&Kept>,
+) -> Result<Vec<Episode>, Error> {
+    let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
+    let actions = decide(run, what, &observations, rng)?;
+    for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
+        episode.assessed.resize(values.len(), 0.0);
+        episode
+            .assessed
+            .iter_mut()
+            .zip(values)
+            .for_each(|(sum, value)| *sum += value);
+    }
+    for (episode, action) in active.iter_mut().zip(&actions) {
+        episode.environment.announce(action)?;
+    }
+    let mut going_on = Vec::with_capacity(active.len());
+    for (mut episode, action) in active.into_iter().zip(actions) {
+        let step = episode.environment.step(&action, &mut episode.rng)?;
+        episode.decisions += 1;
+        episode
+            .returns
+            .iter_mut()
+            .zip(&step.rewards)
+            .for_each(|(sum, reward)| *sum += reward);
+        let is_first = episode.decisions == 1;
+        accumulate(
+            &mut episode.info,
+            episode.environment.metrics(),
+            &step.info,
+            is_first,
+        );
+        if let Some(gathered) = &mut episode.gathered {
+            gathered.take(&action, &step.rewards);
+            gathered.see(&*episode.environment, &step.observations);
+        }
+        episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
+        trace(run, what, &episode);
+        match step.end {
+            None => going_on.push(episode),
+            Some(end) => {
+                finish(run, what, &episode);
+                if let Some(folder) = run
+                    .folder
+                    .filter(|_| what.drawn && episode.index + 1 == what.episodes)
+                {
+                    drawing::leave(&mut *episode.environment, folder)?;
+                }
+                if let (Some(kept), Some(mut gathered)) = (kept, episode.gathered.take()) {
+                    gathered.end = end;
+                    kept.borrow_mut().insert(episode.index, gathered);
+                }
+                pool[episode.slot] = Some(episode.environment);
+            }
+        }
+    }
+    Ok(going_on)
+}
+
+/// The agent's actions. How long it took for those of the final measurement is kept beside the rows.
+fn decide(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    observations: &[Observation],
+    rng: &mut Rng,
+) -> Result<Vec<Action>, Error> {
+    let asked = clock::now();
+    let actions = run.agent.act(observations, what.mode, rng)?;
+    if what.phase == Phase::Final {
+        run.record.decided(actions.len(), clock::since(asked));
+    }
+    Ok(actions)
+}
+
+/// What an agent is shown when its seats see `seats`: with the environment's full state where it reads that.
+pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
+    let state = if agent.reads_state() {
+        environment.state()
+    } else {
+        Vec::new()
+    };
+    Observation { seats, state }
+}
+
+/// Takes the metrics of a step into those of its episode; `is_first` where it is the first one.
+pub fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64], is_first: bool) {
+    for ((sum, metric), value) in sums.iter_mut().zip(metrics).zip(info) {
+        match metric.per_episode {
+            PerEpisode::Sum | PerEpisode::Mean => *sum += value,
+            PerEpisode::Max if !is_first => *sum = sum.max(*value),
+            PerEpisode::Min if !is_first => *sum = sum.min(*value),
+            PerEpisode::Last | PerEpisode::Max | PerEpisode::Min => *sum = *value,
+        }
+    }
+}
+
+fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
+    let Episode { index, decisions, .. } = *episode;
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "an episode has far fewer than 2^52 decisions"
+    )]
+    let length = decisions as f64;
+    for (seat, value) in episode.returns.iter().enumerate() {
+        run.record
+            .add(what.phase, what.step, index, seat, "return", *value);
+    }
+    run.record
+        .add(what.phase, what.step, index, 0, EPISODE_LENGTH, length);
+    for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
+        let value = if metric.per_episode == PerEpisode::Mean {
+            value / length
+        } else {
+            *value
+        };
+        run.record
+            .add(what.phase, what.step, index, 0, &metric.name, value);
+    }
+    let n_seats = episode.returns.len();
+    for (metric, sums) in run
+        .agent
+        .decision_metrics()
+        .iter()
+        .zip(episode.assessed.chunks(n_seats))
+    {
+        for (seat, sum) in sums.iter().enumerate() {
+            run.record
+                .add(what.phase, what.step, index, seat, &metric.name, sum / length);
+        }
+    }
+}
+
+fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
+    if what.phase != Phase::Final || episode.index >= what.traced {
+        return;
+    }
+    let channels = episode.environment.trace_channels();
+    for (channel, value) in channels.iter().zip(episode.environment.trace()) {
+        // There is no value yet, as of an action before the first decision.
+        if !value.is_nan() {
+            run.record.add(
+                Phase::Trace,
+                episode.decisions,
+                episode.index,
+                0,
+                &channel.name,
+                value,
+            );
+        }
+    }
+}
+
+/// Traces the environment's reward surface, where it has one: a grid point per episode, all at step 0.
+pub fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
+    let Some(surface) = (run.make_environment)()?.reward_surface() else {
+        return Ok(());
+    };
+    for (index, point) in (0..).zip(&surface.points) {
+        for (name, value) in surface.names.iter().zip(point) {
+            run.record.add(Phase::Trace, 0, index, 0, name, *value);
+        }
+    }
+    Ok(())
+}
+
+/// What every protocol that measures episodes records besides the metrics of environment and agent.
+#[must_use]
+pub fn metrics() -> Vec<Metric> {
+    vec![
+        Metric::new("return", "", "sum of the rewards of an episode, per seat"),
+        Metric::new(EPISODE_LENGTH, "decisions", "decisions until the episode ended"),
+    ]
+}

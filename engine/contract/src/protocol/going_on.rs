@@ -1,0 +1,104 @@
+//! How learning goes on in another trial: what a trial leaves as its [checkpoint](ProductKind::Checkpoint), and how
+//! another one takes it up.
+//!
+//! ```text
+//! <trial's folder>/checkpoint/state.json        what the protocol goes on from, and means that are not recorded yet
+//!                             metrics.parquet   what was recorded while learning
+//!                             agent/            what the agent saved
+//! ```
+
+use super::Run;
+use crate::{
+    Agent, Checkpoint, Error, Phase, Product, ProductKind, Recorder, metrics_file,
+    product::{CHECKPOINT, CHECKPOINT_AGENT, CHECKPOINT_ROWS, CHECKPOINT_STATE},
+    recorder::Running,
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde_json::Value;
+use std::{fs, io, path::Path};
+
+/// What `state.json` holds.
+#[derive(Serialize, Deserialize)]
+struct State {
+    protocol: Value,
+    running: Running,
+}
+
+/// Writes a checkpoint into the folder of a trial whose learning is over; nothing where no folder is kept.
+///
+/// # Errors
+/// Where a file cannot be written.
+pub fn leave(run: &Run<'_>, protocol: &impl Serialize) -> Result<(), Error> {
+    let Some(trial) = run.folder else { return Ok(()) };
+    let learned = |row: &&crate::recorder::Row| matches!(row.phase, Phase::Train | Phase::Evaluate);
+    let rows = run.record.rows().iter().filter(learned).copied().collect();
+    let names = run.record.names().to_vec();
+    let record = Recorder::resumed(names, rows, run.record.running().clone());
+    write(trial, protocol, &*run.agent, &record).map_err(Error::of_store)
+}
+
+/// Writes the checkpoint of learning that has not begun, in which no protocol could go on: `check` looks whether an
+/// agent takes it up.
+///
+/// # Errors
+/// Where a file cannot be written.
+pub fn write_specimen(trial: &Path, agent: &dyn Agent) -> Result<(), Error> {
+    write(trial, &Value::Null, agent, &Recorder::default())
+}
+
+fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Recorder) -> Result<(), Error> {
+    let folder = trial.join(CHECKPOINT);
+    // An attempt that was interrupted may have left something.
+    if let Err(source) = fs::remove_dir_all(&folder)
+        && source.kind() != io::ErrorKind::NotFound
+    {
+        return Err(Error::file("remove", &folder)(source));
+    }
+    let of_agent = folder.join(CHECKPOINT_AGENT);
+    fs::create_dir_all(&of_agent).map_err(Error::file("create", &of_agent))?;
+    agent.save(&of_agent)?;
+    let rows = folder.join(CHECKPOINT_ROWS);
+    fs::write(&rows, metrics_file::encode(record, "")?).map_err(Error::file("write", &rows))?;
+    let path = folder.join(CHECKPOINT_STATE);
+    let json = |source: serde_json::Error| Error::file("write", &path)(source.into());
+    let state = State {
+        protocol: serde_json::to_value(protocol).map_err(json)?,
+        running: record.running().clone(),
+    };
+    let text = serde_json::to_vec(&state).map_err(json)?;
+    fs::write(&path, text).map_err(Error::file("write", &path))
+}
+
+/// Takes up a checkpoint: agent and record are then as they were where it was left. Gives what the protocol goes on
+/// from.
+///
+/// # Errors
+/// [`Error::Source`] where it is not at hand, and where it does not fit the agent or the protocol.
+pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, product: &Product<Checkpoint>) -> Result<S, Error> {
+    let trial = product.folder()?;
+    load_agent(&mut *run.agent, trial)
+        .map_err(|error| misfit(product, &format!("it does not fit this agent: {error}")))?;
+    let folder = trial.join(CHECKPOINT);
+    let path = folder.join(CHECKPOINT_STATE);
+    let text = fs::read(&path).map_err(Error::file("read", &path))?;
+    let state: State = serde_json::from_slice(&text).map_err(|source| misfit(product, &source))?;
+    let table = metrics_file::read(&folder.join(CHECKPOINT_ROWS))?;
+    run.record = Recorder::resumed(table.names, table.rows, state.running);
+    serde_json::from_value(state.protocol).map_err(|source| misfit(product, &source))
+}
+
+/// Lets an agent take up what another trial, whose folder is given, left.
+///
+/// # Errors
+/// What the agent says where it does not fit.
+pub fn load_agent(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
+    agent.load(&trial.join(CHECKPOINT).join(CHECKPOINT_AGENT))
+}
+
+/// What was left cannot be used, and why.
+pub fn misfit(product: &Product<Checkpoint>, problem: &impl ToString) -> Error {
+    Error::Source {
+        trial: format!("`{}`", product.source()),
+        problem: format!("its {}: {}", ProductKind::Checkpoint, problem.to_string()),
+    }
+}

@@ -1,0 +1,211 @@
+//! What a protocol is: how one trial runs.
+//!
+//! A protocol implements [`Protocol`] and is registered like any other plugin. It is made of what stands here: [`measure`] runs a [`Measurement`], [`measure_alone`] those of an agent
+//! that does not learn, [`observe`] makes an observation, and a [`Position`] says where to go on.
+
+mod evaluation;
+mod going_on;
+mod position;
+
+use crate::{
+    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder,
+    own_training::Assignment, random::Streams, standard_metrics::UPDATES,
+};
+use serde::{Serialize, de::DeserializeOwned};
+use std::path::Path;
+
+pub use evaluation::{
+    Kept, Measurement, accumulate, measure, measure_alone, measure_and_keep, metrics as measurement_metrics,
+    observe, replay as replay_measurement, trace_reward_surface,
+};
+pub use going_on::{
+    leave as leave_checkpoint, load_agent as load_from_checkpoint, misfit as checkpoint_misfit,
+    take_up as take_up_checkpoint, write_specimen as write_checkpoint_specimen,
+};
+pub use position::{Blocks, Position, restored};
+
+/// What a protocol works with. Everything in it belongs to one trial.
+pub struct Run<'a> {
+    /// Makes one more copy of the trial's environment.
+    pub make_environment: &'a dyn Fn() -> Result<Box<dyn Environment>, Error>,
+    /// The trial's agent, freshly initialised.
+    pub agent: Box<dyn Agent>,
+    /// The trial's random streams.
+    pub streams: Streams,
+    /// Where numbers go.
+    pub record: Recorder,
+    /// Told how far the trial is: steps done, steps in all.
+    pub progress: &'a mut dyn FnMut(u64, u64),
+    /// The task of an agent that trains itself; the protocol says for how long.
+    pub assignment: Assignment,
+    /// Keeps the trial's state, so that it can continue in another process.
+    pub keeper: &'a mut dyn Keeper,
+    /// Where products go that the protocol makes; `None` where nothing is kept of the trial but its record.
+    pub folder: Option<&'a Path>,
+}
+
+impl Run<'_> {
+    /// What the protocol gave to [`checkpoint`](Self::checkpoint) in a process that is gone; agent and record
+    /// are then as they were. `None` where the trial begins. To be called once, before anything else.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then
+    /// starts over.
+    pub fn resume<S: DeserializeOwned>(&mut self) -> Result<Option<S>, Error> {
+        let state = self
+            .keeper
+            .load(&mut *self.agent, &mut self.record)
+            .map_err(Error::of_store)?;
+        state.map(serde_json::from_value).transpose().map_err(misfit)
+    }
+
+    /// Records how many updates the agent made so far; nothing for one that does not learn.
+    pub fn record_updates(&mut self, phase: Phase, step: u64) {
+        if let Some(updates) = self.agent.updates() {
+            #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
+            self.record.add(phase, step, 0, 0, UPDATES, updates.made as f64);
+        }
+    }
+
+    /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs
+    /// besides agent and record. Numbers that may not be finite belong into a field with
+    /// [`exact`](crate::checkpoint::exact).
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded
+    /// that is no number, and where a file cannot be written.
+    pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
+        self.record.all_finite()?;
+        if self.agent.own_training().is_some() {
+            // Its checkpoint is its own business.
+            if self.keeper.stopping() {
+                return Err(Error::Stopped);
+            }
+            return self.keeper.note(&self.record).map_err(Error::of_store);
+        }
+        self.keeper.look(&self.record);
+        if !self.keeper.due() {
+            return self.keeper.note(&self.record).map_err(Error::of_store);
+        }
+        let state = serde_json::to_value(state()).map_err(misfit)?;
+        self.keeper
+            .save(state, &*self.agent, &mut self.record)
+            .map_err(Error::of_store)?;
+        if self.keeper.stopping() {
+            Err(Error::Stopped)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+fn misfit(source: serde_json::Error) -> Error {
+    Error::Checkpoint {
+        what: "the protocol",
+        problem: source.to_string(),
+    }
+}
+
+/// What a protocol gives to agents that learn, in one word.
+pub fn given_to_learn(protocol: &dyn Protocol) -> &'static str {
+    match protocol {
+        _ if protocol.experience() == 0 => "nothing",
+        _ if protocol.asks_for_designs() => "designs",
+        _ if protocol.gives_examples() => "examples",
+        _ if protocol.gives_datasets() => "datasets",
+        _ => "decisions",
+    }
+}
+
+/// How one trial runs, from the first step to the final measurement.
+pub trait Protocol: Send + Sync {
+    /// What it records besides the environment's and the agent's metrics.
+    fn metrics(&self) -> Vec<Metric>;
+
+    /// What it records besides in an environment with this interface.
+    fn metrics_of_interface(&self, _interface: &Interface) -> Vec<Metric> {
+        Vec::new()
+    }
+
+    /// True where the environment's metrics are recorded per episode under their names.
+    fn records_environment_metrics(&self) -> bool {
+        true
+    }
+
+    /// What is recorded of an environment with these metrics.
+    fn metrics_of_environment(&self, of: &[Metric]) -> Vec<Metric> {
+        if self.records_environment_metrics() {
+            of.to_vec()
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// True where the agent is asked for one whole design after the other, and told what each was worth.
+    fn asks_for_designs(&self) -> bool {
+        false
+    }
+
+    /// True where agents are given examples to learn from, without actions and rewards.
+    fn gives_examples(&self) -> bool {
+        false
+    }
+
+    /// True where agents are given transitions of datasets that others gathered, in batches, after they were
+    /// told of all of them.
+    fn gives_datasets(&self) -> bool {
+        false
+    }
+
+    /// True where an agent that learned nothing is what others are compared with.
+    fn compares_untrained(&self) -> bool {
+        false
+    }
+
+    /// Whether a trial in an environment with this interface and these metrics can run, before it does: `check`
+    /// asks with specimens for products.
+    ///
+    /// # Errors
+    /// What does not fit, as [`run`](Self::run) would say it.
+    fn accepts(&self, _interface: &Interface, _metrics: &[Metric]) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// What a trial leaves for others besides what its agent exports.
+    fn leaves(&self) -> Vec<ProductKind> {
+        Vec::new()
+    }
+
+    /// Writes what a trial of this protocol would leave, but empty: `check` builds from it those that take
+    /// it.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
+    fn write_specimen(&self, _interface: &Interface, _folder: &Path) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// What can be run with this config and is probably not meant: an [`Error::Config`] that names the key.
+    fn doubt(&self) -> Option<Error> {
+        None
+    }
+
+    /// Steps in all, for progress and cost estimates.
+    fn total_steps(&self) -> u64;
+
+    /// True where it measures at this step while it goes on, so that a trial can pause there.
+    fn measures_at(&self, _step: u64) -> bool {
+        false
+    }
+
+    /// Transitions that the agent is given to learn from, in all.
+    fn experience(&self) -> u64;
+
+    /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either
+    /// way.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and whatever the environment
+    /// or the agent reports.
+    fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
+}

@@ -1,0 +1,396 @@
+//! The one door for plugins: names, typed configs, constructors.
+//!
+//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type
+//! once, so the engine can fill in defaults, refuse typos, print parameters and build the plugin without ever
+//! naming its type.
+
+use crate::{
+    Agent, Environment, Error, Interface, Metric, Protocol, Rng,
+    own_training::Measured,
+    policy_form::{PolicyForm, ReadPolicies},
+    trial::Part,
+};
+use schemars::{JsonSchema, Schema};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What a plugin's config must be.
+///
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then
+/// reads what its id names, whatever happens to the file.
+///
+/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
+/// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the
+/// limits that `check` holds; `#[schemars(extend("x-unit" = "s"))]` the unit and
+/// `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
+pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static {
+    /// Named settings that differ from the default.
+    fn presets() -> Vec<Preset> {
+        Vec::new()
+    }
+}
+
+/// A named setting of a plugin: keys that replace the defaults.
+#[derive(Debug, Clone, Serialize)]
+pub struct Preset {
+    /// The name, as in `preset: thesis`.
+    pub name: &'static str,
+    /// Where it comes from.
+    pub about: &'static str,
+    /// A JSON object with the keys that differ.
+    pub values: Value,
+}
+
+/// What the engine knows of every plugin.
+pub struct About {
+    /// One line.
+    pub about: &'static str,
+    /// Raised whenever a change of code changes the numbers of a trial.
+    pub version: u32,
+    /// The config with every default.
+    pub defaults: Value,
+    /// JSON Schema of the config.
+    pub schema: Schema,
+    /// Named settings.
+    pub presets: Vec<Preset>,
+    /// Parses a config and writes it back with every default.
+    pub resolve: Resolve,
+}
+
+impl About {
+    /// Keys of the config that say only how the plugin is looked at and never what happens in it: those that the
+    /// schema marks with `x-looks`. They belong to a trial's identity and not to its random streams.
+    pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-looks", true)
+    }
+
+    /// Keys of the config that say where it is computed and not what: those that the schema marks with
+    /// `x-identity: false`. They belong neither to a trial's identity nor to its random streams.
+    pub fn machine_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-identity", false)
+    }
+
+    /// Keys of the config that name files by a list of patterns: those that the schema marks with `x-patterns`.
+    /// The list is replaced by a mapping of names to files before the config is read.
+    pub fn pattern_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-patterns", true)
+    }
+
+    fn marked(&self, mark: &'static str, value: bool) -> impl Iterator<Item = &str> {
+        let properties = self.schema.get("properties").and_then(Value::as_object);
+        let is_marked =
+            move |(_, property): &(&String, &Value)| property.get(mark) == Some(&Value::Bool(value));
+        properties
+            .into_iter()
+            .flatten()
+            .filter(is_marked)
+            .map(|(key, _)| key.as_str())
+    }
+}
+
+/// Fills in the defaults of a config and refuses what does not fit.
+pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
+/// The same for an agent that trains itself, by how it is measured.
+pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
+/// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
+/// config may be one that is refused elsewhere.
+pub type ByConfig = fn(&Value) -> (bool, Vec<Metric>);
+type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
+type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
+
+/// A registered environment.
+pub struct EnvironmentEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// Makes it from a resolved config.
+    pub build: Build<dyn Environment>,
+    /// Names of the environment of a config elsewhere, by key, for agents that train themselves.
+    pub names: fn(&Value) -> Vec<(&'static str, String)>,
+}
+
+/// A registered agent.
+pub struct AgentEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// False for rules: the protocol then measures alone.
+    pub learns: bool,
+    /// What `learn` records, and what measurements record of its decisions.
+    pub metrics: Vec<Metric>,
+    /// True where it can learn from examples, without actions and rewards.
+    pub learns_from_examples: bool,
+    /// Whether it can learn from what others gathered.
+    pub datasets: UseOfDatasets,
+    /// True where it proposes whole designs, one after the other.
+    pub designs: bool,
+    /// True where it trains itself: the protocol lets it, and takes in what it measures.
+    pub trains_itself: bool,
+    /// Reads from the config the facts that other agents register.
+    pub by_config: Option<ByConfig>,
+    /// Makes it from a resolved config for the seats of an environment.
+    pub build: BuildAgent,
+}
+
+impl AgentEntry {
+    /// Whether it learns with this config.
+    #[must_use]
+    pub fn learns_with(&self, config: &Value) -> bool {
+        self.by_config.map_or(self.learns, |said| said(config).0)
+    }
+
+    /// The metrics that `learn` records with this config, and those that measurements record of its decisions.
+    #[must_use]
+    pub fn metrics_with(&self, config: &Value) -> Vec<Metric> {
+        self.by_config
+            .map_or_else(|| self.metrics.clone(), |said| said(config).1)
+    }
+}
+
+/// A registered protocol.
+pub struct ProtocolEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// Makes it from a resolved config.
+    pub build: Build<dyn Protocol>,
+    /// The config for an agent that does not learn: measurements alone, at the steps at which those that
+    /// learn are measured, so that its trials do not depend on the rest of a training budget.
+    pub without_training: Resolve,
+    /// The config for an agent that trains itself: how long, and how often measurements are taken in. `None` where the
+    /// protocol has nothing for such agents.
+    pub own_training: Option<ResolveOwn>,
+}
+
+/// Raised whenever a change in the engine changes the numbers of trials, whichever protocol runs them.
+pub const NUMERICS_VERSION: u32 = 1;
+
+/// All plugins by name.
+pub struct Registry {
+    /// Environments by name.
+    pub environments: BTreeMap<&'static str, EnvironmentEntry>,
+    /// Agents by name.
+    pub agents: BTreeMap<&'static str, AgentEntry>,
+    /// Protocols by name.
+    pub protocols: BTreeMap<&'static str, ProtocolEntry>,
+    /// Makes the part of a trial's key for a protocol that measures so many whole episodes of policies which learn no
+    /// more.
+    pub measuring: Option<fn(u64) -> Part>,
+    /// Forms of policies that can be written for other runtimes, by name.
+    pub policy_forms: BTreeMap<&'static str, PolicyForm>,
+    /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
+    /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
+    pub numerics_version: u32,
+    /// The source code that the program was built from, where it knows.
+    pub build: Option<crate::Build>,
+    /// Environment and agent of the study that `new` writes where a person names neither.
+    pub first_study: Option<(&'static str, &'static str)>,
+    /// Begins the study that `new --from` writes.
+    pub draft: Option<crate::draft::BeginDraft>,
+}
+
+/// What a learning agent's registration says besides its constructor.
+#[derive(Debug, Clone, Default)]
+pub struct AgentTraits {
+    /// False for rules.
+    pub learns: bool,
+    /// What `learn` records, and what measurements record of its decisions.
+    pub metrics: Vec<Metric>,
+    /// True where `learn` reads observations and states alone, so that it can be given examples instead of
+    /// decisions.
+    pub learns_from_examples: bool,
+    /// Whether it can learn from what others gathered.
+    pub datasets: UseOfDatasets,
+    /// True where it proposes whole designs, one after the other, and has to be asked for them by a protocol.
+    pub designs: bool,
+    /// True where it trains itself, as [`Agent::own_training`] does.
+    pub trains_itself: bool,
+    /// For code that is not this program's own: what a config says in the place of `learns` and `metrics`. `learns` is
+    /// then whether any config can learn.
+    pub by_config: Option<ByConfig>,
+}
+
+/// Whether an agent can learn from transitions that others gathered.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum UseOfDatasets {
+    /// It learns from its own decisions, or from more than a dataset holds, such as the full state.
+    #[default]
+    Never,
+    /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn`
+    /// does not ask who decided.
+    Also,
+    /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told
+    /// of.
+    Only,
+}
+
+impl Default for Registry {
+    /// No plugin yet, and the version of the engine's own numerical code.
+    fn default() -> Self {
+        Self {
+            environments: BTreeMap::new(),
+            agents: BTreeMap::new(),
+            protocols: BTreeMap::new(),
+            measuring: None,
+            policy_forms: BTreeMap::new(),
+            numerics_version: NUMERICS_VERSION,
+            build: None,
+            first_study: None,
+            draft: None,
+        }
+    }
+}
+
+impl Registry {
+    /// The entry of an agent that is a program, and trains itself; `None` for every other agent.
+    #[must_use]
+    pub fn program(&self, agent: &Part) -> Option<&AgentEntry> {
+        let entry = self.agents.get(agent.plugin.as_str());
+        entry.filter(|entry| entry.trains_itself)
+    }
+
+    /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so
+    /// that raising any of them gives trials another id.
+    pub fn shares(&mut self, version: u32) {
+        self.numerics_version += version;
+    }
+
+    /// Registers an environment.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn environment<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        build: fn(C) -> Result<Box<dyn Environment>, Error>,
+    ) {
+        let entry = EnvironmentEntry {
+            about: describe::<C>(version, about),
+            build: Box::new(move |raw| build(typed(raw)?)),
+            names: |_| Vec::new(),
+        };
+        assert!(
+            self.environments.insert(name, entry).is_none(),
+            "environment `{name}` is registered twice"
+        );
+    }
+
+    /// Registers an agent.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn agent<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        traits: AgentTraits,
+        build: fn(C, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error>,
+    ) {
+        let entry = AgentEntry {
+            about: describe::<C>(version, about),
+            learns: traits.learns,
+            metrics: traits.metrics,
+            learns_from_examples: traits.learns_from_examples,
+            datasets: traits.datasets,
+            designs: traits.designs,
+            trains_itself: traits.trains_itself,
+            by_config: traits.by_config,
+            build: Box::new(move |raw, interface, rng| {
+                if interface.seats.is_empty() && !traits.trains_itself {
+                    return Err(no_seats(name));
+                }
+                build(typed(raw)?, interface, rng)
+            }),
+        };
+        assert!(
+            self.agents.insert(name, entry).is_none(),
+            "agent `{name}` is registered twice"
+        );
+    }
+
+    /// Registers a protocol. `without_training` is the config that an agent which does not learn gets.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn protocol<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        without_training: fn(C) -> C,
+        build: fn(C) -> Result<Box<dyn Protocol>, Error>,
+    ) {
+        let entry = ProtocolEntry {
+            about: describe::<C>(version, about),
+            build: Box::new(move |raw| build(typed(raw)?)),
+            without_training: changed(without_training),
+            own_training: None,
+        };
+        assert!(
+            self.protocols.insert(name, entry).is_none(),
+            "protocol `{name}` is registered twice"
+        );
+    }
+
+    /// Says how the environments of a registered plugin are called elsewhere, by key.
+    pub fn environment_names(&mut self, name: &str, names: fn(&Value) -> Vec<(&'static str, String)>) {
+        if let Some(entry) = self.environments.get_mut(name) {
+            entry.names = names;
+        }
+    }
+
+    /// Says that a registered protocol lets agents train themselves, and the config that such an agent gets.
+    pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C, Option<Measured>) -> C) {
+        let resolve = move |raw: &Value, measured| {
+            serde_json::to_value(own_training(serde_json::from_value(raw.clone())?, measured))
+        };
+        if let Some(entry) = self.protocols.get_mut(name) {
+            entry.own_training = Some(Box::new(resolve));
+        }
+    }
+
+    /// Registers a form of policy files, so that `export` can write policies of it for other runtimes.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn policy_form(&mut self, name: &'static str, read: ReadPolicies) {
+        assert!(
+            self.policy_forms
+                .insert(name, PolicyForm { name, read })
+                .is_none(),
+            "the form of policies `{name}` is registered twice"
+        );
+    }
+}
+
+fn no_seats(agent: &'static str) -> Error {
+    let problem = "the environment is named alone, and has no seats in which an agent could act: only an agent that \
+                   trains itself can be used in it, as a program is";
+    Error::Mismatch {
+        agent,
+        problem: problem.into(),
+    }
+}
+
+/// A change of a config, with its type erased.
+fn changed<C: Config>(change: fn(C) -> C) -> Resolve {
+    Box::new(move |raw| serde_json::to_value(change(serde_json::from_value(raw.clone())?)))
+}
+
+fn typed<C: Config>(raw: &Value) -> Result<C, Error> {
+    C::deserialize(raw).map_err(|source| Error::config("config", source.to_string()))
+}
+
+fn describe<C: Config>(version: u32, about: &'static str) -> About {
+    About {
+        about,
+        version,
+        // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with
+        // odd keys.
+        defaults: serde_json::to_value(C::default()).expect("a config serialises"),
+        schema: schemars::schema_for!(C),
+        presets: C::presets(),
+        resolve: Box::new(|raw| serde_json::to_value(serde_json::from_value::<C>(raw.clone())?)),
+    }
+}

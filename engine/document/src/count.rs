@@ -1,0 +1,31 @@
+//! Numbers of things in words.
+
+use std::fmt::Display;
+
+/// A number with its noun: `1 trial`, `2 trials`.
+pub fn count<N: Display + PartialEq + From<u8>>(number: N, noun: &str) -> String {
+    let end = if number == N::from(1) { "" } else { "s" };
+    format!("{number} {noun}{end}")
+}
+
+/// The word that goes with a number: `is` with one, `are` with several.
+pub fn either<N: PartialEq + From<u8>>(number: &N, one: &'static str, several: &'static str) -> &'static str {
+    if *number == N::from(1) { one } else { several }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_one_and_all_else_is_several() {
+        assert_eq!(
+            [0_usize, 1, 2].map(|number| count(number, "trial")),
+            ["0 trials", "1 trial", "2 trials"]
+        );
+        assert_eq!(
+            [either(&1_u64, "is", "are"), either(&0_u64, "is", "are")],
+            ["is", "are"]
+        );
+    }
+}

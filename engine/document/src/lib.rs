@@ -1,0 +1,16 @@
+//! Texts and files that people write: YAML with the line and column of every key, checks against schemas, and
+//! messages that point into it.
+
+pub mod count;
+pub mod diagnostic;
+pub mod input_file;
+pub mod lookalikes;
+pub mod plain_text;
+pub mod reach;
+pub mod schema_check;
+mod tree;
+
+pub use tree::{
+    DEEPEST, Entry, Kind, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, Scalar, decode, parse, parse_from,
+    plain_number,
+};

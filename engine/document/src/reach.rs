@@ -1,0 +1,322 @@
+//! Which files a study may name, and which of them a message may quote.
+//!
+//! The files of a study lie in its folder, or in the project that the folder is part of: all that lies under the
+//! nearest folder above it with a file `regimen.toml`, and for a folder of results without one the current
+//! folder, where that holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that
+//! lies elsewhere is named by its absolute path. Whatever lies outside the study's own folder is foreign: messages say
+//! where a mistake in it is and of which kind, and quote no word of it.
+//!
+//! Every key that names files asks [`Reach::find`], and every message that quotes one asks [`quoted`].
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    sync::{
+        PoisonError, RwLock,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+/// The file whose folder is a project.
+pub const PROJECT: &str = "regimen.toml";
+/// The file that a report writes into a folder of results.
+const REPORTED: &str = "manifest.json";
+
+/// The folders in which the files of a study lie.
+#[derive(Debug, Clone)]
+pub struct Reach {
+    /// The study's own, without links.
+    own: PathBuf,
+    /// The project's, or the study's own where it is part of none.
+    project: PathBuf,
+}
+
+/// A name that leads out of the study's folder and its project.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` leads out of the folder of the study")]
+pub struct Outside {
+    /// The name, as it is written.
+    pub name: String,
+}
+
+impl Outside {
+    /// What to do instead.
+    pub const HELP: &str = "move the file into that folder, write its absolute path, or put a file `regimen.toml` into \
+                            the folder of the project that holds both";
+}
+
+impl Reach {
+    /// The reach of a study in `folder`.
+    #[must_use]
+    pub fn of(folder: &Path) -> Self {
+        let own = without_links(folder);
+        let is_project = |folder: &&Path| folder.join(PROJECT).is_file();
+        let said = own.ancestors().find(is_project).map(Path::to_owned);
+        let project = said.or_else(|| project_of_results(&own));
+        Self {
+            project: project.unwrap_or_else(|| own.clone()),
+            own,
+        }
+    }
+
+    /// The folder of the project, without links.
+    #[must_use]
+    pub fn project(&self) -> &Path {
+        &self.project
+    }
+
+    /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study
+    /// there, or the current folder where that holds it.
+    #[must_use]
+    pub fn of_written_out(folder: &Path) -> Self {
+        let (reach, current) = (Self::of(folder), without_links(Path::new(".")));
+        let project = if reach.project == reach.own && reach.own.starts_with(&current) {
+            current
+        } else {
+            reach.project
+        };
+        Self { project, ..reach }
+    }
+
+    /// The path of a file that is named as seen from `folder`. A foreign one is noted, so that nothing quotes it.
+    ///
+    /// # Errors
+    /// [`Outside`] for a relative name that leads out.
+    pub fn find(&self, folder: &Path, name: &str) -> Result<PathBuf, Outside> {
+        let path = folder.join(name);
+        let place = without_links(&path);
+        if !Path::new(name).is_absolute() && !place.starts_with(&self.project) {
+            return Err(Outside { name: name.into() });
+        }
+        if !place.starts_with(&self.own) {
+            note_foreign(&path);
+        }
+        Ok(path)
+    }
+
+    /// True for a path to a place inside the study's folder or its project, whatever links say.
+    #[must_use]
+    pub fn holds(&self, path: &Path) -> bool {
+        without_links(path).starts_with(&self.project)
+    }
+}
+
+/// The current folder, where it holds a folder that a report wrote: the study with all defaults written out, which is
+/// among the results, names the files of the study that they are of.
+fn project_of_results(own: &Path) -> Option<PathBuf> {
+    let current = without_links(Path::new("."));
+    (own.join(REPORTED).is_file() && own.starts_with(&current)).then_some(current)
+}
+
+/// The place of a path without links; of what is not there as far as it is there.
+fn without_links(path: &Path) -> PathBuf {
+    // The folder of a file that is named alone is empty.
+    let path = if path.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        path
+    };
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let there = absolute.ancestors().find_map(|above| {
+        let rest = absolute.strip_prefix(above).ok()?;
+        Some((fs::canonicalize(above).ok()?, rest))
+    });
+    let Some((mut place, rest)) = there else {
+        return absolute;
+    };
+    for part in rest.components() {
+        match part {
+            std::path::Component::ParentDir => drop(place.pop()),
+            other => place.push(other),
+        }
+    }
+    place
+}
+
+/// Files that a study named and that lie outside its folder.
+static FOREIGN: RwLock<BTreeSet<PathBuf>> = RwLock::new(BTreeSet::new());
+/// True in a process that does not know whose files are read.
+static ALL_FOREIGN: AtomicBool = AtomicBool::new(false);
+
+fn note_foreign(path: &Path) {
+    let mut foreign = FOREIGN.write().unwrap_or_else(PoisonError::into_inner);
+    foreign.insert(path.to_owned());
+}
+
+/// From now on no cell is quoted: a worker process knows no study.
+pub fn quote_nothing() {
+    ALL_FOREIGN.store(true, Ordering::Relaxed);
+}
+
+/// True for a file that a study named and that lies outside its folder.
+#[must_use]
+pub fn is_foreign(path: &Path) -> bool {
+    let foreign = FOREIGN.read().unwrap_or_else(PoisonError::into_inner);
+    !foreign.is_empty() && path.ancestors().any(|part| foreign.contains(part))
+}
+
+/// What stands in a message for words of a foreign file.
+const UNSAID: &str = "…";
+
+/// A piece of what the file at `path` holds, for a message: short, nothing that a terminal acts on, and nothing
+/// at all of a foreign file.
+#[must_use]
+pub fn quoted(path: &Path, cell: &str) -> String {
+    if is_foreign(path) || ALL_FOREIGN.load(Ordering::Relaxed) {
+        UNSAID.into()
+    } else {
+        excerpt(cell)
+    }
+}
+
+/// The first letters of a text that can be printed.
+pub fn excerpt(cell: &str) -> String {
+    const LONGEST: usize = 20;
+    let mut shown: String = cell
+        .chars()
+        .take(LONGEST)
+        .filter(|letter| !crate::plain_text::is_unprintable(*letter) && !letter.is_control())
+        .collect();
+    if cell.chars().nth(LONGEST).is_some() {
+        shown.push('…');
+    }
+    shown
+}
+
+/// Names of the columns of the file at `path`, for a message: the first ones, and none of a foreign file.
+#[must_use]
+pub fn quoted_names<'a>(path: &Path, names: impl IntoIterator<Item = &'a str>) -> String {
+    const MOST: usize = 12;
+    if is_foreign(path) {
+        return "others, which are not quoted: the file lies outside the study's folder".into();
+    }
+    let all: Vec<String> = names
+        .into_iter()
+        .take(MOST + 1)
+        .map(|name| quoted(path, name))
+        .collect();
+    let more = if all.len() > MOST { ", …" } else { "" };
+    all[..all.len().min(MOST)].join(", ") + more
+}
+
+/// A message about a foreign text without what stands between its first and its last quotation mark, and without what
+/// follows a semicolon: both may be words of that text.
+#[must_use]
+pub fn without_words(message: &str) -> String {
+    const MARKS: [char; 2] = ['`', '"'];
+    let (before, behind) = match (message.find(MARKS), message.rfind(MARKS)) {
+        (Some(first), Some(last)) => (&message[..first], format!("`{UNSAID}`{}", &message[last + 1..])),
+        _ => ("", message.to_owned()),
+    };
+    let whole = format!("{before}{behind}");
+    whole.split(';').next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    /// A project with a study in a folder of it, and a neighbour that is none of it.
+    fn tree() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for name in [
+            "lab/studies/data/own.csv",
+            "lab/data/shared.csv",
+            "other/secret.csv",
+        ] {
+            let path = dir.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(&path, "a,b\n").unwrap();
+        }
+        symlink(dir.path().join("other"), dir.path().join("lab/studies/away")).unwrap();
+        symlink("data/own.csv", dir.path().join("lab/studies/near.csv")).unwrap();
+        dir
+    }
+
+    #[test]
+    fn files_stay_in_the_folder_of_the_study_by_dots_and_by_links() {
+        let dir = tree();
+        let folder = dir.path().join("lab/studies");
+        let reach = Reach::of(&folder);
+        for name in [
+            "data/own.csv",
+            "near.csv",
+            "data/../absent.csv",
+            "new/absent.csv",
+            "data/../data/own.csv",
+        ] {
+            assert_eq!(reach.find(&folder, name), Ok(folder.join(name)));
+            assert!(!is_foreign(&folder.join(name)), "{name}");
+        }
+        let out = [
+            "../data/shared.csv",
+            "../../other/secret.csv",
+            "away/secret.csv",
+            "away/absent.csv",
+            "data/../../absent.csv",
+            "absent/../../../other/secret.csv",
+            "..",
+        ];
+        for name in out {
+            let told = reach.find(&folder, name).unwrap_err().to_string();
+            assert_eq!(told, format!("`{name}` leads out of the folder of the study"));
+        }
+    }
+
+    #[test]
+    fn a_project_is_reached_as_a_whole_and_quoted_no_more_than_what_is_named_absolutely() {
+        let dir = tree();
+        let (folder, lab) = (dir.path().join("lab/studies"), dir.path().join("lab"));
+        fs::write(lab.join(PROJECT), "").unwrap();
+        let reach = Reach::of(&folder);
+        let shared = reach.find(&folder, "../data/shared.csv").unwrap();
+        assert!(reach.find(&folder, "../../other/secret.csv").is_err());
+        assert!(reach.find(&folder, "away/secret.csv").is_err());
+        let secret = dir.path().join("other/secret.csv");
+        assert_eq!(reach.find(&folder, secret.to_str().unwrap()), Ok(secret.clone()));
+        for path in [&shared, &secret] {
+            assert_eq!((quoted(path, "s3cr3t"), is_foreign(path)), ("…".into(), true));
+            assert!(!quoted_names(path, ["s3cr3t"]).contains("s3cr3t"));
+        }
+        let own = folder.join("data/own.csv");
+        assert_eq!(reach.find(&folder, own.to_str().unwrap()), Ok(own.clone()));
+        assert_eq!(quoted(&own, "1.5x"), "1.5x");
+    }
+
+    #[test]
+    fn the_current_folder_is_a_folder() {
+        let reach = Reach::of(Path::new(""));
+        assert_eq!(reach.own, fs::canonicalize(Path::new(".")).unwrap());
+        assert!(
+            reach
+                .find(Path::new(""), "../../../../../../../../../../etc/passwd")
+                .is_err()
+        );
+        assert!(reach.find(Path::new(""), "absent.csv").is_ok());
+    }
+
+    #[test]
+    fn little_of_a_file_is_quoted() {
+        let own = Path::new("own.csv");
+        assert_eq!(
+            quoted(own, "root:x:0:0:root:/root:/bin/bash"),
+            "root:x:0:0:root:/roo…"
+        );
+        assert_eq!(quoted(own, "\u{1b}[31m1.5"), "[31m1.5");
+        assert_eq!(quoted_names(own, ["a", "b"]), "a, b");
+        assert!(quoted_names(own, vec!["a"; 100]).ends_with("a, …"));
+    }
+
+    #[test]
+    fn words_of_a_message_are_left_out() {
+        let told = without_words("unknown key `token`; did you mean `tok`n`? \"x\" is no number");
+        assert_eq!(told, "unknown key `…` is no number");
+        assert_eq!(
+            without_words("there is no such column; there are a, b"),
+            "there is no such column"
+        );
+        assert_eq!(without_words("the file is empty"), "the file is empty");
+    }
+}

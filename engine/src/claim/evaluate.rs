@@ -1,0 +1,590 @@
+//! Holds a claim against the seeds.
+//!
+//! | claim                                       | rests on                                             |
+//! |---------------------------------------------|------------------------------------------------------|
+//! | metric against number                       | differences from the number, Student-t               |
+//! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t   |
+//! | two metrics, otherwise                      | difference of means of unrelated samples, Welch      |
+//! | share of successes against number           | exact binomial interval                              |
+//! | two shares of successes                     | exact bounds of both shares, not paired              |
+//!
+//! Where a side has fewer than three seeds and all of them are common, they are paired too, though they
+//! rarely decide.
+//!
+//! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
+//! and `1 + N / 100` times the right side, whose seeds move the edges too.
+//!
+//! Where a study says which difference matters, a claim of a direction is SUPPORTED where the whole interval is larger,
+//! DIRECTION ONLY where it is on the claimed side and part of it is smaller, and EQUIVALENT where the whole of it is
+//! smaller: neither side is ahead by as much as that.
+//!
+//! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
+//! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
+//! the look.
+
+use super::{Claim, Operand, Quantity, Relation};
+use contract::standard_metrics::SUCCESS;
+use statistics::{
+    Interval, MeanEstimate, PermutationTest, Seeds, TrainingShare,
+    binomial::Share,
+    comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
+    estimators::mean,
+    statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
+    verdict::{self, Stage, share_of, too_few_seeds_in_words},
+};
+use std::{collections::BTreeMap, fmt};
+
+/// Probability of a wrong decision on each side, for claims of a direction.
+const ALPHA_OF_DIRECTION: f64 = 0.025;
+
+/// What the seeds say of a claim.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ClaimOutcome {
+    /// The whole interval is on the claimed side, and larger than what matters.
+    Supported,
+    /// The whole interval is on the other side.
+    Refuted,
+    /// The whole interval is on the other side, after much less training than that of the source.
+    NotAtThisBudget,
+    /// The whole interval is smaller than what matters.
+    Equivalent,
+    /// The whole interval is on the claimed side, and part of it is smaller than what matters.
+    DirectionOnly,
+    /// The interval is on both sides, or there are too few seeds.
+    Inconclusive,
+    /// It would be supported, and it rests on a published value that was used to choose a setting.
+    Calibrated,
+    /// The budget is none that a result comes from.
+    NotJudged,
+    /// It compares trained agents, and none of them is better than those that learned nothing.
+    NotLearned,
+    /// An agent that it speaks of made no update.
+    NotTrained,
+    /// One of its metrics has no value yet.
+    NotRun,
+}
+
+impl ClaimOutcome {
+    /// All of them, in the order in which they are counted.
+    pub const ALL: [ClaimOutcome; 11] = [
+        ClaimOutcome::Supported,
+        ClaimOutcome::Refuted,
+        ClaimOutcome::NotAtThisBudget,
+        ClaimOutcome::Equivalent,
+        ClaimOutcome::DirectionOnly,
+        ClaimOutcome::Inconclusive,
+        ClaimOutcome::Calibrated,
+        ClaimOutcome::NotJudged,
+        ClaimOutcome::NotLearned,
+        ClaimOutcome::NotTrained,
+        ClaimOutcome::NotRun,
+    ];
+
+    /// The word that is shown.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            ClaimOutcome::Supported => "SUPPORTED",
+            ClaimOutcome::Refuted => "REFUTED",
+            ClaimOutcome::NotAtThisBudget => verdict::NOT_AT_THIS_BUDGET,
+            ClaimOutcome::NotJudged => "NOT JUDGED",
+            ClaimOutcome::NotLearned => "NOT LEARNED",
+            ClaimOutcome::Equivalent => "EQUIVALENT",
+            ClaimOutcome::DirectionOnly => "DIRECTION ONLY",
+            ClaimOutcome::Inconclusive => "INCONCLUSIVE",
+            ClaimOutcome::Calibrated => "CALIBRATED",
+            ClaimOutcome::NotTrained => "NOT TRAINED",
+            ClaimOutcome::NotRun => "NOT RUN",
+        }
+    }
+
+    /// True where the seeds were asked.
+    #[must_use]
+    pub fn is_judged(self) -> bool {
+        matches!(
+            self,
+            ClaimOutcome::Supported
+                | ClaimOutcome::Refuted
+                | ClaimOutcome::NotAtThisBudget
+                | ClaimOutcome::Equivalent
+                | ClaimOutcome::DirectionOnly
+                | ClaimOutcome::Inconclusive
+        )
+    }
+
+    /// True where more seeds may say more.
+    #[must_use]
+    pub fn is_open(self) -> bool {
+        matches!(self, ClaimOutcome::DirectionOnly | ClaimOutcome::Inconclusive)
+    }
+
+    /// The same after a training that was too short to speak against the source.
+    #[must_use]
+    pub fn at_budget(self, training: Option<TrainingShare>) -> Self {
+        let is_too_small = training.is_some_and(TrainingShare::is_too_small);
+        if self == Self::Refuted && is_too_small {
+            Self::NotAtThisBudget
+        } else {
+            self
+        }
+    }
+
+    /// The outcome of a claim for what the seeds decide.
+    #[must_use]
+    pub fn of(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Holds => ClaimOutcome::Supported,
+            Outcome::Fails => ClaimOutcome::Refuted,
+            Outcome::Alike => ClaimOutcome::Equivalent,
+            Outcome::Direction => ClaimOutcome::DirectionOnly,
+            Outcome::Open => ClaimOutcome::Inconclusive,
+        }
+    }
+}
+
+impl fmt::Display for ClaimOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.word())
+    }
+}
+
+/// What the seeds say of a claim, with the numbers it rests on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClaimVerdict {
+    /// The outcome.
+    pub verdict: ClaimOutcome,
+    /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
+    pub adjusted: Option<ClaimOutcome>,
+    /// The strictest share of its level at which it is decided so; `None` where it is open, and until that is sought.
+    pub strictest: Option<f64>,
+    /// Seeds it rests on: pairs, or seeds of the smaller sample.
+    pub n: usize,
+    /// True where both sides are compared seed by seed.
+    pub paired: bool,
+    /// Mean of left minus right, factors included; `None` where nothing has run or a value is not finite.
+    pub difference: Option<f64>,
+    /// Interval of the difference at the level that decides; `None` below two seeds.
+    pub interval: Option<Interval>,
+    /// Permutation test of a difference of 0, for claims of a direction of which a side depends on the seed.
+    pub permutation: Option<PermutationTest>,
+    /// About how many more seeds would decide with a power of 80 %, were they not added because of what was seen, where
+    /// that is open, no look is left and an affordable number would.
+    pub more_seeds: Option<u32>,
+    /// Where in the design it stands; `None` where the number of seeds is fixed.
+    pub stage: Option<Stage>,
+    /// What the reader must know: too few seeds, seeds that do not match.
+    pub notes: Vec<String>,
+    /// What was decided; `None` where nothing could be.
+    pub statement: Option<Statement>,
+}
+
+impl ClaimVerdict {
+    /// An outcome without numbers.
+    #[must_use]
+    pub fn without(verdict: ClaimOutcome) -> Self {
+        Self {
+            verdict,
+            adjusted: None,
+            strictest: None,
+            n: 0,
+            paired: false,
+            difference: None,
+            interval: None,
+            permutation: None,
+            more_seeds: None,
+            stage: None,
+            notes: Vec::new(),
+            statement: None,
+        }
+    }
+
+    /// How many seeds it rests on, as in `n = 5 pairs`.
+    #[must_use]
+    pub fn size(&self) -> String {
+        format!("n = {} {}", self.n, if self.paired { "pairs" } else { "seeds" })
+    }
+}
+
+/// Holds `claim` against what `values` gives for each of its operands: one value per seed as the seeds below a number
+/// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can
+/// be added. Differences between the two sides of a direction that are smaller than `matters` do not matter.
+///
+/// The claim's environment is for `values` to respect. Values that are not finite leave the claim
+/// inconclusive.
+#[must_use]
+pub fn evaluate(
+    claim: &Claim,
+    matters: Option<f64>,
+    values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
+    imported: &dyn Fn(&Operand) -> bool,
+    seeds: &Seeds,
+) -> ClaimVerdict {
+    let sides = |limit| {
+        let side = |quantity| Side::of(quantity, &|operand| values(operand, limit), imported);
+        Some((side(&claim.left)?, side(&claim.right)?))
+    };
+    let at = |limit: u64| {
+        let (left, right) = sides(limit)?;
+        let (left, right) = (left.below(limit), right.below(limit));
+        Some(Compared::under(claim.relation, &left, &right))
+    };
+    let has_run = sides(u64::MAX).is_some_and(|(left, right)| left.has_run() && right.has_run());
+    let looks = seeds.limits().into_iter().map(at).collect::<Option<Vec<_>>>();
+    match looks.filter(|_| has_run) {
+        Some(looks) => judge(claim.relation, matters, &looks, seeds),
+        None => ClaimVerdict::without(ClaimOutcome::NotRun),
+    }
+}
+
+/// One side of a claim in numbers.
+enum Side {
+    Number(f64),
+    BySeed { values: BTreeMap<u64, f64>, kind: Kind },
+}
+
+/// What the numbers of a side are.
+#[derive(Debug, Clone, Copy)]
+struct Kind {
+    /// True for successes, 0 or 1 by seed.
+    is_share: bool,
+    /// True where they are whole numbers before the factor, as counts are.
+    is_whole: bool,
+    /// True for runs of others.
+    is_imported: bool,
+}
+
+impl Side {
+    /// `None` where the metric is not known.
+    fn of(
+        quantity: &Quantity,
+        values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+        imported: &dyn Fn(&Operand) -> bool,
+    ) -> Option<Self> {
+        match quantity {
+            Quantity::Number(number) => Some(Side::Number(*number)),
+            Quantity::Measured { factor, operand } => {
+                let values = by_seed(&values(operand)?);
+                let kind = Kind {
+                    is_share: operand.metric == SUCCESS && *factor == 1.0,
+                    is_whole: values.values().all(|value| value.fract() == 0.0),
+                    is_imported: imported(operand),
+                };
+                Some(Side::BySeed { values, kind }.times(*factor))
+            }
+        }
+    }
+
+    fn times(&self, factor: f64) -> Self {
+        match self {
+            Side::Number(number) => Side::Number(factor * number),
+            Side::BySeed { values, kind } => Side::BySeed {
+                values: values
+                    .iter()
+                    .map(|(seed, value)| (*seed, factor * value))
+                    .collect(),
+                kind: *kind,
+            },
+        }
+    }
+
+    /// The side with the seeds below a number.
+    fn below(&self, limit: u64) -> Self {
+        match self {
+            Side::Number(number) => Side::Number(*number),
+            Side::BySeed { values, kind } => Side::BySeed {
+                values: values
+                    .range(..limit)
+                    .map(|(seed, value)| (*seed, *value))
+                    .collect(),
+                kind: *kind,
+            },
+        }
+    }
+
+    fn mean(&self) -> f64 {
+        match self {
+            Side::Number(number) => *number,
+            Side::BySeed { values, .. } => mean(&values_of(values)),
+        }
+    }
+
+    /// True where at least two seeds all gave the same number. Equal successes, and equal counts, say little
+    /// about the next seed.
+    fn has_no_spread(&self) -> bool {
+        match self {
+            Side::Number(_) => true,
+            Side::BySeed { values, kind } => {
+                !kind.is_share && !kind.is_whole && MeanEstimate::of(&values_of(values)).has_no_spread()
+            }
+        }
+    }
+
+    fn has_run(&self) -> bool {
+        !matches!(self, Side::BySeed { values, .. } if values.is_empty())
+    }
+
+    fn is_share(&self) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if kind.is_share)
+    }
+
+    fn is_imported(&self) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if kind.is_imported)
+    }
+}
+
+fn values_of(seeds: &BTreeMap<u64, f64>) -> Vec<f64> {
+    seeds.values().copied().collect()
+}
+
+/// Which seeds are set against which.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Design {
+    /// One agent against a number.
+    OneSample,
+    /// Two agents, seed by seed.
+    Paired,
+    /// Two agents without enough seeds in common, or two shares.
+    Unrelated,
+}
+
+/// Left minus right, as `sign * evidence + offset`.
+struct Compared {
+    evidence: Evidence,
+    sign: f64,
+    offset: f64,
+    design: Design,
+    permutation: Option<PermutationTest>,
+    /// True where neither side depends on the seed.
+    has_no_spread: bool,
+    right_mean: f64,
+}
+
+impl Compared {
+    fn of(left: &Side, right: &Side) -> Self {
+        let imported = [left.is_imported(), right.is_imported()];
+        let minus = |values: &BTreeMap<u64, f64>, number: f64, sign: f64| {
+            let differences: Vec<f64> = values.values().map(|value| sign * (value - number)).collect();
+            Self::differences(&differences, Design::OneSample, imported)
+        };
+        let mut compared = match (left, right) {
+            (Side::BySeed { values, .. }, Side::Number(number)) if left.is_share() => {
+                Self::share(values, 1.0, -number)
+            }
+            (Side::Number(number), Side::BySeed { values, .. }) if right.is_share() => {
+                Self::share(values, -1.0, *number)
+            }
+            (Side::BySeed { values, .. }, Side::BySeed { values: others, .. })
+                if left.is_share() && right.is_share() =>
+            {
+                Self::unpaired(Evidence::Shares(successes(values), successes(others)), None)
+            }
+            (Side::BySeed { values, .. }, Side::BySeed { values: others, .. }) => {
+                Self::two_samples(values, others, imported)
+            }
+            (Side::BySeed { values, .. }, Side::Number(number)) => minus(values, *number, 1.0),
+            (Side::Number(number), Side::BySeed { values, .. }) => minus(values, *number, -1.0),
+            (Side::Number(left), Side::Number(right)) => {
+                Self::differences(&[left - right], Design::OneSample, imported)
+            }
+        };
+        compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
+        compared.right_mean = right.mean();
+        compared
+    }
+
+    /// The same for a relation; one in percent of seeds is held against both edges, which these seeds move.
+    fn under(relation: Relation, left: &Side, right: &Side) -> Self {
+        let compared = Self::of(left, right);
+        let (Relation::WithinPercent(percent), Side::BySeed { .. }) = (relation, right) else {
+            return compared;
+        };
+        let sign = if compared.right_mean < 0.0 { -1.0 } else { 1.0 };
+        let above = |edge: f64| Self::of(left, &right.times(1.0 + sign * edge * percent / 100.0)).evidence;
+        match (compared.evidence, above(-1.0), above(1.0)) {
+            (Evidence::Mean(difference), Evidence::Mean(above_low), Evidence::Mean(above_high)) => Self {
+                evidence: Evidence::BetweenMeans {
+                    difference,
+                    above_low,
+                    above_high,
+                },
+                ..compared
+            },
+            (evidence, ..) => Self { evidence, ..compared },
+        }
+    }
+
+    /// Seeds in common are paired, unless there are too few of them.
+    fn two_samples(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>, imported: [bool; 2]) -> Self {
+        let common: Vec<f64> = left
+            .iter()
+            .filter_map(|(seed, l)| right.get(seed).map(|r| l - r))
+            .collect();
+        if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
+            return Self::differences(&common, Design::Paired, imported);
+        }
+        let (left, right) = (values_of(left), values_of(right));
+        let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right).of_others(&imported));
+        Self::unpaired(evidence, Some(two_sample_permutation_test(&left, &right)))
+    }
+
+    /// Where one of both sides is imported no seed adds a difference.
+    fn differences(differences: &[f64], design: Design, imported: [bool; 2]) -> Self {
+        let others = imported.contains(&true);
+        let evidence = Evidence::Mean(MeanEstimate::of(differences).of_others(&[others]));
+        Self {
+            design,
+            ..Self::unpaired(evidence, Some(sign_flip_test(differences)))
+        }
+    }
+
+    fn share(values: &BTreeMap<u64, f64>, sign: f64, offset: f64) -> Self {
+        Self {
+            sign,
+            offset,
+            design: Design::OneSample,
+            ..Self::unpaired(share_of(&values_of(values)), None)
+        }
+    }
+
+    fn unpaired(evidence: Evidence, permutation: Option<PermutationTest>) -> Self {
+        let design = Design::Unrelated;
+        Self {
+            evidence,
+            sign: 1.0,
+            offset: 0.0,
+            design,
+            permutation,
+            has_no_spread: false,
+            right_mean: f64::NAN,
+        }
+    }
+
+    fn difference(&self) -> f64 {
+        self.sign * self.evidence.value() + self.offset
+    }
+
+    /// An interval of the evidence as one of the difference.
+    fn interval(&self, Interval { low, high, level }: Interval) -> Interval {
+        let [low, high] = if self.sign > 0.0 {
+            [low, high]
+        } else {
+            [-high, -low]
+        };
+        Interval {
+            low: low + self.offset,
+            high: high + self.offset,
+            level,
+        }
+    }
+
+    /// A region of the difference as one of the evidence.
+    fn region(&self, Region { low, high, closed }: Region) -> Region {
+        let [low, high] = [low - self.offset, high - self.offset];
+        if self.sign > 0.0 {
+            Region { low, high, closed }
+        } else {
+            Region {
+                low: -high,
+                high: -low,
+                closed,
+            }
+        }
+    }
+
+    fn look(&self, relation: Relation, matters: Option<f64>) -> Look {
+        let region = self.region(region(relation, self.right_mean));
+        let alike = matters.map(|matters| self.region(Region::between(-matters, matters)));
+        Look {
+            evidence: self.evidence.clone(),
+            region,
+            alike,
+            deterministic: self.has_no_spread,
+        }
+    }
+}
+
+fn successes(values: &BTreeMap<u64, f64>) -> Share {
+    Share::of(values.values().map(|value| *value > 0.5))
+}
+
+/// The differences for which a relation holds.
+fn region(relation: Relation, right_mean: f64) -> Region {
+    let (low, high, closed) = match relation {
+        Relation::Greater => (0.0, f64::INFINITY, false),
+        Relation::GreaterOrEqual => (0.0, f64::INFINITY, true),
+        Relation::Less => (f64::NEG_INFINITY, 0.0, false),
+        Relation::LessOrEqual => (f64::NEG_INFINITY, 0.0, true),
+        Relation::Within(distance) => (-distance, distance, true),
+        Relation::WithinPercent(percent) => {
+            let distance = percent / 100.0 * right_mean.abs();
+            (-distance, distance, true)
+        }
+    };
+    Region { low, high, closed }
+}
+
+fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds: &Seeds) -> ClaimVerdict {
+    let is_direction = relation.is_direction();
+    if compared.is_empty() {
+        return ClaimVerdict {
+            stage: Stage::of(seeds, None),
+            ..ClaimVerdict::without(ClaimOutcome::Inconclusive)
+        };
+    }
+    let statement = Statement {
+        looks: compared.iter().map(|it| it.look(relation, matters)).collect(),
+        design: seeds.design.clone(),
+        by_last: seeds.is_pooled(),
+        alpha: if is_direction {
+            ALPHA_OF_DIRECTION
+        } else {
+            verdict::ALPHA
+        },
+    };
+    let decision = statement.decide();
+    let taken = &compared[decision.look];
+    let verdict = ClaimOutcome::of(decision.outcome);
+    let stage = Stage::of(seeds, Some(&decision));
+    let open = verdict.is_open() && stage.is_none_or(|it| it.is_last());
+    ClaimVerdict {
+        verdict,
+        adjusted: None,
+        strictest: None,
+        n: taken.evidence.n(),
+        paired: taken.design == Design::Paired,
+        difference: Some(taken.difference()).filter(|value| value.is_finite()),
+        interval: decision.interval.map(|interval| taken.interval(interval)),
+        permutation: taken.permutation.filter(|_| is_direction && !taken.has_no_spread),
+        more_seeds: if open {
+            verdict::more_seeds(&statement.looks[decision.look], statement.alpha)
+        } else {
+            None
+        },
+        stage,
+        notes: notes(taken),
+        statement: Some(statement),
+    }
+}
+
+fn notes(compared: &Compared) -> Vec<String> {
+    let n = compared.evidence.n();
+    let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| too_few_seeds_in_words(n));
+    let is_mean = matches!(
+        compared.evidence,
+        Evidence::Mean(_) | Evidence::BetweenMeans { .. }
+    );
+    let unrelated = (compared.design == Design::Unrelated && is_mean)
+        .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
+    let no_spread = compared
+        .has_no_spread
+        .then(|| "the seeds make no difference".to_owned());
+    let alike = (n >= FEWEST_SEEDS && !compared.has_no_spread && compared.evidence.has_no_spread())
+        .then(|| verdict::ALIKE.to_owned());
+    [too_few, unrelated, no_spread, alike]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,117 @@
+//! Protocol `gather`: whole episodes of an agent as it is, kept as a dataset for others to learn from.
+//!
+//! Episode `k` has random numbers of its own, which no measurement meets. What was gathered so far is part of
+//! the trial's state, so a trial that was stopped ends with the same bytes.
+
+use contract::{
+    Config, Error, Interface, Metric, Mode, ProductKind, Protocol, Registry,
+    dataset::{self, Dataset, DatasetWriter, Episode},
+    protocol::{self, Kept, Measurement, Position, Run, measure_and_keep},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::{cell::RefCell, collections::BTreeMap, path::Path};
+
+/// What to gather.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Gather {
+    /// Episodes of the dataset.
+    #[schemars(range(min = 1))]
+    pub episodes: u64,
+    /// How the agent acts.
+    pub mode: GatherMode,
+}
+
+/// How an agent acts while its episodes are kept.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GatherMode {
+    /// As while it learns: policies that draw their actions explore.
+    #[default]
+    Train,
+    /// As where it is scored.
+    Evaluate,
+}
+
+impl Default for Gather {
+    fn default() -> Self {
+        Self {
+            episodes: 200,
+            mode: GatherMode::default(),
+        }
+    }
+}
+
+impl Config for Gather {}
+
+/// Registers the protocol.
+pub(super) fn register(registry: &mut Registry) {
+    registry.protocol(
+        "gather",
+        1,
+        "Keep whole episodes of an agent as a dataset; nothing is learned.",
+        |config: Gather| config,
+        |config| Ok(Box::new(config)),
+    );
+}
+
+impl Protocol for Gather {
+    fn metrics(&self) -> Vec<Metric> {
+        protocol::measurement_metrics()
+    }
+
+    fn accepts(&self, interface: &Interface, _: &[Metric]) -> Result<(), Error> {
+        dataset::can_hold(interface)
+    }
+
+    fn leaves(&self) -> Vec<ProductKind> {
+        vec![ProductKind::Dataset]
+    }
+
+    fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
+        Dataset::write_empty(folder, interface)
+    }
+
+    fn total_steps(&self) -> u64 {
+        self.episodes
+    }
+
+    fn experience(&self) -> u64 {
+        0
+    }
+
+    fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
+        let environment = (run.make_environment)()?;
+        let interface = environment.interface();
+        self.accepts(&interface, environment.metrics())?;
+        let position: Option<Position<Vec<Episode>>> = run.resume()?;
+        let (before, blocks) =
+            position.map_or((None, None), |position| (position.learning, position.measuring));
+        let kept: Kept = RefCell::new((0..).zip(before.unwrap_or_default()).collect());
+        // Between blocks all episodes before the next one have ended.
+        let so_far = || Some(kept.borrow().values().cloned().collect::<Vec<Episode>>());
+        measure_and_keep(run, &self.episodes_to_keep(), blocks, so_far, Some(&kept))?;
+        (run.progress)(self.episodes, self.episodes);
+        run.folder
+            .map_or(Ok(()), |folder| write(folder, &interface, &kept.borrow()))
+    }
+}
+
+impl Gather {
+    fn episodes_to_keep(&self) -> Measurement {
+        let mode = match self.mode {
+            GatherMode::Train => Mode::Train,
+            GatherMode::Evaluate => Mode::Evaluate,
+        };
+        Measurement::to_gather(self.episodes, mode)
+    }
+}
+
+fn write(folder: &Path, interface: &Interface, kept: &BTreeMap<u64, Episode>) -> Result<(), Error> {
+    let mut writer = DatasetWriter::create(folder, interface).map_err(Error::of_store)?;
+    for episode in kept.values() {
+        writer.episode(episode).map_err(Error::of_store)?;
+    }
+    writer.finish().map_err(Error::of_store)
+}

@@ -1,0 +1,417 @@
+//! Protocol `search`: an agent proposes one design after the other and sees what each is worth, until a budget of
+//! evaluations is spent; the chosen one is then measured again.
+//!
+//! A design is an episode: every step decides a part of it, and the environment evaluates what there is so far. The
+//! budget counts steps, since a step is what costs. What an agent learns between two steps or designs is its own
+//! affair; what the search has to show for itself is recorded after every design:
+//!
+//! | recorded | phase | what it is |
+//! |---|---|---|
+//! | `candidate_return`, `candidate_<metric>` | evaluate | of the design that was just tried |
+//! | `return`, `episode_length`, the environment's metrics | evaluate | of the best design so far, as it was observed |
+//! | the same | final | of the chosen design, built again on random numbers that the search never met |
+//!
+//! What makes a design better is its return, or the metric that `by` names: an environment may reward progress, as
+//! the score less that of where an episode began, while what one is after is the score.
+//!
+//! The best of many noisy observations is better than it will ever be again, so the last row is the one to compare.
+//! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the
+//! chosen one when it was built for the last time.
+
+mod candidates;
+#[cfg(test)]
+mod tests;
+mod worth;
+
+use candidates::{Candidate, Candidates, Following, Nobody};
+use contract::{
+    Config, End, Environment, Error, Interface, Metric, Mode, Observation, PerEpisode, Phase, ProductKind,
+    Protocol, Registry, Rng, Transition,
+    checkpoint::exact,
+    dataset::{Dataset, DatasetWriter, Episode},
+    design::Designs,
+    protocol::{self, Blocks, Measurement, Position, Run, measure, observe, restored},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+use worth::Worth;
+
+/// How long to search, and what to make of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Search {
+    /// Evaluations in all: steps of the environment. The design under way when they are spent is finished.
+    #[schemars(range(min = 1), extend("x-unit" = "evaluations"))]
+    pub evaluations: u64,
+    /// How the design to measure in the end is chosen.
+    pub choose: Choose,
+    /// The metric of the environment that makes one design better than another, in its better direction; the
+    /// return where absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub by: Option<String>,
+    /// The share of the designs, counted from the last one, among which the best seen is chosen.
+    #[schemars(range(min = 0.001, max = 1.0))]
+    pub among_last: f64,
+    /// How often the chosen design is built and measured again.
+    #[schemars(range(min = 1))]
+    pub final_episodes: u64,
+    /// How many of these are recorded step by step, for trajectory figures.
+    pub trace_episodes: u64,
+}
+
+/// How the design to measure in the end is chosen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Choose {
+    /// The best one as it was observed, the first of equals.
+    #[default]
+    BestSeen,
+    /// The one that the agent makes where it is scored.
+    Policy,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self {
+            evaluations: 300,
+            choose: Choose::default(),
+            by: None,
+            among_last: 1.0,
+            final_episodes: 3,
+            trace_episodes: 0,
+        }
+    }
+}
+
+impl Config for Search {}
+
+/// Registers the protocol.
+pub(super) fn register(registry: &mut Registry) {
+    registry.protocol(
+        "search",
+        1,
+        "Let an agent propose one design after the other within a budget of evaluations; measure the chosen one \
+         again.",
+        |config: Search| config,
+        |config| Ok(Box::new(config)),
+    );
+}
+
+impl Protocol for Search {
+    fn metrics(&self) -> Vec<Metric> {
+        let mut metrics = protocol::measurement_metrics();
+        metrics.push(Metric::new(
+            "candidate_return",
+            "",
+            "return of a design that was tried",
+        ));
+        metrics
+    }
+
+    fn metrics_of_environment(&self, of: &[Metric]) -> Vec<Metric> {
+        let candidate = |metric: &Metric| Metric {
+            name: format!("candidate_{}", metric.name),
+            about: format!("{}; of a design that was tried", metric.about),
+            ..metric.clone()
+        };
+        of.iter().cloned().chain(of.iter().map(candidate)).collect()
+    }
+
+    fn asks_for_designs(&self) -> bool {
+        true
+    }
+
+    fn accepts(&self, interface: &Interface, metrics: &[Metric]) -> Result<(), Error> {
+        match interface.seats.len() {
+            1 => Worth::named(self.by.as_deref(), metrics).map(drop),
+            seats => Err(Error::ManySeats { seats }),
+        }
+    }
+
+    fn leaves(&self) -> Vec<ProductKind> {
+        vec![
+            ProductKind::Dataset,
+            ProductKind::Choice,
+            ProductKind::Graph,
+            ProductKind::Images,
+        ]
+    }
+
+    fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
+        Designs::default().write(folder)?;
+        Dataset::write_empty(folder, interface)
+    }
+
+    fn total_steps(&self) -> u64 {
+        self.evaluations
+    }
+
+    fn experience(&self) -> u64 {
+        self.evaluations
+    }
+
+    fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
+        let environment = (run.make_environment)()?;
+        let interface = environment.interface();
+        self.accepts(&interface, environment.metrics())?;
+        let worth = Worth::named(self.by.as_deref(), environment.metrics())?;
+        let (candidates, blocks) = self.search(run, &worth)?;
+        (run.progress)(self.evaluations, self.evaluations);
+        self.measure_chosen(run, &candidates, &worth, blocks)?;
+        run.record_updates(Phase::Final, self.evaluations);
+        let Some(folder) = run.folder else {
+            return Ok(());
+        };
+        candidates
+            .best(&worth, &interface.seats[0].action)?
+            .write(folder)?;
+        write_dataset(folder, &interface, &candidates)
+    }
+}
+
+impl Search {
+    /// Everything that was tried; with it where to continue the measurement of the chosen design.
+    fn search(&self, run: &mut Run<'_>, worth: &Worth) -> Result<(Candidates, Option<Blocks>), Error> {
+        let mut under_way = match run.resume()? {
+            None => UnderWay::start(run)?,
+            Some(Position {
+                learning: Some(Saved::Searching(saved)),
+                ..
+            }) => UnderWay::restored(run, *saved)?,
+            Some(Position {
+                learning: Some(Saved::Searched(candidates)),
+                measuring,
+            }) => return Ok((candidates, measuring)),
+            Some(Position { learning: None, .. }) => {
+                return Err(Error::Checkpoint {
+                    what: "a search",
+                    problem: "it holds no designs".into(),
+                });
+            }
+        };
+        while under_way.evaluations < self.evaluations || !under_way.between_designs() {
+            run.checkpoint(|| Position {
+                learning: Some(Saved::Searching(Box::new(under_way.save()))),
+                measuring: None,
+            })?;
+            under_way.advance(run, worth)?;
+            (run.progress)(under_way.evaluations.min(self.evaluations), self.evaluations);
+        }
+        Ok((under_way.candidates, None))
+    }
+
+    fn measure_chosen(
+        &self,
+        run: &mut Run<'_>,
+        candidates: &Candidates,
+        worth: &Worth,
+        blocks: Option<Blocks>,
+    ) -> Result<(), Error> {
+        let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes)
+            .with_drawings();
+        let saved = || Some(Saved::Searched(candidates.clone()));
+        let chosen = match self.choose {
+            Choose::Policy => None,
+            Choose::BestSeen => candidates.best_of_last(self.among_last, worth),
+        };
+        let Some(chosen) = chosen else {
+            return measure(run, &what, blocks, saved);
+        };
+        let agent = std::mem::replace(&mut run.agent, Box::new(Nobody));
+        run.agent = Box::new(Following::new(agent, chosen.episode.actions.clone()));
+        measure(run, &what, blocks, saved)
+    }
+}
+
+fn write_dataset(folder: &Path, interface: &Interface, candidates: &Candidates) -> Result<(), Error> {
+    let mut writer = DatasetWriter::create(folder, interface).map_err(Error::of_store)?;
+    for candidate in candidates.all() {
+        writer.episode(&candidate.episode).map_err(Error::of_store)?;
+    }
+    writer.finish().map_err(Error::of_store)
+}
+
+/// What a search is restored from.
+#[derive(Debug, Serialize, Deserialize)]
+enum Saved {
+    Searching(Box<SavedSearch>),
+    Searched(Candidates),
+}
+
+/// A search between two steps.
+struct UnderWay {
+    evaluations: u64,
+    candidates: Candidates,
+    environment: Box<dyn Environment>,
+    environment_rng: Rng,
+    act_rng: Rng,
+    learn_rng: Rng,
+    design: Design,
+}
+
+/// What was decided, seen and earned so far of the design under way.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Design {
+    #[serde(with = "exact")]
+    observations: Vec<Vec<f64>>,
+    #[serde(with = "exact")]
+    actions: Vec<Vec<f64>>,
+    #[serde(with = "exact")]
+    rewards: Vec<f64>,
+    #[serde(with = "exact")]
+    info: Vec<f64>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedSearch {
+    evaluations: u64,
+    candidates: Candidates,
+    environment: Value,
+    environment_rng: Rng,
+    act_rng: Rng,
+    learn_rng: Rng,
+    design: Design,
+}
+
+impl UnderWay {
+    fn start(run: &mut Run<'_>) -> Result<Self, Error> {
+        let mut search = Self {
+            evaluations: 0,
+            candidates: Candidates::default(),
+            environment: (run.make_environment)()?,
+            environment_rng: run.streams.environment("search", 0),
+            act_rng: run.streams.agent("act"),
+            learn_rng: run.streams.agent("learn"),
+            design: Design::default(),
+        };
+        search.begin_design(run)?;
+        Ok(search)
+    }
+
+    /// True where no step of the design under way was taken yet.
+    fn between_designs(&self) -> bool {
+        self.design.actions.is_empty()
+    }
+
+    fn begin_design(&mut self, run: &mut Run<'_>) -> Result<(), Error> {
+        let seats = self.environment.reset(&mut self.environment_rng)?;
+        run.agent.restart();
+        self.design = Design {
+            observations: seats,
+            info: vec![0.0; self.environment.metrics().len()],
+            ..Design::default()
+        };
+        Ok(())
+    }
+
+    fn observation(&self, run: &Run<'_>, at: usize) -> Observation {
+        observe(
+            &*run.agent,
+            &*self.environment,
+            vec![self.design.observations[at].clone()],
+        )
+    }
+
+    /// One step: one evaluation.
+    fn advance(&mut self, run: &mut Run<'_>, worth: &Worth) -> Result<(), Error> {
+        let at = self.design.actions.len();
+        let observation = self.observation(run, at);
+        let rows = [observation];
+        let actions = run.agent.act(&rows, Mode::Train, &mut self.act_rng)?;
+        let [observation] = rows;
+        let action = actions.into_iter().next().unwrap_or_default();
+        let step = self.environment.step(&action, &mut self.environment_rng)?;
+        self.evaluations += 1;
+        self.design.take(&action, &step, self.environment.metrics());
+        let transition = Transition {
+            observation,
+            action,
+            rewards: step.rewards,
+            next_observation: self.observation(run, at + 1),
+            end: step.end,
+        };
+        run.agent
+            .learn(&[transition], &mut self.learn_rng, &mut run.record)?;
+        match step.end {
+            Some(end) => self.end_design(run, worth, end, true),
+            None if run.agent.gives_up() => self.end_design(run, worth, End::Truncated, false),
+            None => Ok(()),
+        }
+    }
+
+    fn end_design(&mut self, run: &mut Run<'_>, worth: &Worth, end: End, whole: bool) -> Result<(), Error> {
+        let design = std::mem::take(&mut self.design);
+        let metrics = self.environment.metrics();
+        let candidate = design.candidate(metrics, end, whole);
+        run.record.flush_means(self.evaluations);
+        run.record_updates(Phase::Train, self.evaluations);
+        if whole {
+            candidate.record(run, Phase::Evaluate, self.evaluations, metrics, "candidate_");
+        }
+        self.candidates.add(candidate);
+        if let Some(best) = self.candidates.best_of_last(1.0, worth) {
+            best.record(run, Phase::Evaluate, self.evaluations, metrics, "");
+        }
+        self.begin_design(run)
+    }
+
+    fn save(&self) -> SavedSearch {
+        SavedSearch {
+            evaluations: self.evaluations,
+            candidates: self.candidates.clone(),
+            environment: self.environment.snapshot(),
+            environment_rng: self.environment_rng.clone(),
+            act_rng: self.act_rng.clone(),
+            learn_rng: self.learn_rng.clone(),
+            design: self.design.clone(),
+        }
+    }
+
+    fn restored(run: &Run<'_>, saved: SavedSearch) -> Result<Self, Error> {
+        Ok(Self {
+            evaluations: saved.evaluations,
+            candidates: saved.candidates,
+            environment: restored(run.make_environment, &saved.environment)?,
+            environment_rng: saved.environment_rng,
+            act_rng: saved.act_rng,
+            learn_rng: saved.learn_rng,
+            design: saved.design,
+        })
+    }
+}
+
+impl Design {
+    fn take(&mut self, action: &[Vec<f64>], step: &contract::Step, metrics: &[Metric]) {
+        let is_first = self.actions.is_empty();
+        self.actions.push(action[0].clone());
+        self.rewards.push(step.rewards[0]);
+        self.observations.push(step.observations[0].clone());
+        protocol::accumulate(&mut self.info, metrics, &step.info, is_first);
+    }
+
+    fn candidate(self, metrics: &[Metric], end: End, whole: bool) -> Candidate {
+        #[allow(
+            clippy::cast_precision_loss,
+            reason = "a design has far fewer than 2^52 steps"
+        )]
+        let steps = self.actions.len() as f64;
+        let per_step = |(value, metric): (f64, &Metric)| match metric.per_episode {
+            PerEpisode::Mean => value / steps,
+            _ => value,
+        };
+        Candidate {
+            observed_return: self.rewards.iter().sum(),
+            info: self.info.into_iter().zip(metrics).map(per_step).collect(),
+            whole,
+            episode: Episode {
+                observations: self.observations,
+                actions: self.actions,
+                rewards: self.rewards,
+                states: Vec::new(),
+                end,
+            },
+        }
+    }
+}
