@@ -10,12 +10,13 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use contract::{Phase, Recorder, trial::Trial};
-use engine::{
-    results::{EndState, TrialEnd},
-    spec,
-    store::{Store, TrialFile},
+use contract::{
+    Phase, Recorder,
+    trial::Trial,
+    trial_end::{EndState, TrialEnd},
 };
+use engine::spec;
+use execution::store::{Store, TrialFile};
 use std::{
     collections::BTreeMap,
     path::Path,

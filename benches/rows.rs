@@ -5,12 +5,12 @@
 //! Writes `study.yaml` and a store in which every trial of it (ten agents, SEEDS seeds) has ended with ROWS
 //! rows: a learning curve of 50 points with the same number of episodes at each. Prints one line of JSON.
 
-use contract::{Phase, Recorder, metrics_file};
-use engine::{
-    results::{EndState, TrialEnd},
-    spec,
-    store::{Store, TrialFile},
+use contract::{
+    Phase, Recorder, metrics_file,
+    trial_end::{EndState, TrialEnd},
 };
+use engine::spec;
+use execution::store::{Store, TrialFile};
 use rand::Rng as _;
 use std::{collections::BTreeMap, path::Path};
 

@@ -2,15 +2,13 @@
 //! or where what it says of the file cannot be true. The fuzzer calls them with what it makes up, the tests with what
 //! it has found.
 
+use analysis::claim;
 use contract::{Registry, recorder::Phase, trial::Trial};
 use document::diagnostic::render_first;
-use engine::{
-    claim,
-    spec::{self, Options, Study},
-    store::{
-        Store, TrialFile,
-        metric_log::{self, LogEnd},
-    },
+use engine::spec::{self, Options, Study};
+use execution::store::{
+    Store, TrialFile,
+    metric_log::{self, LogEnd},
 };
 use numerics::policy_file::{FILE_NAME, Policy};
 use std::{

@@ -1,7 +1,7 @@
 //! What is wrong in a store is found, set aside, and runs again.
 
 use crate::program::{Bench, reseal, trial_files};
-use engine::store::{Fault, Store};
+use execution::store::{Fault, Store};
 use rand::Rng as _;
 use std::{
     fs,

@@ -154,8 +154,8 @@ fn damaged_and_running_trials_are_named_and_left() {
     bytes[9] ^= 4;
     fs::write(&metrics, &bytes).unwrap();
     // A lease of this test's own process, which lives.
-    let store = engine::store::Store::at(bench.path("two"));
-    let leases = engine::store::Leases::open(&store, std::time::Duration::from_secs(30)).unwrap();
+    let store = execution::store::Store::at(bench.path("two"));
+    let leases = execution::store::Leases::open(&store, std::time::Duration::from_secs(30)).unwrap();
     let running = new[1].parent().unwrap().file_name().unwrap().to_str().unwrap();
     leases.claim(running).unwrap();
     let answer = bench.run(&["merge", "two", "--into", "one"]);
@@ -214,7 +214,7 @@ fn killed_at_every_boundary_and_run_again_it_ends_as_if_nothing_had_happened() {
         let status = child.wait().unwrap();
         if bench.path("killed/trials").exists() {
             // Whatever is acknowledged is whole.
-            let store = engine::store::Store::at(bench.path("killed"));
+            let store = execution::store::Store::at(bench.path("killed"));
             for file in trial_files(&bench.path("killed")) {
                 let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
                 assert!(store.sound(id).unwrap().is_some(), "{id}");

@@ -1,7 +1,7 @@
 //! Short trials in one file: every command reads them there, and nothing is lost on the way.
 
 use crate::program::{Bench, trial_files};
-use engine::store::Store;
+use execution::store::Store;
 use rand::Rng as _;
 use std::{
     fs,

@@ -11,7 +11,7 @@ use contract::{
     cast::Seating,
     trial::{Part, TrialKey},
 };
-use engine::store::RunningTrial;
+use execution::store::RunningTrial;
 use plugins::registry;
 use serde_json::{Value, json};
 use std::{

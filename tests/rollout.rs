@@ -2,10 +2,8 @@
 
 use crate::program::{Bench, repository, trial_files};
 use contract::{Phase, metrics_file, random::stream};
-use engine::{
-    rollout::{Actions, rows},
-    store::Store,
-};
+use engine::rollout::{Actions, rows};
+use execution::store::Store;
 use plugins::registry;
 use std::{collections::BTreeMap, path::PathBuf};
 

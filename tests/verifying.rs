@@ -2,7 +2,7 @@
 
 use crate::program::{Bench, forge, trial_files};
 use contract::cast::Seating;
-use engine::store::{Store, TrialFile};
+use execution::store::{Store, TrialFile};
 use serde_json::Value;
 use std::{fs, path::PathBuf};
 

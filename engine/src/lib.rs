@@ -13,34 +13,18 @@
 //! 5. Tables and figures read the store only.
 //! 6. What is on disk says what made it, and has a version.
 
-pub mod claim;
 pub mod cli;
 pub mod compare;
-pub mod cross_play;
 pub mod describe;
-pub mod executor;
 pub mod export;
 pub mod figure;
 pub mod first_study;
-mod footprint;
-pub mod guard;
 pub mod imported;
 pub mod kinds;
-pub mod limits;
-mod pace;
-pub mod patience;
 pub mod plan;
-pub mod published_curve;
 pub mod record;
 pub mod report;
-pub mod results;
 pub mod rollout;
-pub mod scheduler;
-pub mod search;
 pub mod spec;
-pub mod store;
 pub mod table;
-pub mod training_share;
-pub mod verification;
 pub mod watch;
-mod world;

@@ -19,7 +19,7 @@ use std::{
 /// Installs the hook where the environment asks for it.
 pub(crate) fn install() {
     if std::env::var_os("REGIMEN_TEST_CRASHES").is_some() {
-        engine::store::install_boundary_hook(at_boundary);
+        execution::store::install_boundary_hook(at_boundary);
     }
 }
 

@@ -33,10 +33,13 @@ pub mod protocol;
 pub mod random;
 pub mod recorder;
 pub mod registry;
+pub mod repeats;
 pub mod resources;
 pub mod setting;
 pub mod standard_metrics;
 pub mod trial;
+pub mod trial_end;
+pub mod trial_result;
 
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;

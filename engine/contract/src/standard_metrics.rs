@@ -1,6 +1,8 @@
 //! Metrics that protocols record whatever the environment and the agent.
 
 use crate::{Metric, PerEpisode};
+use serde::Serialize;
+use serde_json::Value;
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
@@ -12,6 +14,21 @@ pub const SUCCESS: &str = "success";
 
 /// The metric that every measured episode records once: how many decisions it took.
 pub const EPISODE_LENGTH: &str = "episode_length";
+
+/// The metric that every trial has when results are read: how long it took, in seconds.
+pub const WALL_TIME: &str = "wall_time";
+
+/// The metric that trials of agents that learn have when results are read: how long they took over the
+/// updates that they made, in seconds.
+pub const TIME_PER_UPDATE: &str = "time_per_update";
+
+/// The metric that trials which measure episodes at their end have when results are read: how long the agent
+/// took for a decision there, in seconds.
+pub const TIME_PER_DECISION: &str = "time_per_decision";
+
+/// What is said wherever a time is shown.
+pub const TIMES_ARE_OF_THE_MACHINE: &str = "Times are measurements of the machine that computed the trials \
+                                            and of what else it did; they differ from run to run.";
 
 /// What [`OWN_STEPS`] says, for names, units and directions.
 #[must_use]
@@ -28,4 +45,66 @@ pub fn own_steps_metric() -> Metric {
 #[must_use]
 pub fn updates_metric() -> Metric {
     Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
+}
+
+/// What [`WALL_TIME`] says, for names, units and directions.
+#[must_use]
+pub fn wall_time_metric() -> Metric {
+    Metric::new(WALL_TIME, "s", "wall-clock time of the trial")
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
+}
+
+/// What [`TIME_PER_UPDATE`] says, for names, units and directions.
+#[must_use]
+pub fn time_per_update_metric() -> Metric {
+    let about = "wall-clock time of the trial over the updates that the agent made";
+    Metric::new(TIME_PER_UPDATE, "s", about)
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
+}
+
+/// What [`TIME_PER_DECISION`] says, for names, units and directions.
+#[must_use]
+pub fn time_per_decision_metric() -> Metric {
+    let about = "wall-clock time that the agent took for a decision of the final measurement";
+    Metric::new(TIME_PER_DECISION, "s", about)
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
+}
+
+/// The metric under which a record of means over episodes holds the root of the mean square of another one.
+#[must_use]
+pub fn root_of_squares(metric: &str) -> String {
+    format!("rms({metric})")
+}
+
+/// True where one of the words of `asked`, a part of a study, is the name of a time.
+#[must_use]
+pub fn names_times(asked: &impl Serialize) -> bool {
+    serde_json::to_value(asked).is_ok_and(|asked| has_time(&asked))
+}
+
+fn has_time(asked: &Value) -> bool {
+    let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
+    match asked {
+        Value::String(text) => text
+            .split(|letter| !is_name(letter))
+            .any(|word| [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&word)),
+        Value::Array(items) => items.iter().any(has_time),
+        Value::Object(entries) => entries.values().any(has_time),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_found_by_their_whole_names() {
+        let asked = |text: &str| names_times(&serde_json::json!({ "claims": [{ "claim": text }] }));
+        assert!(asked("pr2.time_per_update > rommeo.time_per_update") && asked("a.wall_time < 3"));
+        assert!(!asked("a.lifetime_per_update > b.wall_times"));
+    }
 }

@@ -13,6 +13,17 @@ pub fn either<N: PartialEq + From<u8>>(number: &N, one: &'static str, several: &
     if *number == N::from(1) { one } else { several }
 }
 
+/// A time in the unit that suits it.
+#[must_use]
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 9.95 => format!("{s:.1} s"),
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,8 +1,8 @@
 //! What was asked for and is not there: names after `--only`, and stores.
 
 use super::{complain, study::Planned};
-use crate::world::fs;
 use document::diagnostic;
+use execution::world::fs;
 use std::{collections::BTreeSet, path::Path};
 
 /// What is said of names after `--only` that no study has; `None` where every one is known.

@@ -8,11 +8,13 @@ use crate::{
     compare::{Compared, Named, Side, markdown, parse_study, text},
     report::{Contents, Verdicts},
     spec,
-    store::{self, Store, write_durably},
-    world::{fs, process::Command},
 };
 use clap::Args;
 use contract::{Error, Registry};
+use execution::{
+    store::{self, Store, write_durably},
+    world::{fs, process::Command},
+};
 use std::path::{Path, PathBuf};
 
 /// What is compared, and how it is shown.

@@ -8,19 +8,19 @@ use super::{
     settings::Settings,
     study::{self, Planned},
 };
-use crate::{
-    limits::Limits,
-    pace::Paces,
-    results::TrialEnd,
-    scheduler::{self, Task, Workers, hosts::Hosts},
-    store::{Store, is_missing},
-};
 use contract::{
     Registry,
     resources::{Capacity, Needs},
     trial::Trial,
+    trial_end::{TrialEnd, is_missing},
 };
 use document::count::{count, either};
+use execution::{
+    limits::Limits,
+    pace::Paces,
+    scheduler::{self, Task, Workers, hosts::Hosts},
+    store::Store,
+};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{

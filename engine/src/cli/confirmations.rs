@@ -1,8 +1,8 @@
 //! Confirmations of studies: planned and computed behind their study as studies of their own, and shown in its report.
 
 use super::{ReportOptions, Selection, folders, run, study::Planned};
-use crate::{plan::Wanted, report::Contents, results::TrialResult, spec::Study};
-use contract::{Registry, trial::CellName};
+use crate::{plan::Wanted, report::Contents, spec::Study};
+use contract::{Registry, trial::CellName, trial_result::TrialResult};
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 /// The studies, each with its confirmations behind it.

@@ -5,18 +5,18 @@
 //! the list of folders whose programs are trusted.
 
 use super::{BAD_SPEC, Failure, complain, study::Planned};
-use crate::{
-    plan::Plan,
-    results::EndState,
-    store::{Store, write_durably},
-    world::fs,
-};
+use crate::plan::Plan;
 use clap::Args;
 use contract::{
     Error, Interface, Registry, random,
     trial::{Part, Trial},
+    trial_end::EndState,
 };
 use document::reach::Reach;
+use execution::{
+    store::{Store, write_durably},
+    world::fs,
+};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeSet,

@@ -4,14 +4,13 @@ use super::{
     study::{Planned, total_steps},
     waiting::Waiting,
 };
-use crate::{
-    plan::{self, Estimate, StoredCell},
-    report::duration,
-    results::TrialEnd,
-    store::is_missing,
+use crate::plan::{self, Estimate};
+use contract::{
+    Registry,
+    trial_end::{TrialEnd, is_missing},
 };
-use contract::Registry;
-use document::count::count;
+use document::count::{count, duration};
+use execution::store::StoredCell;
 
 /// An estimate for the trials that are missing and not blocked, from stored ones.
 pub(super) fn estimate(

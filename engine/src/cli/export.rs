@@ -8,14 +8,15 @@ use super::{
 use crate::{
     export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
     report::Manifest,
-    results::{EndState, TrialResult},
     spec,
+};
+use clap::Args;
+use contract::{Error, Registry, trial_end::EndState, trial_result::TrialResult};
+use document::count::count;
+use execution::{
     store::{self, Store, write_durably},
     world::{fs, process},
 };
-use clap::Args;
-use contract::{Error, Registry};
-use document::count::count;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},

@@ -9,7 +9,7 @@ use super::{
     export::{Whole, refused},
     one_trial, say, settings,
 };
-use crate::{rollout, store::Store};
+use crate::rollout;
 use contract::{
     Error, ProductKind, Registry,
     dataset::{self, Dataset, DatasetWriter},
@@ -18,6 +18,7 @@ use contract::{
     trial::TrialKey,
 };
 use document::count::count;
+use execution::store::Store;
 use std::path::{Path, PathBuf};
 
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.

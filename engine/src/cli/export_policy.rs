@@ -5,16 +5,16 @@ use super::{
     export::{Whole, refused},
     one_trial, say, settings,
 };
-use crate::{
-    export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files},
-    store::{Store, TrialFile, write_durably},
-    world::fs,
-};
+use crate::export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files};
 use contract::{
     Error, ProductKind, Registry,
     product::{SAVED_FILE, Taken},
 };
 use document::count::{count, either};
+use execution::{
+    store::{Store, TrialFile, write_durably},
+    world::fs,
+};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

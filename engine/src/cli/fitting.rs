@@ -1,14 +1,14 @@
 //! The needs of trials, held against a machine, a host or a task of a queue, before anything runs.
 
 use super::{BAD_SPEC, Failure, consent, settings::Settings};
-use crate::{
-    executor::{self, LOCAL, Way},
-    scheduler::hosts::Host,
-};
 use contract::{
     Registry,
     resources::{Capacity, Needs},
     trial::Part,
+};
+use execution::{
+    executor::{self, LOCAL, Way},
+    scheduler::hosts::Host,
 };
 
 /// Machines on which trials would run, and the keys that say what these have.

@@ -4,9 +4,9 @@ use super::{BAD_SPEC, Failure, ReportOptions, Selection, complain, study::Planne
 use crate::{
     report::{Manifest, Replaced},
     spec::{along, way},
-    world::{fs, process},
 };
 use contract::Error;
+use execution::world::{fs, process};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},

@@ -1,11 +1,11 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
 use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
-use crate::{
+use document::count::{count, either};
+use execution::{
     executor,
     store::{self, Fault, Findings, Store},
 };
-use document::count::{count, either};
 use std::{collections::BTreeSet, path::PathBuf};
 
 /// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.

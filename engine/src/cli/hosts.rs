@@ -1,8 +1,8 @@
 //! `run --executor ssh`: reaches the hosts before anything runs, and refuses what they could not run.
 
 use super::{BAD_SPEC, Failure, INCOMPLETE, complain, compute::Compute, study::Planned};
-use crate::{executor::Access, scheduler::hosts::Found, world::fs};
 use contract::build;
+use execution::{executor::Access, scheduler::hosts::Found, world::fs};
 
 /// Lets the hosts of `access` run what is computed.
 ///

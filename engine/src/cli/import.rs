@@ -7,11 +7,13 @@ use crate::{
         columns, read,
     },
     spec::{name_from, section_yaml},
-    store::{self, write_durably},
-    world::fs,
 };
 use clap::Args;
 use contract::Error;
+use execution::{
+    store::{self, write_durably},
+    world::fs,
+};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -8,16 +8,17 @@ use super::{complain, study::Planned};
 use crate::{
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
-    results::Results,
     spec::{Relevance, Study},
-    store::{self, Fixed, SeenVerdicts, Store, is_missing},
     table::Grid,
 };
+use analysis::results::Results;
 use contract::{
     Error, Registry,
     trial::{self, CellName},
+    trial_end::is_missing,
 };
 use document::count::{count, either};
+use execution::store::{self, Fixed, SeenVerdicts, Store};
 use serde_json::json;
 use statistics::{Reference, Verdict};
 use std::{

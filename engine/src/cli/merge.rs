@@ -1,12 +1,12 @@
 //! `merge`: the trials of several stores in one.
 
 use super::{BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, looks, say, settings};
-use crate::{
+use clap::Args;
+use document::count::{count, either};
+use execution::{
     store::{self, Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store},
     world::fs,
 };
-use clap::Args;
-use document::count::{count, either};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

@@ -44,10 +44,10 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{guard, limits::Limits, patience, scheduler::hosts::Relay};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use contract::{Registry, panics};
 use document::{input_file, plain_text, reach};
+use execution::{guard, limits::Limits, patience, scheduler::hosts::Relay};
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
@@ -191,7 +191,7 @@ struct LimitOptions {
     retries: Option<u32>,
     /// End states after which a trial is tried again, in place of `killed`.
     #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = end_state)]
-    retry_on: Vec<crate::results::EndState>,
+    retry_on: Vec<contract::trial_end::EndState>,
     /// Wait before the first retry; it doubles with each further one.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = retry_delay_s)]
     retry_delay_s: Option<f64>,
@@ -288,8 +288,8 @@ where
 }
 
 /// An end state by its word.
-fn end_state(word: &str) -> Result<crate::results::EndState, String> {
-    use crate::results::EndState;
+fn end_state(word: &str) -> Result<contract::trial_end::EndState, String> {
+    use contract::trial_end::EndState;
     let known = || {
         EndState::FAILURES
             .iter()
@@ -558,7 +558,7 @@ fn worker(registry: &Registry, options: &WorkerOptions, common: &Common) -> Resu
 
 fn serve(registry: &Registry) -> Result<u8, Failure> {
     reach::quote_nothing();
-    crate::scheduler::serve(
+    execution::scheduler::serve(
         registry,
         std::io::BufReader::new(std::io::stdin()),
         std::io::stdout(),

@@ -4,7 +4,6 @@ use super::{BAD_SPEC, Failure, OK, complain, consent::Consent, say};
 use crate::{
     first_study,
     spec::{self, Options},
-    world::fs,
 };
 use clap::Args;
 use contract::{
@@ -15,6 +14,7 @@ use document::{
     diagnostic::render,
     schema_check::{SLUG, mismatch},
 };
+use execution::world::fs;
 use std::{
     io::{ErrorKind, Write},
     path::{Path, PathBuf},

@@ -1,16 +1,14 @@
 //! One trial of a store, named by the first digits of its id.
 
 use super::{BAD_SPEC, Failure};
-use crate::{
-    results::EndState,
-    store::{Store, TrialFile},
-};
 use contract::{
     Environment, Registry,
     product::FindProduct,
     trial::{Trial, TrialCell, TrialKey},
+    trial_end::EndState,
 };
 use document::diagnostic;
+use execution::store::{Store, TrialFile};
 
 /// The only trial of the store whose id begins with `prefix`, and what acknowledges it; it ended `ok`.
 pub(super) fn that_ended_well(store: &Store, prefix: &str) -> Result<(String, TrialFile), Failure> {

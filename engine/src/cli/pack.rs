@@ -7,9 +7,9 @@ use super::{
     settings::{self, Settings},
     study::Planned,
 };
-use crate::store::{self, Leases, Packing, Store};
 use clap::Args;
 use document::count::{count, either};
+use execution::store::{self, Leases, Packing, Store};
 use std::{
     path::PathBuf,
     sync::{

@@ -2,12 +2,13 @@
 //! missing for this command and for every later one.
 
 use super::{Failure, complain, compute::Compute, study::Planned};
-use crate::{
-    results::{EndState, TrialEnd},
-    store::{Claim, Findings, Leases, Store, is_missing},
+use contract::{
+    Error,
+    trial::Trial,
+    trial_end::{EndState, TrialEnd, is_missing},
 };
-use contract::{Error, trial::Trial};
 use document::count::{count, either};
+use execution::store::{Claim, Findings, Leases, Store};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

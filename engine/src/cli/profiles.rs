@@ -3,11 +3,10 @@
 use super::{Selection, study::Planned};
 use crate::{
     report::{ProfileState, ProfileTrials},
-    results::EndState,
     spec,
-    store::Store,
 };
-use contract::{Registry, trial::Trial};
+use contract::{Registry, trial::Trial, trial_end::EndState};
+use execution::store::Store;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

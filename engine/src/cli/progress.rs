@@ -4,13 +4,15 @@
 //! done, and what a resumed trial did before does not count into its rate.
 
 use super::{complain, shown};
-use crate::{
-    report::duration,
-    results::{EndState, TrialEnd},
+use contract::trial_end::{EndState, TrialEnd};
+use document::{
+    count::{count, duration},
+    plain_text::printable,
+};
+use execution::{
     scheduler::{Event, Task},
     store::Owner,
 };
-use document::{count::count, plain_text::printable};
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 

@@ -1,8 +1,9 @@
 //! Where numbers come from: programs, plugins, machine.
 
 use super::study::Planned;
-use crate::{report::Provenance, world::fs};
+use crate::report::Provenance;
 use contract::{Build, Registry};
+use execution::world::fs;
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},

@@ -12,13 +12,12 @@ use crate::{
     compare::{changed_keys, parse_study},
     record::{self, Record, Source, forget_success},
     report::{Contents, Manifest, Provenance, Round, StudyInfo},
-    results::{EndState, Results, TrialResult},
     spec,
-    store::Announcements,
-    world::fs,
 };
-use contract::{Error, Registry};
+use analysis::results::Results;
+use contract::{Error, Registry, trial_end::EndState, trial_result::TrialResult};
 use document::diagnostic;
+use execution::{store::Announcements, world::fs};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,

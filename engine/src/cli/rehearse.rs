@@ -5,14 +5,18 @@ use super::{
     BAD_SPEC, Common, Failure, Format, LimitOptions, OK, Selection, TRIALS_FAILED, compute::Compute, consent,
     say, settings, study, study::Planned,
 };
-use crate::{
-    limits::Limits,
-    results::{EndState, Recorded, RepeatCheck, Repeats, TrialResult},
-    scheduler::Task,
-    store::Store,
-};
+use analysis::results::RepeatCheck;
 use clap::Args;
-use contract::{Error, Registry, metrics_file::MetricsTable, resources::Needs, trial::Trial};
+use contract::{
+    Error, Registry,
+    metrics_file::MetricsTable,
+    repeats::{Recorded, Repeats},
+    resources::Needs,
+    trial::Trial,
+    trial_end::EndState,
+    trial_result::TrialResult,
+};
+use execution::{limits::Limits, scheduler::Task, store::Store};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

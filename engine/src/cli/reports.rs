@@ -10,12 +10,14 @@ use crate::{
     report::{
         self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
     },
-    results::{EndState, Results},
     spec,
+};
+use analysis::results::Results;
+use contract::{Build, Error, Registry, trial_end::EndState};
+use execution::{
     store::{SeenVerdicts, Store, write_durably},
     world::fs,
 };
-use contract::{Build, Error, Registry};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -220,8 +222,11 @@ pub(super) fn as_asked(mut study: StudyInfo, selection: &Selection) -> StudyInfo
 /// The results of searches, for the record.
 fn searched(one: &Planned, results: &Results) -> BTreeMap<String, Searched> {
     let progress = one.study.searches.iter().zip(&results.searches);
-    let of_search = |((search, progress), result): (&(_, spec::Progress), &crate::results::SearchResult)| {
-        let search: &crate::search::Search = search;
+    let of_search = |((search, progress), result): (
+        &(_, analysis::search::Progress),
+        &analysis::results::SearchResult,
+    )| {
+        let search: &analysis::search::Search = search;
         let searched = Searched {
             progress: progress.clone(),
             tried: result.tried.clone(),

@@ -2,11 +2,8 @@
 
 use super::{BAD_SPEC, Common, Failure, OK, complain, one_trial, settings};
 use crate::{
-    results::TrialResult,
     rollout::{self, Actions},
     spec,
-    store::{Store, TrialFile},
-    world::fs,
 };
 use clap::Args;
 use contract::{
@@ -15,8 +12,13 @@ use contract::{
     random::Streams,
     registry::{About, AgentEntry},
     trial::Part,
+    trial_result::TrialResult,
 };
 use document::diagnostic;
+use execution::{
+    store::{Store, TrialFile},
+    world::fs,
+};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

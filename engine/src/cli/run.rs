@@ -9,18 +9,24 @@ use super::{
     submit::{self, Asked},
 };
 use crate::{
-    executor::{self, Way},
     report::{self, StudyInfo},
-    results::{Results, SearchResult, TrialResult, names_times},
-    search::Search,
-    spec::{Progress, Study},
-    store::Store,
+    spec::Study,
+};
+use analysis::{
+    results::{Results, SearchResult},
+    search::{Progress, Search},
 };
 use contract::{
     Error, ProductKind, Registry,
     drawing::Drawings,
     product::Taken,
+    standard_metrics::names_times,
     trial::{Part, Trial},
+    trial_result::TrialResult,
+};
+use execution::{
+    executor::{self, Way},
+    store::Store,
 };
 use serde_json::Value;
 use std::{

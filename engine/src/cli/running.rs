@@ -1,11 +1,11 @@
 //! What `status` says of trials that are being computed now: who has them, and how far their log is; and of
 //! those that are tried again: how they ended before.
 
-use crate::{
-    results::TrialEnd,
-    store::{Store, is_missing, metric_log},
+use contract::{
+    trial::Trial,
+    trial_end::{TrialEnd, is_missing},
 };
-use contract::trial::Trial;
+use execution::store::{Store, metric_log};
 use std::sync::Arc;
 
 /// Lines about running trials, at most this many.

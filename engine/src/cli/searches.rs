@@ -2,15 +2,14 @@
 //! running elsewhere come to the same settings.
 
 use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, run, study::Planned};
-use crate::{
-    report,
-    results::{SearchResult, Sight, TrialResult},
-    search::Next,
-    spec::{self, Progress},
-    store::Store,
+use crate::spec;
+use analysis::{
+    results::{SearchResult, Sight},
+    search::{Next, Progress},
 };
-use contract::{Registry, trial::Purpose};
+use contract::{Registry, trial::Purpose, trial_result::TrialResult};
 use document::diagnostic;
+use execution::store::Store;
 use std::collections::BTreeSet;
 
 /// Takes every search of a study as far as the stored results say. True where something was added.
@@ -103,7 +102,7 @@ pub(super) fn code(one: &Planned) -> u8 {
 /// Says why searches cannot choose a setting, or what they could not see beside their choice; answers [`code`] of all.
 pub(super) fn told(planned: &[Planned], again: &str) -> u8 {
     for it in planned.iter().flat_map(|one| &one.searched) {
-        let (words, by) = (report::search_in_words(it), &it.search.by);
+        let (words, by) = (analysis::results::search_in_words(it), &it.search.by);
         if !it.seen_so(Sight::Failed).is_empty() {
             complain(&format!("error: {words}: `{again}` runs them again"));
         } else if it.found_nothing() {
@@ -121,6 +120,6 @@ pub(super) fn told(planned: &[Planned], again: &str) -> u8 {
 pub(super) fn lines(one: &Planned) -> Vec<String> {
     one.searched
         .iter()
-        .map(|it| format!("  {}", report::search_in_words(it)))
+        .map(|it| format!("  {}", analysis::results::search_in_words(it)))
         .collect()
 }

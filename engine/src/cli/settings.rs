@@ -25,13 +25,13 @@
 //! ```
 
 use super::{BAD_SPEC, Common, Failure};
-use crate::{
+use document::reach;
+use execution::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
     store::{Bucket, LONGEST_EXPIRY, Store},
     world::fs,
 };
-use document::reach;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::{

@@ -13,21 +13,21 @@ use super::{
     waiting::Waiting,
 };
 use crate::{
-    claim,
     plan::{self, Estimate, Novelty, Plan, Wanted},
-    results::{EndState, SearchResult, TrialEnd},
     spec::{self, ClaimSpec, Study},
-    store::{Announcements, Found, Store},
 };
+use analysis::{claim, results::SearchResult};
 use contract::{
     Registry,
     complete_config::CompleteConfig,
     trial::{Trial, TrialKey},
+    trial_end::{EndState, TrialEnd},
 };
 use document::{
     count::{count, either},
     diagnostic::{self, Diagnostic, Severity},
 };
+use execution::store::{Announcements, Found, Store};
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},

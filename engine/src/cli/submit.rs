@@ -11,18 +11,18 @@ use super::{
     say, settings,
     study::{self, Planned},
 };
-use crate::{
-    executor::{
-        self, Dispatch, Error, Executor, Kind, Outcome, Stop, Task, View, Wanted, Watch, Way, Work, describe,
-    },
-    scheduler::{self, Event},
-    store::{Store, is_missing, write_durably},
-};
 use clap::{
     Args,
     builder::{PossibleValue, PossibleValuesParser},
 };
-use contract::Registry;
+use contract::{Registry, trial_end::is_missing};
+use execution::{
+    executor::{
+        self, Dispatch, Error, Executor, Kind, Outcome, Stop, Task, View, Wanted, Watch, Way, Work, describe,
+    },
+    scheduler::{self, Event},
+    store::{Store, write_durably},
+};
 use serde_json::json;
 use std::{
     collections::BTreeSet,

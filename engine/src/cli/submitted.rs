@@ -1,7 +1,7 @@
 //! What a worker does that belongs to a submission whose queue cannot be told to cancel it: it reads the record itself.
 
 use super::{Common, Failure, complain, settings};
-use crate::{
+use execution::{
     executor::{State, Submission},
     world::clock,
 };

@@ -2,13 +2,13 @@
 //! JSON.
 
 use super::{Common, Failure, Selection, settings, study};
-use crate::{
-    report::{Outcome, junit, outcomes_as_json},
+use crate::report::{Outcome, junit, outcomes_as_json};
+use clap::Args;
+use contract::Registry;
+use execution::{
     store::{Store, write_durably},
     world::{clock, fs},
 };
-use clap::Args;
-use contract::Registry;
 use std::{path::PathBuf, time::Instant};
 
 /// Which files to write.

@@ -8,17 +8,16 @@ use super::{
     one_trial::named,
     say, settings, study,
 };
-use crate::{
+use crate::plan::Plan;
+use clap::Args;
+use contract::{Error, Registry, resources::Needs, trial::Trial, trial_end::EndState};
+use document::count::count;
+use execution::{
     limits::Limits,
-    plan::Plan,
-    results::EndState,
     scheduler::Task,
     store::{Imprint, Store, TrialFile, write_durably},
     verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
 };
-use clap::Args;
-use contract::{Error, Registry, resources::Needs, trial::Trial};
-use document::count::count;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::PathBuf,

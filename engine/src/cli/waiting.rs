@@ -1,12 +1,12 @@
 //! What missing trials wait for: products of other trials that are to come, or that will not come by
 //! themselves.
 
-use crate::{
-    results::{EndState, TrialEnd},
-    store::{Store, is_missing},
+use contract::{
+    trial::Trial,
+    trial_end::{EndState, TrialEnd, is_missing},
 };
-use contract::trial::Trial;
 use document::count::{count, either};
+use execution::store::Store;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -8,13 +8,15 @@ use super::{
 };
 use crate::{
     figure::FigureKind,
-    search::Goal,
-    store::{self, Store, write_durably},
     watch::{Choice, View, Watched, Watcher, draw, page, plain},
-    world::{clock, fs},
 };
+use analysis::search::Goal;
 use clap::Args;
 use contract::{Better, Error, Registry};
+use execution::{
+    store::{self, Store, write_durably},
+    world::{clock, fs},
+};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::{
     collections::BTreeSet,

@@ -4,10 +4,10 @@ use super::{Named, settings};
 use crate::{
     report::{Contents, Manifest, Passed, Verdicts, file_slug},
     table::{Cell, Grid},
-    world::fs,
 };
 use contract::Error;
 use document::diagnostic::Sources;
+use execution::world::fs;
 use serde::Serialize;
 use serde_json::Value;
 use std::{
@@ -171,7 +171,7 @@ fn read(path: &Path) -> Result<Option<String>, Error> {
 /// The cells of all tables of a folder.
 fn cells(folder: &Path) -> Result<BTreeMap<Place, Measured>, Error> {
     let mut cells = BTreeMap::new();
-    for name in crate::store::names(folder)? {
+    for name in execution::store::names(folder)? {
         let Some(table) = name.strip_suffix(".csv") else {
             continue;
         };

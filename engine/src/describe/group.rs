@@ -2,15 +2,11 @@
 //! the one that `check` or the readers of a study read.
 
 use super::sections;
-use crate::{
-    claim::{Aggregate, forms},
-    executor,
-    figure::FigureKind,
-    kinds::Kind,
-    table::TableKind,
-};
+use crate::{figure::FigureKind, kinds::Kind, table::TableKind};
+use analysis::claim::{Aggregate, forms};
 use clap::ValueEnum;
 use contract::{ProductKind, Registry, cast};
+use execution::executor;
 use serde::Serialize;
 
 /// A group of names.

@@ -21,15 +21,11 @@ pub use interface::{Channels, SeatFacts, SpaceFacts};
 pub use key::{Form, Key};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
 
-use crate::{
-    claim::{Aggregate, forms},
-    executor::{self, Kind as ExecutorKind, Way},
-    figure::FigureKind,
-    kinds::Kind,
-    table::TableKind,
-};
+use crate::{figure::FigureKind, kinds::Kind, table::TableKind};
+use analysis::claim::{Aggregate, forms};
 use contract::{Better, Metric, PerEpisode, Preset, ProductKind, Registry};
 use document::{diagnostic, schema_check::View};
+use execution::executor::{self, Kind as ExecutorKind, Way};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};

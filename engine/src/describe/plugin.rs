@@ -8,15 +8,12 @@ use super::{
     key::{self, Form},
     text::as_yaml,
 };
-use crate::{
-    results::{time_per_decision_metric, time_per_update_metric, wall_time_metric},
-    spec,
-};
+use crate::spec;
 use contract::{
     Agent, Metric, ProductKind, Protocol, Registry, cast,
     protocol::given_to_learn,
     registry::{About, AgentEntry, ProtocolEntry},
-    standard_metrics::updates_metric,
+    standard_metrics::{time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric},
 };
 use document::schema_check::View;
 use serde::Serialize;

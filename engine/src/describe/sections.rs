@@ -7,15 +7,10 @@ use super::{
     group::Group,
     key::{self, Form},
 };
-use crate::{
-    claim::{
-        Aggregate,
-        forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
-    },
-    figure::FigureKind,
-    kinds::Kind,
-    spec,
-    table::TableKind,
+use crate::{figure::FigureKind, kinds::Kind, spec, table::TableKind};
+use analysis::claim::{
+    Aggregate,
+    forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
 };
 use contract::Registry;
 use document::schema_check::View;

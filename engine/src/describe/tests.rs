@@ -1,9 +1,10 @@
 //! What is described of toy plugins, and that every example of a section passes `check`.
 
 use super::*;
-use crate::spec::{self, Options, toys::toys};
+use crate::spec::{self, Options};
 use document::diagnostic::render;
 use serde_json::json;
+use testing::toys::toys;
 
 const SECTIONS: [(&str, &str); 7] = [
     ("study", "study: walk"),

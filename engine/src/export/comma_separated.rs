@@ -1,8 +1,8 @@
 //! A table as comma-separated values that a spreadsheet can open without running anything.
 
 use super::table::{Cells, Column, Table};
-use crate::world::fs::File;
 use contract::Error;
+use execution::world::fs::File;
 use std::{io::BufWriter, path::Path};
 
 /// What is said of [`guarded`] where columns are described.

@@ -26,12 +26,11 @@ pub use table::{Cells, Column, Table};
 pub use tables::tables;
 pub use tensorboard::{describe_run, folder_of_run};
 
-use crate::{
-    results::TrialResult,
+use contract::{Error, Metric, Registry, trial_result::TrialResult};
+use execution::{
     store::{StoredTrial, write_durably},
     world::fs,
 };
-use contract::{Error, Metric, Registry};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

@@ -4,12 +4,12 @@
 //! [`PolicyForm`] that a plugin registered recognises the file and writes it.
 
 use super::json_list;
-use crate::{store::TrialFile, world::fs};
 use contract::{
     Channel, Error, Interface, Registry, Seat, Space,
     policy_form::PortablePolicy,
     product::{ONNX_FILE, SAVED_FILE},
 };
+use execution::{store::TrialFile, world::fs};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -153,7 +153,7 @@ fn places(trial: &Path) -> Result<Vec<(String, PathBuf, String)>, Error> {
     if fs::is_file(&trial.join(FILE)) {
         return Ok(vec![(String::new(), trial.to_owned(), FILE.into())]);
     }
-    let mut seats = crate::store::names(trial)?;
+    let mut seats = execution::store::names(trial)?;
     seats.sort();
     let place = |seat: String| {
         let (folder, file) = (trial.join(&seat), format!("{seat}/{FILE}"));

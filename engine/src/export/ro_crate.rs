@@ -6,11 +6,11 @@
 //! the study to the metrics of the trials that it computed.
 
 use super::{Subject, pretty};
-use crate::{
+use contract::{Build, Error};
+use execution::{
     store::{StoredTrial, rfc_3339_of, seconds_of, write_durably},
     world::fs,
 };
-use contract::{Build, Error};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{

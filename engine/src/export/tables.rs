@@ -4,8 +4,7 @@ use super::{
     Subject, config,
     table::{Cells, Column, Table},
 };
-use crate::results::{TrialEnd, TrialResult};
-use contract::{recorder::Phase, trial::Purpose};
+use contract::{recorder::Phase, trial::Purpose, trial_end::TrialEnd, trial_result::TrialResult};
 use std::{borrow::Cow, collections::BTreeMap};
 
 /// `evaluations`, `training` and `trials`, in this order.

@@ -5,12 +5,11 @@ use super::{
     event_file::{Event, Scalar, Summary, append, first},
     pretty,
 };
-use crate::{
-    results::TrialResult,
+use contract::{Error, recorder::Phase, trial_result::TrialResult};
+use execution::{
     store::{StoredTrial, seconds_of, write_durably},
     world::fs,
 };
-use contract::{Error, recorder::Phase};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

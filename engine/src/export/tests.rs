@@ -1,13 +1,12 @@
 //! A small study in every form, read back.
 
 use super::*;
-use crate::{
-    report::synthetic::{ended, trial},
-    results::EndState,
-    spec::toys::toys,
-};
-use contract::{parquet::Table as Read, recorder::Phase};
+use contract::{parquet::Table as Read, recorder::Phase, trial_end::EndState};
 use std::path::PathBuf;
+use testing::{
+    synthetic::{ended, trial},
+    toys::toys,
+};
 
 fn results() -> Vec<TrialResult> {
     let rows = |base: f64| {

@@ -5,11 +5,8 @@
 //! and there are as many lanes as trials ever ran at once.
 
 use super::{Subject, pretty};
-use crate::{
-    results::TrialResult,
-    store::{StoredTrial, seconds_of, write_durably},
-};
-use contract::Error;
+use contract::{Error, trial_result::TrialResult};
+use execution::store::{StoredTrial, seconds_of, write_durably};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -98,7 +95,7 @@ fn named(kind: &str, lane: usize, name: &str) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic::trial;
+    use testing::synthetic::trial;
 
     #[test]
     fn lanes_are_as_many_as_trials_ran_at_once() {

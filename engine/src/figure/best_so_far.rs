@@ -7,10 +7,10 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    search::Goal,
     spec::names::{Names, Place},
     table::{Scope, metric_of_search},
 };
+use analysis::search::Goal;
 use contract::Error;
 use document::count::count as count_in_words;
 use schemars::JsonSchema;

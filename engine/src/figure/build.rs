@@ -4,10 +4,8 @@ use super::{
     FigureSpec,
     chart::{Chart, Hue, Paper, Scale, Series, Shape, Style},
 };
-use crate::{
-    results::Results,
-    table::{Axis, Scope},
-};
+use crate::table::{Axis, Scope};
+use analysis::results::Results;
 use contract::{Better, Error};
 use std::collections::BTreeMap;
 

@@ -7,11 +7,10 @@ use super::{
     chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
 };
 use crate::{
-    results::TrialResult,
     spec::names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
-use contract::{Error, Phase};
+use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

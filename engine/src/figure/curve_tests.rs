@@ -5,13 +5,11 @@ use super::{
     Band, Chart, Context, CurveOf, FigureSpec, LearningCurve, Line, SeedLines, Shape, build,
     tests::{chart, curve_of, learning_curve},
 };
-use crate::{
-    published_curve::PublishedCurve,
-    report::synthetic::{Rows, noise, study, trial},
-    results::Results,
-};
+use crate::report::synthetic::study;
+use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES};
 use std::{collections::BTreeMap, path::Path};
+use testing::synthetic::{Rows, noise, trial};
 
 /// Agents that learn to reach at most 10, from seeds that mostly succeed, and a rule.
 fn climbers(agents: usize, seeds: u64) -> Results {

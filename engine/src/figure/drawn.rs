@@ -6,13 +6,11 @@ use super::{
     build::{Context, label, label_with_setting},
     chart::{Chart, Panel, Series, Shape, Style, Tiles},
 };
-use crate::{
-    results::TrialResult,
-    table::{Axis, Scope},
-};
+use crate::table::{Axis, Scope};
 use contract::{
     ProductKind,
     drawing::{Drawings, Edge, Graph, Image, Node},
+    trial_result::TrialResult,
 };
 
 /// Which trials are shown: one per agent and setting, all of one environment and seed.

@@ -8,12 +8,11 @@ use super::{
     png, svg,
     tests::{chart, names},
 };
-use crate::{
-    report::synthetic::{noise, study},
-    results::Results,
-};
+use crate::report::synthetic::study;
+use analysis::results::Results;
 use contract::drawing::{Drawings, Image};
 use std::collections::BTreeMap;
+use testing::synthetic::noise;
 
 /// Figures to be looked at.
 pub(super) fn pictures() -> [(&'static str, Chart); 4] {

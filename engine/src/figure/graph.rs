@@ -6,13 +6,11 @@ use super::{
     chart::{Chart, Shape},
     drawn::{Choice, panel},
 };
-use crate::{
-    results::TrialResult,
-    spec::names::{Names, Place},
-};
+use crate::spec::names::{Names, Place};
 use contract::{
     Error, ProductKind,
     drawing::{Drawings, Graph},
+    trial_result::TrialResult,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

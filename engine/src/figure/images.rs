@@ -6,11 +6,8 @@ use super::{
     chart::{Chart, Shape, Tiles},
     drawn::{Choice, panel},
 };
-use crate::{
-    results::TrialResult,
-    spec::names::{Names, Place},
-};
-use contract::{Error, ProductKind, drawing::Drawings};
+use crate::spec::names::{Names, Place};
+use contract::{Error, ProductKind, drawing::Drawings, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -7,10 +7,10 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    search::importance::{FEWEST, Importance, TREES, importance},
     spec::names::{Names, Place},
     table::metric_of_search,
 };
+use analysis::search::importance::{FEWEST, Importance, TREES, importance};
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -10,12 +10,11 @@ use super::{
     published,
 };
 use crate::{
-    published_curve::{PublishedCurve, Run},
-    results::TrialResult,
     spec::names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
-use contract::Error;
+use analysis::published_curve::{PublishedCurve, Run};
+use contract::{Error, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::{Summary, common_steps};

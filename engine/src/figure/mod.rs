@@ -71,9 +71,9 @@ pub use trajectory::Trajectory;
 
 use crate::{
     kinds::{Contradiction, kinds},
-    published_curve::PublishedCurve,
     spec::names::{Names, Place},
 };
+use analysis::published_curve::PublishedCurve;
 use contract::{Error, ProductKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

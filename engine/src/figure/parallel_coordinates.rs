@@ -8,10 +8,10 @@ use super::{
     ticks::{self, Tick},
 };
 use crate::{
-    search::Range,
     spec::names::{Names, Place},
     table::metric_of_search,
 };
+use analysis::search::Range;
 use contract::{Error, setting::word};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -196,7 +196,15 @@ fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::tests::numbers;
+
+    fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
+        Range::Numbers(analysis::search::Numbers {
+            low,
+            high,
+            log,
+            integer,
+        })
+    }
 
     fn texts(range: &Range) -> Vec<(String, f64)> {
         let ticks = of_range(range).into_iter().filter(|tick| !tick.text.is_empty());

@@ -6,7 +6,7 @@ use super::{
     chart::{Curve, CurveOf, Hue, RunLine, Series, Shape, Style},
     over_runs::{over, points, smoothed},
 };
-use crate::published_curve::{self, PublishedCurve};
+use analysis::published_curve::{self, PublishedCurve};
 use contract::Error;
 use statistics::common_steps::Run;
 

@@ -1,7 +1,7 @@
 //! What figures read of a search: the settings that went to their ends, as places in their ranges.
 
 use super::build::{Context, problem};
-use crate::{
+use analysis::{
     results::{SearchResult, TriedSetting},
     search::Range,
 };

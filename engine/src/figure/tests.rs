@@ -5,15 +5,16 @@ use super::{
     Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::{
-    report::synthetic::{AGENTS, Rows, noise, study, trial},
-    results::Results,
+    report::synthetic::study,
     table::{Along, Axis, Comparison},
 };
+use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
+use testing::synthetic::{AGENTS, Rows, noise, trial};
 
 pub(super) fn chart(spec: &FigureSpec, results: &Results) -> Chart {
     let agents = AGENTS.map(String::from);

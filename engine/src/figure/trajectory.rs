@@ -6,11 +6,10 @@ use super::{
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
-    results::TrialResult,
     spec::names::{Names, Place},
     table::{Axis, Scope},
 };
-use contract::{Error, Phase};
+use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -270,7 +270,7 @@ impl Pair {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::toys;
+    use testing::toys;
 
     /// Toy plugins with the engine's own protocols.
     fn toys() -> Registry {

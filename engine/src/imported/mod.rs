@@ -22,6 +22,7 @@ mod table;
 mod tables;
 mod wandb;
 
+use analysis::results::Origin;
 pub use found::{Columns, Found, columns, read};
 pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
@@ -29,12 +30,13 @@ pub use pattern::{PatternError, matching};
 
 use content::Content;
 
-use crate::results::{EndState, TrialEnd, TrialResult};
 use contract::{
     Error, Phase,
     cast::Seating,
     recorder::Row,
     trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
+    trial_end::{EndState, TrialEnd},
+    trial_result::TrialResult,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -49,17 +51,6 @@ pub const MARK: &str = "imported-";
 /// The seed of the first run of the first entry. Every entry has a block of as many seeds of its own: equal
 /// numbers mean equal random streams here, and those of other programs are none of ours.
 pub const FIRST_SEED: u64 = 1_000_000;
-
-/// Where imported runs come from, to be said wherever they are shown.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Origin {
-    /// Name in the study, where that of an agent would stand.
-    pub name: String,
-    /// What they are, in a sentence.
-    pub sentence: String,
-    /// Their files as the study names them, with the SHA-256 of each.
-    pub files: Vec<(String, String)>,
-}
 
 /// A name that tells imported runs from our own wherever it is shown.
 #[must_use]

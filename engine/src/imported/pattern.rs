@@ -1,8 +1,8 @@
 //! Files by patterns in which `*` stands for any part of one name, and `**` for folders of any depth.
 
-use crate::{store::names, world::fs};
 use contract::Error;
 use document::reach::{Outside, Reach};
+use execution::{store::names, world::fs};
 use std::path::{Component, Path, PathBuf};
 
 /// The deepest that `**` looks.

@@ -5,19 +5,23 @@ use super::Kind;
 use crate::{
     describe::{Asked, find, text},
     figure::{self, Context, FigureKind},
-    report::synthetic,
-    results::{Results, SearchResult, TrialResult},
-    spec::{self, Options, Progress, Study, toys::toys},
+    spec::{self, Options, Study},
     table::{self, TableKind},
+};
+use analysis::{
+    results::{Results, SearchResult},
+    search::Progress,
 };
 use contract::{
     Phase,
     drawing::{Drawings, Edge, Graph, Image, Node},
     trial::Trial,
+    trial_result::TrialResult,
 };
 use document::{diagnostic::Diagnostic, schema_check::View};
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
+use testing::toys::toys;
 
 const HEAD: &str = "study: walk
 environments:
@@ -89,7 +93,7 @@ fn made_up(trial: Arc<Trial>) -> TrialResult {
     // Settings differ, so that something can be said of what they do.
     let of_setting = trial.cell.setting.bytes().map(f64::from).sum::<f64>() / 1000.0;
     let value = 10.0 * trial.cell.agent.len() as f64 + trial.key.seed as f64 + of_setting;
-    let mut rows: synthetic::Rows = Vec::new();
+    let mut rows: testing::synthetic::Rows = Vec::new();
     for (phase, step) in [(Phase::Evaluate, 0), (Phase::Evaluate, 500), (Phase::Final, 1000)] {
         rows.extend(["return", "length"].map(|metric| (phase, step, 0, metric, value + step as f64)));
     }
@@ -100,7 +104,7 @@ fn made_up(trial: Arc<Trial>) -> TrialResult {
     }
     TrialResult {
         trial,
-        ..synthetic::trial("", "", "", 0, &rows)
+        ..testing::synthetic::trial("", "", "", 0, &rows)
     }
 }
 

@@ -2,10 +2,8 @@
 //! them.
 
 use super::{DEVICE, OfCells};
-use crate::{
-    cross_play::title,
-    spec::{Pairs, Play, Player, Study},
-};
+use crate::spec::{Pairs, Play, Player, Study};
+use analysis::cross_play::title;
 use contract::{
     cast::{Cast, Member, Seating},
     trial::{Purpose, Trial, TrialCell, TrialKey},

@@ -4,9 +4,9 @@
 //! agent and protocol tells how long a step takes. A trial in another environment tells nothing: steps of one may
 //! cost a thousand times those of another.
 
-use super::nearest::{Combination, Search, StoredCell};
-use crate::pace;
+use super::nearest::{Combination, Search};
 use contract::trial::{Trial, TrialKey};
+use execution::{pace, store::StoredCell};
 use serde::Serialize;
 use std::collections::HashMap;
 

@@ -11,9 +11,9 @@ mod novelty;
 mod tests;
 
 pub use estimate::{Estimate, estimate};
+pub use execution::store::{StoredCell, Took};
 pub use explain::{explain, seed_ranges, to_json};
 pub use leaves::Difference;
-pub use nearest::{StoredCell, Took};
 pub use novelty::{Novelty, Reason, novelties};
 
 use crate::spec::{Cell, Place, Play, Study};

@@ -5,12 +5,12 @@
 //! study take no part in it. Seeds are not searched: what is compared are combinations of parts, each with
 //! its seeds.
 
-use super::{
-    leaves::Difference,
-    nearest::{Search, StoredCell},
+use super::{leaves::Difference, nearest::Search};
+use contract::{
+    trial::{Purpose, Trial, TrialKey},
+    trial_end::{EndState, TrialEnd},
 };
-use crate::results::{EndState, TrialEnd};
-use contract::trial::{Purpose, Trial, TrialKey};
+use execution::store::StoredCell;
 use std::{
     borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashMap},

@@ -3,10 +3,10 @@
 use super::{
     Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, seed_ranges, to_json,
 };
-use crate::results::{EndState, TrialEnd};
 use contract::{
     cast::Seating,
     trial::{Part, Trial, TrialCell, TrialKey},
+    trial_end::{EndState, TrialEnd},
 };
 use serde_json::{Value, json};
 use std::{collections::BTreeSet, sync::Arc};

@@ -1,11 +1,13 @@
 //! The trials of a record: how each ended, and from them results as the store would give them.
 
 use super::{Block, Blocks, Measured, Record};
-use crate::results::{EndState, Results, TrialEnd, TrialResult, root_of_squares};
+use analysis::results::Results;
 use contract::{
     recorder::{Phase, Row, intern},
-    standard_metrics::SUCCESS,
+    standard_metrics::{SUCCESS, root_of_squares},
     trial::{CellName, Purpose, Trial},
+    trial_end::{EndState, TrialEnd},
+    trial_result::TrialResult,
 };
 use serde::{Deserialize, Serialize};
 use std::{

@@ -12,12 +12,14 @@
 //! At the end there is every metric, before it those that a table, figure, claim or search of the study names.
 //! The rows of a trial are together; meetings of a play that share names and seed come in the order of the plan.
 
-use crate::results::{Results, TrialResult, root_of_squares};
+use analysis::results::Results;
 use contract::{
     Error, panics,
     parquet::{self, Table, Values},
     recorder::{Phase, Row, intern},
+    standard_metrics::root_of_squares,
     trial::{CellName, Trial},
+    trial_result::TrialResult,
 };
 use serde::Serialize;
 use std::{

@@ -12,20 +12,20 @@
 mod cells;
 mod evaluations;
 
+use analysis::search::Progress;
 pub use cells::{Cell, Ended, Part, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
-use crate::{
-    report::{FigureFacts, Manifest, Period, ProfileState, Provenance},
+use crate::report::{FigureFacts, Manifest, Period, ProfileState, Provenance};
+use analysis::{
     results::{SearchResult, Told, TriedSetting},
     search::Search,
-    spec::Progress,
-    store::{SeenVerdicts, write_durably},
 };
 use contract::{
     Error,
     trial::{CellName, Trial},
 };
+use execution::store::{SeenVerdicts, write_durably};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};

@@ -7,10 +7,10 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
-    claim::ClaimOutcome,
     spec::summary::Asks,
     table::{escape_markdown, markdown_row},
 };
+use analysis::claim::ClaimOutcome;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

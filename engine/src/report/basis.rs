@@ -1,8 +1,8 @@
 //! What a report rests on, as one line at its head: how many seeds the study's design allowed, how many were
 //! used, and what was thought of after results were seen.
 
-use super::{Contents, StudyInfo, searches};
-use crate::results::Results;
+use super::{Contents, StudyInfo};
+use analysis::results::{Results, search_sentence};
 use contract::trial::{CellName, Purpose};
 use document::count::count;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     let searches = results
         .searches
         .iter()
-        .map(|it| format!(" {}", searches::sentence(it)));
+        .map(|it| format!(" {}", search_sentence(it)));
     let repeats = study
         .repeats
         .map_or_else(String::new, |repeats| format!(" Sweep: {repeats}."));
@@ -198,12 +198,12 @@ fn either(numbers: &[u32]) -> String {
 mod tests {
     use super::*;
     use crate::{
-        report::synthetic::{ended, trial},
-        results::{EndState, TrialResult},
         spec::ClaimSpec,
         table::{Cell, Comparison, Grid, TableSpec},
     };
+    use contract::{trial_end::EndState, trial_result::TrialResult};
     use statistics::Design;
+    use testing::synthetic::{ended, trial};
 
     /// So many seeds of each agent, named by its place.
     fn results(seeds: &[u64]) -> Results {

@@ -4,12 +4,10 @@ use super::{
     StudyInfo,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
-    imported::marked,
-    results::{Cost, Printed, Ran, Results, Told, TrialResult},
-};
-use contract::{Phase, standard_metrics::EPISODE_LENGTH, trial::Purpose};
-use document::count::count;
+use crate::imported::marked;
+use analysis::results::{Cost, Printed, Ran, Results, Told};
+use contract::{Phase, standard_metrics::EPISODE_LENGTH, trial::Purpose, trial_result::TrialResult};
+use document::count::duration;
 use std::collections::BTreeMap;
 
 const HEAD: [&str; 9] = [
@@ -132,46 +130,6 @@ pub(super) fn cost(results: &Results) -> Cost {
             .chain(&results.tried)
             .chain(&results.trials),
     )
-}
-
-impl Cost {
-    /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
-    fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
-        let trials = trials.filter(|trial| !trial.is_imported());
-        let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
-        let seconds: BTreeMap<&str, f64> = ended.collect();
-        Self {
-            seconds: seconds.values().sum(),
-            trials: seconds.len(),
-        }
-    }
-
-    fn mean(self) -> Option<f64> {
-        #[allow(clippy::cast_precision_loss, reason = "a study has at most a million trials")]
-        let trials = self.trials as f64;
-        (self.trials > 0).then(|| self.seconds / trials)
-    }
-
-    /// The same as [`sentence`](Self::sentence); `None` before the first trial has ended.
-    pub(super) fn known(self) -> Option<String> {
-        (self.trials > 0).then(|| self.sentence())
-    }
-
-    /// Time and number of trials, in words.
-    pub(super) fn sentence(self) -> String {
-        format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))
-    }
-}
-
-/// A time in the unit that suits it.
-#[must_use]
-pub fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 9.95 => format!("{s:.1} s"),
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
 
 /// In the order of the plan; all casts of a play are one.
@@ -362,12 +320,11 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        cross_play::tests::encounter,
-        report::synthetic::{Rows, ended, trial},
-        results::EndState,
+    use contract::{standard_metrics::UPDATES, trial_end::EndState};
+    use testing::{
+        encounters::encounter,
+        synthetic::{Rows, ended, trial},
     };
-    use contract::standard_metrics::UPDATES;
 
     fn learner(seed: u64, setting: &str, steps: u64, updates: f64) -> TrialResult {
         let mut rows: Rows = vec![(Phase::Final, steps, 0, UPDATES, updates)];

@@ -5,10 +5,8 @@ use super::{
     contents::ClaimLine,
     sheet::{Entry, Sheet, Tone},
 };
-use crate::{
-    claim::ClaimVerdict,
-    results::{TIMES_ARE_OF_THE_MACHINE, names_times},
-};
+use analysis::claim::ClaimVerdict;
+use contract::standard_metrics::{TIMES_ARE_OF_THE_MACHINE, names_times};
 use std::collections::BTreeSet;
 
 const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];

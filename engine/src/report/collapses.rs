@@ -3,11 +3,8 @@
 //! A mean over both describes neither, and its t interval covers too rarely where one seed in fifty collapses.
 
 use super::StudyInfo;
-use crate::{
-    results::Results,
-    table::{Cell, Grid},
-    training_share::trained,
-};
+use crate::table::{Cell, Grid};
+use analysis::{results::Results, training_share::trained};
 use contract::{Better, Phase, trial::CellName};
 use statistics::{MeanEstimate, Share, estimators::mean};
 
@@ -108,9 +105,10 @@ impl Split {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{report::synthetic::trial, table};
+    use crate::table;
     use contract::standard_metrics::UPDATES;
     use std::collections::BTreeMap;
+    use testing::synthetic::trial;
 
     #[test]
     fn seeds_that_collapsed_are_counted_and_the_rest_has_a_mean() {

@@ -11,10 +11,10 @@ use super::{
 };
 use crate::{
     plan::seed_ranges,
-    results::{Cost, Results},
     spec::Confirmation,
     table::{Cell, Grid},
 };
+use analysis::results::{Cost, Results};
 use contract::trial::CellName;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

@@ -4,21 +4,25 @@ use super::{
     Alone, FigureFacts, Kept, Manifest, StudyInfo, collapses, confirmations::Confirmed, files, floors,
 };
 use crate::{
-    claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},
-    cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
     imported::marked,
-    results::{
-        Cost, Programs, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times, repeats_in_words,
-    },
     spec::ClaimSpec,
     table::{
         self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
         untrained_in_words,
     },
+};
+use analysis::{
+    claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},
+    cross_play::Encounters,
+    results::{Cost, Programs, Results, repeats_in_words},
     training_share::{self, trained},
 };
-use contract::trial::CellName;
+use contract::{
+    standard_metrics::{TIMES_ARE_OF_THE_MACHINE, names_times},
+    trial::CellName,
+    trial_result::TrialResult,
+};
 use serde::Serialize;
 use statistics::{
     Seeds, Statement, TrainingShare, Verdict, holm,

@@ -5,10 +5,11 @@ use super::{
     StudyInfo,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::results::{Results, TrialResult};
+use analysis::results::Results;
 use contract::{
     complete_config::CompleteConfig,
     trial::{Part, Purpose},
+    trial_result::TrialResult,
 };
 use serde_json::{Map, Value};
 use std::{collections::BTreeSet, path::Path};
@@ -330,10 +331,10 @@ fn word(value: Option<&Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic::trial;
     use contract::cast::Seating;
     use serde_json::json;
     use std::sync::Arc;
+    use testing::synthetic::trial;
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());

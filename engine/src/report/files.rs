@@ -1,7 +1,7 @@
 //! Files that appear whole or not at all.
 
-use crate::world::{fs, process};
 use contract::Error;
+use execution::world::{fs, process};
 use std::path::Path;
 
 /// Writes a file and the folder it lies in.

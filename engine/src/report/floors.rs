@@ -5,7 +5,7 @@
 //! interval of the difference.
 
 use super::StudyInfo;
-use crate::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
+use analysis::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
 use contract::Better;
 use statistics::Seeds;
 use std::collections::BTreeSet;
@@ -80,7 +80,7 @@ fn passes(agent: &Operand, relation: Relation, floors: &[String], values: Values
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::claim::parse;
+    use analysis::claim::parse;
     use std::collections::BTreeMap;
 
     fn passed(text: &str, better: Better, of: &[(&str, [f64; 3])]) -> bool {

@@ -2,12 +2,13 @@
 //! what reports wrote into their folders, so it says nothing that no report says.
 
 use super::{
-    Verdicts, answered, duration, families, open,
+    Verdicts, answered, families, open,
     page::{Extra, document_with},
     sheet::{Entry, NONE, Sheet},
     verdicts::words,
 };
 use crate::table::{escape_html as escape, prose, verdict_word};
+use document::count::duration;
 
 const STYLE: &str = include_str!("index.css");
 

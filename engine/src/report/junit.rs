@@ -5,8 +5,11 @@
 //! (`panicked`, `timeout`, `oom`, `killed`) an error, one that has not run is skipped.
 
 use super::outcome::Outcome;
-use crate::results::{EndState, TrialEnd};
-use contract::{Error, trial::Trial};
+use contract::{
+    Error,
+    trial::Trial,
+    trial_end::{EndState, TrialEnd},
+};
 use quick_xml::{
     Writer,
     events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event},

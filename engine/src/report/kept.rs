@@ -5,9 +5,9 @@ use super::files;
 use crate::{
     figure::{Chart, Shades, is_wide},
     report::Manifest,
-    world::fs,
 };
 use contract::Error;
+use execution::world::fs;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! The meaning of a report's verdicts.
 
 use super::{Contents, UNREAD};
-use crate::claim::ClaimOutcome;
+use analysis::claim::ClaimOutcome;
 use statistics::Verdict;
 
 /// The words that occur in a report, each with its meaning.

@@ -3,8 +3,8 @@
 //! nothing else.
 
 use super::files;
-use crate::world::fs;
 use contract::Error;
+use execution::world::fs;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},

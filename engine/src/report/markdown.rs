@@ -3,9 +3,9 @@
 use super::{Parts, Period, StudyInfo, answers, files, head, legend, sheet::Sheet, stages};
 use crate::{
     figure::{Chart, FigureSpec},
-    imported::Origin,
     table::{Grid, escape_markdown as escape, markdown, prose},
 };
+use analysis::results::Origin;
 use contract::build::tally;
 
 /// The whole report.

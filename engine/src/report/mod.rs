@@ -31,7 +31,6 @@ mod outcome;
 mod page;
 mod period;
 mod profiles;
-mod searches;
 mod sentence;
 mod sheet;
 mod stages;
@@ -44,7 +43,7 @@ mod verdicts;
 
 pub use answered::{Answered, Word, answers_as_markdown, counts_as_markdown, items_as_markdown};
 pub use basis::basis;
-pub use budgets::{duration, told};
+pub use budgets::told;
 pub use confirmations::{Alone, Round};
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use families::{Family, families, families_as_markdown, take_together};
@@ -57,7 +56,6 @@ pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
-pub use searches::search_in_words;
 pub use sentence::sentence;
 pub use stages::{Stage, Take};
 pub use summary::{summary, tinted};
@@ -65,10 +63,10 @@ pub use verdicts::{Passed, Verdicts};
 
 use crate::{
     figure::{self, FigureSpec},
-    results::{Ran, Results},
     spec::{Answer, ClaimSpec, Confirmation, Relevance, Repeats, Summary},
     table::{self, TableSpec},
 };
+use analysis::results::{Ran, Results};
 use contract::{Better, Build, Error};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

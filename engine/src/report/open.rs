@@ -2,14 +2,12 @@
 //! computing says most.
 
 use super::{
-    Passed, Verdicts, duration,
+    Passed, Verdicts,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
-    claim::ClaimOutcome,
-    results::{Results, TrialResult},
-};
-use contract::trial::CellName;
+use analysis::{claim::ClaimOutcome, results::Results};
+use contract::{trial::CellName, trial_result::TrialResult};
+use document::count::duration;
 use serde::{Deserialize, Serialize};
 use std::{
     cmp::Ordering,
@@ -217,11 +215,12 @@ fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTree
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{Alone, Passed, synthetic::trial};
+    use crate::report::{Alone, Passed};
     use contract::{
         product::{ProductKind, Taken},
         trial::Purpose,
     };
+    use testing::synthetic::trial;
 
     fn passed(about: &str, verdict: &str, effort: Option<(u32, f64)>) -> Passed {
         Passed {

@@ -1,7 +1,9 @@
 //! How the trials of a study ended, for programs that watch over runs: counts and what is not well, as JSON.
 
-use crate::results::{EndState, TrialEnd};
-use contract::trial::Trial;
+use contract::{
+    trial::Trial,
+    trial_end::{EndState, TrialEnd},
+};
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 

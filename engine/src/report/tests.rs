@@ -4,21 +4,22 @@ mod record;
 
 use super::{
     Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary,
-    synthetic::{AGENTS, ended, study as recorded, trial},
-    write,
+    synthetic::study as recorded, write,
 };
 use crate::{
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
-    results::{EndState, Results, TrialResult},
     spec::{ClaimSpec, Summary},
     table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
 };
+use analysis::results::Results;
 use contract::{
     Build, Phase,
     cast::Seating,
     recorder::Row,
     standard_metrics::{EPISODE_LENGTH, UPDATES},
     trial::{Part, Trial},
+    trial_end::EndState,
+    trial_result::TrialResult,
 };
 use serde_json::{Value, json};
 use statistics::Design;
@@ -28,6 +29,7 @@ use std::{
     path::Path,
     sync::Arc,
 };
+use testing::synthetic::{AGENTS, ended, trial};
 
 /// The synthetic results with configs and with the lengths of measured episodes.
 fn results() -> Results {

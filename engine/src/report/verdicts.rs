@@ -2,12 +2,9 @@
 //! watch over many of them.
 
 use super::{Alone, Answered, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
-use crate::{
-    claim::ClaimOutcome,
-    results::{Results, TrialResult},
-    table::{Grid, TableSpec},
-    training_share,
-};
+use crate::table::{Grid, TableSpec};
+use analysis::{claim::ClaimOutcome, results::Results, training_share};
+use contract::trial_result::TrialResult;
 use serde::{Deserialize, Serialize};
 use statistics::{Judgement, TrainingShare, Verdict};
 

@@ -5,7 +5,6 @@
 //! scored, to the bit, on the same kind of processor.
 
 use super::columns::Columns;
-use crate::results::TrialResult;
 use contract::{
     Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry,
     RewardSurface, Rng, Seat, Step,
@@ -14,6 +13,7 @@ use contract::{
     protocol::{Run, replay_measurement},
     random::Streams,
     trial::TrialKey,
+    trial_result::TrialResult,
 };
 use std::sync::mpsc::{Sender, channel};
 

@@ -11,11 +11,7 @@ use super::{
     path::Target,
     specimens::Specimens,
 };
-use crate::{
-    describe::fit,
-    patience,
-    results::{time_per_decision_metric, time_per_update_metric, wall_time_metric},
-};
+use crate::describe::fit;
 use contract::{
     Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     own_training::{Assignment, MEASURED, Measured},
@@ -23,10 +19,13 @@ use contract::{
     recorder::MOST_METRICS,
     registry::AgentEntry,
     setting::word,
-    standard_metrics::{EPISODE_LENGTH, updates_metric},
+    standard_metrics::{
+        EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
+    },
     trial::with_names,
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
+use execution::patience;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},

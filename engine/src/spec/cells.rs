@@ -10,7 +10,6 @@ use super::{
     sweep::{Dimension, SweptKey},
     written::{Chosen, Named, PartKind, Prepared, Selection, Written},
 };
-use crate::{limits::Limits, store::Announcements};
 use contract::{
     Registry, cast,
     own_training::{MEASURED, Measured},
@@ -20,6 +19,7 @@ use document::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::View,
 };
+use execution::{limits::Limits, store::Announcements};
 use serde_json::Value;
 use std::{path::Path, sync::Arc};
 

@@ -4,8 +4,8 @@ use super::{
     builds::{Builder, Outcome, built},
     cell::Cell,
 };
-use crate::patience;
 use contract::{Environment, Error, Interface, Metric};
+use execution::patience;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{

@@ -1,7 +1,8 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
 use super::{builds::World, cells::Sections, seeds::SeedPlan, way::name_written_out};
-use crate::imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, PatternError, matching, read};
+use crate::imported::{FIRST_SEED, Found, Imported, ImportedText, PatternError, matching, read};
+use analysis::results::Origin;
 use contract::Metric;
 use document::{
     Entry, Kind, Node,

@@ -94,9 +94,10 @@ fn same_keys(mine: &[Entry], theirs: &[Entry]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::{json_schema, toys::toys};
+    use crate::spec::json_schema;
     use document::{diagnostic::Sources, parse};
     use serde_json::json;
+    use testing::toys::toys;
 
     fn laid(under: &str, over: &str) -> Node {
         let mut sources = Sources::default();

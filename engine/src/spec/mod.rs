@@ -71,6 +71,7 @@ mod tried;
 mod way;
 mod written;
 
+use analysis::search::Progress;
 pub use answers::{Answer, AnswerText};
 pub(crate) use builds::can_learn;
 pub use claims::{ClaimSpec, Relevance};
@@ -81,29 +82,24 @@ pub use json_schema::json_schema;
 pub use plugin_config::{load_config, read_config};
 pub use repeats::Repeats;
 pub use resolved::{resolved_yaml, section_yaml};
-pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;
 pub use way::{along, name_from, way};
 
-use crate::{
-    figure::FigureSpec,
-    imported::Imported,
-    limits::{LimitError, Limits},
-    results::Success,
-    search::Search,
-    store::Announcements,
-    table::TableSpec,
-    training_share::PaperBudget,
-};
+use crate::{figure::FigureSpec, imported::Imported, table::TableSpec};
+use analysis::{search::Search, training_share::PaperBudget};
 pub(crate) use cell::{Cell, Cells, Place};
 use cells::{MOST_TRIALS, Sections};
-use contract::{Metric, Registry};
+use contract::{Metric, Registry, trial_result::Success};
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span, in_order},
     input_file,
     schema_check::{At, Checker, View},
+};
+use execution::{
+    limits::{LimitError, Limits},
+    store::Announcements,
 };
 use seeds::SeedPlan;
 use serde_json::Value;
@@ -606,5 +602,3 @@ fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diag
 
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-pub(crate) mod toys;

@@ -12,9 +12,10 @@ use super::{
     way::name_written_out,
     written::{Chosen, Named, PartKind, Prepared},
 };
-use crate::{figure::FigureSpec, limits::Limits, table::TableSpec};
+use crate::{figure::FigureSpec, table::TableSpec};
 use contract::Error;
 use document::{Entry, Node};
+use execution::limits::Limits;
 use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;

@@ -10,7 +10,7 @@ use super::{
     sweep::{self, Dimension},
     written::{Named, Written},
 };
-use crate::search::{FIRST_TUNING_SEED, Failed, Goal, Method, Point, Range, Search, lineage};
+use analysis::search::{FIRST_TUNING_SEED, Failed, Goal, Method, Progress, Range, Search, lineage};
 use document::{
     Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -18,20 +18,6 @@ use document::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-
-/// How far a search is.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Progress {
-    /// The settings that are tried, in order.
-    pub points: Vec<Point>,
-    /// The step at which the trials of each pause; `None` for those that go to their ends.
-    pub stops: Vec<Option<u64>>,
-    /// For each the place of the one whose learning it goes on with; empty where none does.
-    pub parents: Vec<Option<usize>>,
-    /// The place of the one that was chosen.
-    pub chosen: Option<usize>,
-}
 
 /// A search as it is written.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]

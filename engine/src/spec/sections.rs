@@ -10,11 +10,11 @@ use super::{
     seeds::SeedsText,
     sweep::Generator,
 };
-use crate::{
-    figure::FigureSpec, imported::ImportedText, limits::Limits, results::Success, table::TableSpec,
-    training_share::PaperBudget,
-};
+use crate::{figure::FigureSpec, imported::ImportedText, table::TableSpec};
+use analysis::training_share::PaperBudget;
+use contract::trial_result::Success;
 use document::schema_check::{NAME, SLUG};
+use execution::limits::Limits;
 use schemars::JsonSchema;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;

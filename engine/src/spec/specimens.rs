@@ -7,11 +7,11 @@ use super::{
     cell::Cell,
     taking::{self, Source},
 };
-use crate::world::fs;
 use contract::{
     Agent, Error, Interface, ProductKind, product::Taken, protocol::write_checkpoint_specimen, random,
 };
 use document::diagnostic::Diagnostic;
+use execution::world::fs;
 use serde_json::Value;
 use std::{
     collections::BTreeMap,

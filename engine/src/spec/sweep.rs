@@ -8,7 +8,7 @@ use super::{
     path::{self, KeyPath, Target},
     written::Written,
 };
-use crate::search::Numbers;
+use analysis::search::Numbers;
 use contract::random;
 use document::{
     Entry, Node,

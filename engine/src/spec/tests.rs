@@ -1,10 +1,11 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
-use super::{toys::toys, *};
+use super::*;
 use crate::figure::FigureKind;
 use contract::trial::Trial;
 use serde_json::json;
 use std::{collections::BTreeSet, sync::Arc};
+use testing::toys::toys;
 
 const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/specs");
 

@@ -1,10 +1,8 @@
 //! The settings that a search tried, from the best to the worst.
 
 use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
-use crate::{
-    results::{Results, SearchResult, TriedSetting},
-    spec::names::{Names, Place},
-};
+use crate::spec::names::{Names, Place};
+use analysis::results::{Results, SearchResult, TriedSetting};
 use contract::Error;
 use document::diagnostic::suggest;
 use schemars::JsonSchema;

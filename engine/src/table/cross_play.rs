@@ -5,11 +5,8 @@ use super::{
     Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, Quantity, Scope, Statistic, Table,
     comparison::summarise, problem,
 };
-use crate::{
-    cross_play::Encounters,
-    results::Results,
-    spec::names::{Names, Place},
-};
+use crate::spec::names::{Names, Place};
+use analysis::{cross_play::Encounters, results::Results};
 use contract::Error;
 use document::diagnostic::suggest;
 use schemars::JsonSchema;

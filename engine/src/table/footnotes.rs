@@ -265,10 +265,8 @@ fn why(fixed: Fixed) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        results::EndState,
-        table::{Form, Missing, NoValue, Part, Quantity},
-    };
+    use crate::table::{Form, Missing, NoValue, Part, Quantity};
+    use contract::trial_end::EndState;
 
     #[test]
     fn seeds_that_lack_the_same_are_named_together() {

@@ -1,11 +1,8 @@
 //! A computed table: numbers with what they rest on. Its sentences are made in [`super::footnotes`].
 
 use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
-use crate::{
-    results::{Results, TrialResult},
-    training_share,
-};
-use contract::trial::CellName;
+use analysis::{results::Results, training_share};
+use contract::{trial::CellName, trial_result::TrialResult};
 use statistics::{Judgement, MeanEstimate, Sample, Seeds, TrainingShare, Verdict};
 use std::{
     borrow::Cow,

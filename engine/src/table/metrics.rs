@@ -1,10 +1,8 @@
 //! Several metrics side by side: one row each, agents along the columns, and how two agents rank them.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
-use crate::{
-    results::Results,
-    spec::names::{Names, Picked, Place},
-};
+use crate::spec::names::{Names, Picked, Place};
+use analysis::results::Results;
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -254,18 +252,17 @@ fn ranked(metrics: &[String], own: &Scope<'_>, against: &Scope<'_>) -> BTreeMap<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic;
     use contract::Phase;
 
     fn results() -> Results {
         let trial = |agent: &str, seed: u64, values: [f64; 3]| {
             let names = ["influence_a", "influence_b", "influence_c"];
-            let rows: synthetic::Rows = names
+            let rows: testing::synthetic::Rows = names
                 .into_iter()
                 .zip(values)
                 .map(|(name, value)| (Phase::Final, 0, 0, name, value))
                 .collect();
-            synthetic::trial("cells", agent, "", seed, &rows)
+            testing::synthetic::trial("cells", agent, "", seed, &rows)
         };
         Results::of(vec![
             trial("learned", 0, [0.1, 0.2, 0.3]),

@@ -1,6 +1,6 @@
 //! Why seeds have no number.
 
-use crate::results::EndState;
+use contract::trial_end::EndState;
 use std::fmt;
 
 /// Seeds without a number, and why.

@@ -48,10 +48,9 @@ pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
     kinds::{Contradiction, kinds},
-    published_curve::PublishedCurve,
-    results::Results,
     spec::names::{Names, Place},
 };
+use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;
 use published::Judging;
 use schemars::JsonSchema;

@@ -1,7 +1,7 @@
 //! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
 
 use super::{Cell, Grid};
-use crate::published_curve::PublishedCurve;
+use analysis::published_curve::PublishedCurve;
 use contract::Error;
 use document::count::count;
 use schemars::JsonSchema;

@@ -5,10 +5,8 @@
 //! by itself is kept beside it.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
-use crate::{
-    results::Results,
-    spec::names::{Names, Place},
-};
+use crate::spec::names::{Names, Place};
+use analysis::results::Results;
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -196,7 +194,6 @@ fn cell(spec: &RankCorrelation, name: &str, all: &Scope<'_>, against: &Points, r
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic;
     use contract::Phase;
 
     /// Twelve agents whose values here are those there, up to a swap of every second pair.
@@ -207,8 +204,8 @@ mod tests {
                 let there = f64::from(agent);
                 let here = f64::from(if agent % 4 < 2 { agent ^ 1 } else { agent });
                 for (environment, value) in [("there", there), ("here", here), ("against", -here)] {
-                    let rows: synthetic::Rows = vec![(Phase::Final, 10, 0, "score", value * 2.0)];
-                    trials.push(synthetic::trial(
+                    let rows: testing::synthetic::Rows = vec![(Phase::Final, 10, 0, "score", value * 2.0)];
+                    trials.push(testing::synthetic::trial(
                         environment,
                         &format!("agent_{agent}"),
                         "",

@@ -1,8 +1,10 @@
 //! Which trials stand behind a cell or a line, and what each seed of them measured.
 
 use super::{Axis, Missing, NoValue};
-use crate::results::{EndState, Results, TrialResult};
-use contract::{Phase, standard_metrics::UPDATES, trial::Purpose};
+use analysis::results::Results;
+use contract::{
+    Phase, standard_metrics::UPDATES, trial::Purpose, trial_end::EndState, trial_result::TrialResult,
+};
 use std::collections::{BTreeMap, HashSet};
 
 /// Trials that share an agent, an environment or a setting.

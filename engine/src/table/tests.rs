@@ -4,14 +4,12 @@ use super::{
     Along, AtStep, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, NumberFormat, Published,
     PublishedCell, PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
 };
-use crate::{
-    published_curve::PublishedCurve,
-    report::synthetic::{ended, study, trial},
-    results::{EndState, Results, Success},
-};
-use contract::{Phase, standard_metrics::UPDATES};
+use crate::report::synthetic::study;
+use analysis::{published_curve::PublishedCurve, results::Results};
+use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::Success};
 use statistics::{Design, Verdict};
 use std::collections::BTreeMap;
+use testing::synthetic::{ended, trial};
 
 /// The improvement over an equal split, with published values for both environments.
 pub(super) fn improvement() -> TableSpec {
@@ -33,7 +31,7 @@ pub(super) fn improvement() -> TableSpec {
     }
 }
 
-fn final_value(environment: &str, agent: &str, seed: u64, value: f64) -> crate::results::TrialResult {
+fn final_value(environment: &str, agent: &str, seed: u64, value: f64) -> contract::trial_result::TrialResult {
     trial(
         environment,
         agent,

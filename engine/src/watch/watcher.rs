@@ -1,16 +1,17 @@
 //! Reads what a view shows. What has ended is read once; of what runs, only logs that grew.
 
 use super::{Curves, Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
-use crate::{
-    pace::{Paces, steps},
-    results::{EndState, TrialEnd, TrialResult},
-    store::{Found, Owner, Store, is_missing, metric_log},
-    world::fs,
-};
 use contract::{
     Error, Phase,
     recorder::Row,
     trial::{Purpose, Trial},
+    trial_end::{EndState, TrialEnd, is_missing},
+    trial_result::TrialResult,
+};
+use execution::{
+    pace::{Paces, steps},
+    store::{Found, Owner, Store, metric_log},
+    world::fs,
 };
 use rayon::prelude::*;
 use std::{
@@ -352,8 +353,8 @@ impl Seen<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic::trial as made;
     use contract::Recorder;
+    use testing::synthetic::trial as made;
 
     fn recorded(values: &[(u64, f64)]) -> Recorder {
         let mut record = Recorder::default();

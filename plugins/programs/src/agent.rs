@@ -14,7 +14,7 @@ use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
     own_training::{Advance, Assignment, Curve, Measured, Place},
 };
-use engine::guard::end_leftover;
+use execution::guard::end_leftover;
 use std::{
     collections::BTreeMap,
     fs,

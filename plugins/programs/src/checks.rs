@@ -4,9 +4,8 @@ use crate::config::{ProgramConfig, Reading};
 use contract::{
     Error, Metric,
     own_training::Measured,
-    standard_metrics::{OWN_STEPS, UPDATES},
+    standard_metrics::{OWN_STEPS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME},
 };
-use engine::results::{TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME};
 use std::path::Path;
 
 impl ProgramConfig {

@@ -1,10 +1,8 @@
 //! The keys of a program in a study.
 
 use contract::{DataFile, Metric, own_training::Measured, resources::Needs};
-use engine::{
-    guard::StopSignal,
-    imported::{Step, SumOf},
-};
+use engine::imported::{Step, SumOf};
+use execution::guard::StopSignal;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -7,9 +7,8 @@ use crate::{
     variables,
     workplace::Workplace,
 };
-use contract::ending::Ending;
-use contract::{Error, resources::Share};
-use engine::guard::{Guarded, Left, Order};
+use contract::{Error, ending::Ending, resources::Share};
+use execution::guard::{Guarded, Left, Order};
 use std::{path::Path, time::Duration};
 
 /// Time between two looks at a program.
@@ -168,7 +167,7 @@ fn filter(config: &ProgramConfig, stream: &str) -> Filter {
 
 /// True where a program that worked there ended well, by itself.
 pub fn has_ended_well(notes: &Path) -> bool {
-    let last = engine::guard::last_ending(notes);
+    let last = execution::guard::last_ending(notes);
     matches!(
         last,
         Some(Left::Ended {

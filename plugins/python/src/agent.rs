@@ -13,7 +13,7 @@ use contract::{
     Action, Agent, End, Environment, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates,
     product::SAVED_FILE,
 };
-use engine::patience::Watch;
+use execution::patience::Watch;
 use rand::Rng as _;
 use serde::Deserialize;
 use std::{

@@ -6,7 +6,7 @@
 //! where it ends unexpectedly.
 
 use contract::Error;
-use engine::patience::Watch;
+use execution::patience::Watch;
 use std::{
     io::{Read, Write},
     os::unix::process::{CommandExt as _, ExitStatusExt},

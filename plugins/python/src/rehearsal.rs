@@ -6,7 +6,7 @@ use contract::{
     Action, Agent, Environment, Error, Mode, Observation, Recorder, Rng, Transition, protocol::observe,
     random::stream,
 };
-use engine::patience::Watch;
+use execution::patience::Watch;
 
 /// Steps of a rehearsal, each of all environments.
 const STEPS: usize = 5;

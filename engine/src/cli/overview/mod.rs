@@ -10,11 +10,10 @@ use super::{
 use crate::{
     report::{self, IndexEntry, Manifest, Verdicts},
     spec::{along, way},
-    store::write_durably,
-    world::fs,
 };
 use blocks::Block;
 use contract::Error;
+use execution::{store::write_durably, world::fs};
 use std::{
     io,
     path::{Path, PathBuf},

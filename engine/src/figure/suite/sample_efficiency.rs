@@ -8,11 +8,10 @@ use crate::{
         build::{Context, level, problem},
         chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
     },
-    results::TrialResult,
     spec::names::{Names, Place},
     table::{Axis, Normalise, ScoreScale},
 };
-use contract::{Error, Phase};
+use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::{SuiteStatistic, sample_efficiency};

@@ -3,12 +3,13 @@
 use super::*;
 use crate::{
     figure::{Chart, FigureKind, FigureSpec, Series, Shape, tests::chart},
-    report::synthetic::{AGENTS, noise, study, trial},
-    results::Results,
+    report::synthetic::study,
 };
+use analysis::results::Results;
 use contract::Phase;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use testing::synthetic::{AGENTS, noise, trial};
 
 /// A figure of the synthetic study, with other options.
 fn spec(kind: &str, options: Value) -> FigureSpec {

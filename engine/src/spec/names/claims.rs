@@ -1,10 +1,8 @@
 //! Claims against what trials record.
 
 use super::{Names, Picked, typed};
-use crate::{
-    claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within},
-    spec::claims::ClaimSpec,
-};
+use crate::spec::claims::ClaimSpec;
+use analysis::claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within};
 use contract::standard_metrics::SUCCESS;
 use document::{
     Node,

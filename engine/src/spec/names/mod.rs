@@ -18,14 +18,13 @@ use super::{
     search::Searched,
     summary::Summary,
 };
-use crate::{
-    figure::FigureSpec,
-    kinds,
-    results::{Success, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
-    search::Search,
-    table::TableSpec,
+use crate::{figure::FigureSpec, kinds, table::TableSpec};
+use analysis::search::Search;
+use contract::{
+    Better, Interface, Metric, random,
+    standard_metrics::{SUCCESS, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
+    trial_result::Success,
 };
-use contract::{Better, Interface, Metric, random, standard_metrics::SUCCESS};
 use document::{
     Entry, Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},

@@ -1,11 +1,9 @@
 //! Published curves against the study: whose they are, where they are drawn, and what their files hold.
 
 use super::{Names, Picked, Place};
-use crate::{
-    published_curve::{PublishedCurve, PublishedCurveError},
-    world::fs,
-};
+use analysis::published_curve::{PublishedCurve, PublishedCurveError};
 use document::{Node, diagnostic::suggest, reach::Outside};
+use execution::world::fs;
 
 impl Names<'_> {
     /// Checks what a published curve names, and reads it.

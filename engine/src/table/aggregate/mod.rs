@@ -12,11 +12,9 @@ use super::{
     Axis, Cell, Direction, Fixed, Grid, Heading, Missing, NoValue, Normalise, NumberFormat, OneNumber,
     Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
-use crate::{
-    results::{Results, TrialResult},
-    spec::names::{Names, Place},
-};
-use contract::Error;
+use crate::spec::names::{Names, Place};
+use analysis::results::Results;
+use contract::{Error, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::{

@@ -1,14 +1,11 @@
 //! Aggregates against an independent computation, and what is said where there is none.
 
 use super::*;
-use crate::{
-    report::synthetic::{ended, trial},
-    results::{EndState, TrialResult},
-    table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal},
-};
-use contract::{Phase, standard_metrics::UPDATES};
+use crate::table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
+use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::TrialResult};
 use serde_json::Value;
 use statistics::{Design, Verdict};
+use testing::synthetic::{ended, trial};
 
 /// Scores and aggregates made by `tests/fixtures/statistics/aggregate.py`.
 fn reference() -> Value {

@@ -1,11 +1,8 @@
 //! What varies along rows and columns: agents, environments, settings, or the values of one swept key.
 
 use super::{Axis, Comparison};
-use crate::{
-    results::TrialResult,
-    table::{Scope, seeds::listed_first},
-};
-use contract::{setting::word, trial::TrialCell};
+use crate::table::{Scope, seeds::listed_first};
+use contract::{setting::word, trial::TrialCell, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};

@@ -1,11 +1,9 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
 use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
-use crate::{
-    results::{Results, TrialResult},
-    table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem},
-};
-use contract::{Error, standard_metrics::SUCCESS};
+use crate::table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem};
+use analysis::results::Results;
+use contract::{Error, standard_metrics::SUCCESS, trial_result::TrialResult};
 use measure::{Measure, seed_value};
 use statistics::{Bootstrap, Interval, Summary, estimators, verdict::share_of};
 use std::collections::{BTreeMap, HashMap};

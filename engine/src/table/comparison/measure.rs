@@ -1,11 +1,8 @@
 //! The number of one seed: which of its trial's measurements, and how they relate to another agent's.
 
 use super::{AtStep, Comparison, Taken, build::Relation};
-use crate::{
-    results::TrialResult,
-    table::{NoValue, Scope},
-};
-use contract::Phase;
+use crate::table::{NoValue, Scope};
+use contract::{Phase, trial_result::TrialResult};
 use statistics::estimators::{mean, moving_average};
 
 /// What one cell takes from a trial.

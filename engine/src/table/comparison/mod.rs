@@ -13,9 +13,9 @@ pub(super) use build::summarise;
 use super::{Grid, NumberFormat, Table};
 use crate::{
     kinds::Contradiction,
-    results::Results,
     spec::names::{Names, Place},
 };
+use analysis::results::Results;
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

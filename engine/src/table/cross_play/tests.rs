@@ -1,12 +1,10 @@
 //! The matrix of a play against the published one, what lacks, and looks that are planned.
 
 use super::*;
-use crate::{
-    cross_play::tests::{crossed, encounter, trained},
-    results::TrialResult,
-    table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown},
-};
+use crate::table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown};
+use contract::trial_result::TrialResult;
 use statistics::Verdict;
+use testing::encounters::{crossed, encounter, trained};
 
 const AGENTS: [&str; 3] = ["tdom_ac", "rommeo", "pr2"];
 /// The matrix of the thesis, table 4.2, and its means.

@@ -1,0 +1,8 @@
+//! What the trials of a study come to: results, claims on them, and searches for settings.
+
+pub mod claim;
+pub mod cross_play;
+pub mod published_curve;
+pub mod results;
+pub mod search;
+pub mod training_share;

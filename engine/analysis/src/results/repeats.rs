@@ -1,0 +1,92 @@
+//! Whether a program that trains itself comes to the same values again with the same seed.
+
+use contract::repeats::Repeats;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A trial of a program that was computed twice, up to its first measurement.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RepeatCheck {
+    /// Environment of the trial.
+    pub environment: String,
+    /// Its agent.
+    pub agent: String,
+    /// Its seed.
+    pub seed: u64,
+    /// How the values of both compare.
+    pub repeats: Repeats,
+}
+
+/// The programs of which sentences say whether they repeat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Programs {
+    /// All.
+    All,
+    /// Those that do not repeat to the bit.
+    OnlyLacking,
+}
+
+/// Sentences on the programs that are shown, one for each answer.
+#[must_use]
+pub fn sentences(all: &[RepeatCheck], which: Programs, shown: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut answers: BTreeMap<(u8, String), Vec<&RepeatCheck>> = BTreeMap::new();
+    for one in all.iter().filter(|it| shown(&it.agent)) {
+        let answer = match &one.repeats {
+            Repeats::ToTheBit(_) if which == Programs::OnlyLacking => continue,
+            Repeats::ToTheBit(_) => (0, "Repeats to the bit with the same seed".to_owned()),
+            Repeats::Within(power) => (1, format!("Repeats to 1e{power} with the same seed")),
+            Repeats::Not => (2, "Does not repeat with the same seed".into()),
+            Repeats::Unknown(problem) => (3, format!("Not known to repeat ({problem})")),
+        };
+        answers.entry(answer).or_default().push(one);
+    }
+    let is_everywhere = |one: &RepeatCheck, of: &[&RepeatCheck]| {
+        let environments = all.iter().filter(|it| it.agent == one.agent).count();
+        of.iter().filter(|it| it.agent == one.agent).count() == environments
+    };
+    let sentence = |((_, words), of): (&(u8, String), &Vec<&RepeatCheck>)| {
+        let name = |one: &&RepeatCheck| match is_everywhere(one, of) {
+            true => format!("`{}`", one.agent),
+            false => format!("`{}` in `{}`", one.agent, one.environment),
+        };
+        let names: BTreeSet<String> = of.iter().map(name).collect();
+        format!("{words}: {}.", names.into_iter().collect::<Vec<_>>().join(", "))
+    };
+    answers.iter().map(sentence).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sentence_names_all_programs_with_its_answer_and_where_it_holds_if_not_everywhere() {
+        let of = |environment: &str, repeats| RepeatCheck {
+            environment: environment.into(),
+            agent: "mine".into(),
+            seed: 3,
+            repeats,
+        };
+        let one = [of("a", Repeats::Not), of("b", Repeats::Not)];
+        assert_eq!(
+            sentences(&one, Programs::All, |_| true),
+            ["Does not repeat with the same seed: `mine`."]
+        );
+        assert!(sentences(&one, Programs::All, |_| false).is_empty());
+        let three = [
+            of("a", Repeats::ToTheBit(3)),
+            of("b", Repeats::Unknown("it is slow".into())),
+            RepeatCheck {
+                agent: "other".into(),
+                ..of("a", Repeats::ToTheBit(7))
+            },
+        ];
+        let said = [
+            "Repeats to the bit with the same seed: `mine` in `a`, `other`.",
+            "Not known to repeat (it is slow): `mine` in `b`.",
+        ];
+        assert_eq!(sentences(&three, Programs::All, |_| true), said);
+        assert_eq!(sentences(&three, Programs::OnlyLacking, |_| true), said[1..]);
+    }
+}

@@ -1,0 +1,150 @@
+//! The sentences of a report on all trials together: computed from the trials, or told by a record of an earlier report
+//! where the trials are not at hand.
+
+use super::{RepeatCheck, Results};
+use contract::{trial_end::EndState, trial_result::TrialResult};
+use document::count::{count, duration};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Facts on all trials of a study that no verdict depends on.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Told {
+    /// What every agent was given, as it is printed; `None` where the study has no trial or nothing of it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budgets: Option<Printed>,
+    /// The cost of all trials.
+    pub cost: Cost,
+    /// How the trials ended.
+    pub ran: Ran,
+    /// Programs of which a trial was computed twice.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub repeated: Vec<RepeatCheck>,
+}
+
+/// A table as it is printed, without its looks.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Printed {
+    /// Headings of the columns.
+    pub head: Vec<String>,
+    /// How many columns, from the left, hold words.
+    pub words: usize,
+    /// The rows.
+    pub rows: Vec<Vec<String>>,
+    /// Sentences under the table.
+    pub notes: Vec<String>,
+}
+
+/// The cost of all trials of a study.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cost {
+    /// Seconds, of trials that ended.
+    pub seconds: f64,
+    /// Trials that ended, each once.
+    pub trials: usize,
+}
+
+impl Cost {
+    /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
+    pub fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
+        let trials = trials.filter(|trial| !trial.is_imported());
+        let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
+        let seconds: BTreeMap<&str, f64> = ended.collect();
+        Self {
+            seconds: seconds.values().sum(),
+            trials: seconds.len(),
+        }
+    }
+
+    /// Seconds of one trial in the mean; `None` before the first trial has ended.
+    #[must_use]
+    pub fn mean(self) -> Option<f64> {
+        #[allow(clippy::cast_precision_loss, reason = "a study has at most a million trials")]
+        let trials = self.trials as f64;
+        (self.trials > 0).then(|| self.seconds / trials)
+    }
+
+    /// The same as [`sentence`](Self::sentence); `None` before the first trial has ended.
+    #[must_use]
+    pub fn known(self) -> Option<String> {
+        (self.trials > 0).then(|| self.sentence())
+    }
+
+    /// Time and number of trials, in words.
+    #[must_use]
+    pub fn sentence(self) -> String {
+        format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))
+    }
+}
+
+/// How the trials ended that are shown and that others take from.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ran {
+    /// How many ended in each state.
+    pub ended: BTreeMap<EndState, usize>,
+    /// How many have not run.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub not_run: usize,
+    /// Those that did not end `ok`, a line each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<String>,
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+impl Ran {
+    /// As it was told, or as the trials say; imported runs are none of ours.
+    #[must_use]
+    pub fn of(results: &Results) -> Self {
+        if let Some(told) = &results.told {
+            return told.ran.clone();
+        }
+        let mut ran = Self::default();
+        let all = results.prepared.iter().chain(&results.trials);
+        for trial in all.filter(|trial| !trial.is_imported()) {
+            match &trial.end {
+                None => ran.not_run += 1,
+                Some(end) => *ran.ended.entry(end.state).or_default() += 1,
+            }
+            if trial.end.is_some() && !trial.is_ok() {
+                ran.failures.push(failure(trial));
+            }
+        }
+        ran
+    }
+
+    /// How many trials ended in each way, in words.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let ended = self
+            .ended
+            .iter()
+            .map(|(state, n)| format!("{n} {}", state.name()));
+        let not_run = (self.not_run > 0).then(|| format!("{} not run", self.not_run));
+        let words: Vec<String> = ended.chain(not_run).collect();
+        let all = self.ended.values().sum::<usize>() + self.not_run;
+        format!("{}: {}", count(all, "trial"), words.join(", "))
+    }
+}
+
+/// A failed trial in one line.
+fn failure(trial: &TrialResult) -> String {
+    let (it, end) = (&trial.trial, trial.end.as_ref());
+    let setting = if it.cell.setting.is_empty() {
+        String::new()
+    } else {
+        format!(", {}", it.cell.setting)
+    };
+    let state = end.map_or("", |end| end.state.name());
+    let reason = end.map_or("", |end| &end.reason);
+    format!(
+        "{}, {}{setting}, seed {}: {state}: {reason}",
+        it.cell.environment, it.cell.agent, it.key.seed
+    )
+}

@@ -1,0 +1,465 @@
+//! Searches for settings: which settings are tried next, and which one is chosen, as a function of what those before
+//! came to.
+//!
+//! A search tries settings in generations. A generation is settled when every one of its settings was seen, so what
+//! follows depends on neither the number of workers nor the order in which they finish, and on nothing else that the
+//! store holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks
+//! last. A trial that failed in another way (an error, a limit of time or memory) says nothing of its setting,
+//! and the search waits for it, see [`Failed`]. Random numbers come from streams that are named by what is
+//! searched and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
+
+mod cma_es;
+mod halving;
+pub mod importance;
+mod population;
+mod progress;
+mod range;
+mod tree_parzen;
+
+pub use cma_es::CmaEs;
+pub use population::{lineage, schedule_in_words};
+pub use progress::Progress;
+pub use range::{Numbers, Range};
+
+use contract::{random, trial, trial_end::EndState};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// The first of the seeds with which settings are compared. Those of studies begin at 0, so that the chosen setting is
+/// measured on seeds that the search has not seen.
+pub const FIRST_TUNING_SEED: u64 = 1_000_000;
+/// How often a setting that was tried before is drawn again.
+const MOST_REDRAWS: usize = 100;
+
+/// A search of a study.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Search {
+    /// Its name.
+    pub name: String,
+    /// The environment in which settings are compared.
+    pub environment: String,
+    /// The agent whose setting is searched.
+    pub agent: String,
+    /// Its plugin.
+    pub plugin: String,
+    /// What is searched, each key with its values.
+    pub keys: Vec<(String, Range)>,
+    /// The metric by which settings are compared.
+    pub by: String,
+    /// Which values of it are better.
+    pub goal: Goal,
+    /// Settings that are tried.
+    pub settings: usize,
+    /// Seeds of each setting.
+    pub seeds: Vec<u64>,
+    /// How the next setting is come by.
+    pub method: Method,
+    /// What becomes of a setting of which a trial failed.
+    pub failed: Failed,
+}
+
+/// What becomes of a setting of which a trial ended neither `ok` nor with a number that is not finite.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Failed {
+    /// The search waits until the trial is run again and ends otherwise.
+    #[default]
+    Wait,
+    /// It ranks last, and the search goes on without it.
+    RankLast,
+}
+
+impl Failed {
+    /// True for what stands where nothing is written.
+    #[must_use]
+    pub fn is_wait(&self) -> bool {
+        *self == Self::Wait
+    }
+}
+
+/// Which values of a metric are better.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Goal {
+    /// Large ones.
+    #[default]
+    Most,
+    /// Small ones.
+    Least,
+}
+
+impl Goal {
+    /// The value, or its opposite where small ones are better: the larger the better.
+    #[must_use]
+    pub fn merit(self, value: f64) -> f64 {
+        match self {
+            Self::Most => value,
+            Self::Least => -value,
+        }
+    }
+}
+
+/// How the next setting is come by.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Method {
+    /// Every setting as likely as another; all are tried at once.
+    Random(
+        /// It has no options.
+        NoOptions,
+    ),
+    /// Settings that lie near good ones and far from others.
+    TreeParzen(
+        /// How many are random, and how many are tried at once.
+        TreeParzen,
+    ),
+    /// Settings from a normal distribution that moves to good ones and takes their shape; for numbers alone.
+    CmaEs(
+        /// How many are tried at once, and how wide it is at first.
+        CmaEs,
+    ),
+    /// Random settings that pause, of which the best part goes on: successive halving, and Hyperband with several
+    /// brackets.
+    Halving(
+        /// Where trials pause, and how many go on.
+        Halving,
+    ),
+    /// Random settings that learn side by side; after every pause the worst take up what the best have learned
+    /// and go on with a setting like theirs: population based training. The result is a schedule of settings.
+    Population(
+        /// Where members are compared, and how many are replaced.
+        Population,
+    ),
+}
+
+impl Default for Method {
+    fn default() -> Self {
+        Self::TreeParzen(TreeParzen::default())
+    }
+}
+
+/// Nothing can be set.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NoOptions {}
+
+/// The tree-structured Parzen estimator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TreeParzen {
+    /// Settings that are random, before any is proposed.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub startup: usize,
+    /// Settings that are proposed and tried together. More make use of more workers and know less.
+    #[schemars(range(min = 1, max = 1000))]
+    pub batch: usize,
+    /// Settings of which the best one is proposed.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub candidates: usize,
+}
+
+impl Default for TreeParzen {
+    fn default() -> Self {
+        Self {
+            startup: 10,
+            batch: 4,
+            candidates: 24,
+        }
+    }
+}
+
+/// Successive halving.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Halving {
+    /// Steps at which trials pause, in order; the protocol measures at each of them.
+    #[schemars(length(min = 1, max = 20), inner(range(min = 1)), extend("x-unit" = "steps"))]
+    pub pauses: Vec<u64>,
+    /// Share of the settings that goes on after a pause, at least one.
+    #[serde(default = "third")]
+    #[schemars(range(min = 0.01, max = 0.99))]
+    pub keep: f64,
+    /// Groups of settings. Each later one has fewer settings and one pause less, at about the same cost.
+    #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 21))]
+    pub brackets: usize,
+}
+
+/// Population based training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Population {
+    /// Steps after which members are compared, in order.
+    #[schemars(length(min = 1, max = 1000), inner(range(min = 1)), extend("x-unit" = "steps"))]
+    pub pauses: Vec<u64>,
+    /// Share of the members that is replaced after a pause, at least one and at most half.
+    #[serde(default = "quarter")]
+    #[schemars(range(min = 0.01, max = 0.5))]
+    pub replace: f64,
+    /// How probable it is that a value of a member that is replaced is drawn anew from its whole range; otherwise
+    /// a number changes by a fifth, and a listed value to one beside it.
+    #[serde(default = "quarter")]
+    #[schemars(range(min = 0, max = 1))]
+    pub redraw: f64,
+}
+
+fn quarter() -> f64 {
+    0.25
+}
+
+fn third() -> f64 {
+    1.0 / 3.0
+}
+
+fn one() -> usize {
+    1
+}
+
+/// A setting: a value for each key of the search.
+pub type Point = Vec<Value>;
+
+/// A setting with what it came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// The setting.
+    pub point: Point,
+    /// The place of the setting whose learning it goes on with; `None` where it begins anew.
+    pub parent: Option<usize>,
+    /// Mean of the metric over the seeds; `None` where it ranks last or has not ended.
+    pub value: Option<f64>,
+    /// Whether it was seen to its end: its trials ended well, or so that it ranks last.
+    pub ended: bool,
+    /// The same mean at each pause that all of its trials came to; `None` where it ranks last.
+    pub pauses: BTreeMap<u64, Option<f64>>,
+}
+
+impl Tried {
+    /// A setting of which nothing is known.
+    #[must_use]
+    pub fn new(point: Point) -> Self {
+        Self {
+            point,
+            parent: None,
+            value: None,
+            ended: false,
+            pauses: BTreeMap::new(),
+        }
+    }
+}
+
+/// What follows.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// These are tried, each until its pause or, where it has none, to its end.
+    Try(Vec<Point>, Vec<Option<u64>>),
+    /// The search is over; the best setting is at this place, or every one has failed. Where each paused stands beside
+    /// it.
+    Chosen(Option<usize>, Vec<Option<u64>>),
+}
+
+impl Search {
+    /// What follows, given what is known of the settings so far. What these should have been by their values is found
+    /// anew, since a failed trial that was tried again may change what follows.
+    #[must_use]
+    pub fn next(&self, tried: &[Tried]) -> Next {
+        match &self.method {
+            Method::CmaEs(options) => return self.adapted(options, tried),
+            Method::Population(options) => return self.evolved(options, tried),
+            _ => {}
+        }
+        let mut points: Vec<Point> = Vec::new();
+        loop {
+            let more = self.generation(&tried[..points.len()]);
+            points.extend(more);
+            let known = tried
+                .get(..points.len())
+                .filter(|known| known.iter().map(|it| &it.point).eq(&points));
+            if let Method::Halving(options) = &self.method {
+                return self.halved(options, points, known);
+            }
+            let Some(known) = known.filter(|known| known.iter().all(|it| it.ended)) else {
+                let stops = vec![None; points.len()];
+                return Next::Try(points, stops);
+            };
+            if points.len() >= self.settings {
+                return Next::Chosen(self.best(known, |_| true), vec![None; points.len()]);
+            }
+        }
+    }
+
+    /// The settings that follow after all of `tried` have ended.
+    fn generation(&self, tried: &[Tried]) -> Vec<Point> {
+        let known = tried.len();
+        let until = match &self.method {
+            Method::Random(_) | Method::Halving(_) | Method::CmaEs(_) | Method::Population(_) => {
+                self.settings
+            }
+            Method::TreeParzen(options) if known < options.startup => options.startup.min(self.settings),
+            Method::TreeParzen(options) => (known + options.batch).min(self.settings),
+        };
+        let mut points: Vec<Point> = tried.iter().map(|it| it.point.clone()).collect();
+        for place in known..until {
+            let point = self.propose(place, &points, tried);
+            points.push(point);
+        }
+        points.split_off(known)
+    }
+
+    /// What follows where the distribution of settings adapts.
+    fn adapted(&self, options: &CmaEs, tried: &[Tried]) -> Next {
+        let ended = tried.iter().filter(|it| it.ended);
+        let known = ended
+            .map(|it| (cma_es::word(&it.point), self.merit(it)))
+            .collect();
+        let points = cma_es::settings(options, &self.space(), &self.identity(), self.settings, &known);
+        let is_whole = points.len() == self.settings && tried.iter().all(|it| it.ended);
+        let stops = vec![None; points.len()];
+        if is_whole && tried.iter().map(|it| &it.point).eq(&points) {
+            return Next::Chosen(self.best(tried, |_| true), stops);
+        }
+        Next::Try(points, stops)
+    }
+
+    fn space(&self) -> Vec<Range> {
+        self.keys.iter().map(|(_, range)| range.clone()).collect()
+    }
+
+    /// What follows where settings pause.
+    fn halved(&self, options: &Halving, points: Vec<Point>, known: Option<&[Tried]>) -> Next {
+        let nothing: Vec<Tried> = points.iter().cloned().map(Tried::new).collect();
+        let known = known.unwrap_or(&nothing);
+        let stops = halving::stops(options, self.goal, known);
+        let waits = |(stop, it): (&Option<u64>, &Tried)| match stop {
+            None => !it.ended,
+            Some(pause) => !it.pauses.contains_key(pause),
+        };
+        if stops.iter().zip(known).any(waits) {
+            return Next::Try(points, stops);
+        }
+        // Of what was stopped more may be stored, by a sweep for instance, and none of that counts.
+        let chosen = self.best(known, |place| stops[place].is_none());
+        Next::Chosen(chosen, stops)
+    }
+
+    /// Steps at which trials may pause.
+    #[must_use]
+    pub fn pauses(&self) -> &[u64] {
+        match &self.method {
+            Method::Halving(options) => &options.pauses,
+            Method::Random(_) | Method::TreeParzen(_) | Method::CmaEs(_) | Method::Population(_) => &[],
+        }
+    }
+
+    /// Places of the settings from the best to the worst; of equal ones the earlier is the better.
+    #[must_use]
+    pub fn ranking(&self, tried: &[Tried]) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..tried.len()).collect();
+        order.sort_by(|one, other| self.merit(&tried[*other]).total_cmp(&self.merit(&tried[*one])));
+        order
+    }
+
+    /// The place of the best setting of those whose places count; `None` where none has a value.
+    #[must_use]
+    pub fn best(&self, tried: &[Tried], counts: impl Fn(usize) -> bool) -> Option<usize> {
+        let first = self.ranking(tried).into_iter().find(|place| counts(*place))?;
+        tried[first].value.map(|_| first)
+    }
+
+    /// Whether a setting ranks last of which a trial ended so, and the search goes on without it.
+    #[must_use]
+    pub fn ranks_last(&self, end: EndState) -> bool {
+        match end {
+            // The numbers of the trial themselves say so: it ends like that wherever it runs.
+            EndState::Nan => true,
+            EndState::Failed | EndState::Panicked | EndState::Timeout | EndState::Oom => {
+                self.failed == Failed::RankLast
+            }
+            EndState::Ok | EndState::Killed | EndState::Paused => false,
+        }
+    }
+
+    fn merit(&self, tried: &Tried) -> f64 {
+        tried
+            .value
+            .map_or(f64::NEG_INFINITY, |value| self.goal.merit(value))
+    }
+
+    /// The setting at a place, where `points` are those before it and `tried` those of which the end is known. What
+    /// was tried before is drawn again, at last by chance.
+    fn propose(&self, place: usize, points: &[Point], tried: &[Tried]) -> Point {
+        let mut rng = random::stream(&["search", &self.identity(), &place.to_string()]);
+        let space = self.space();
+        let known: Vec<(&[Value], f64)> = tried.iter().map(|it| (&it.point[..], self.merit(it))).collect();
+        let under_way: Vec<&[Value]> = points[tried.len()..].iter().map(Vec::as_slice).collect();
+        let mut draw = |by_chance: bool| match &self.method {
+            Method::TreeParzen(options) if place >= options.startup && !by_chance => {
+                tree_parzen::propose(&space, &known, &under_way, options.candidates, &mut rng)
+            }
+            _ => tree_parzen::random(&space, &mut rng),
+        };
+        let mut point = draw(false);
+        for redraw in 0..2 * MOST_REDRAWS {
+            if !points.contains(&point) {
+                break;
+            }
+            point = draw(redraw >= MOST_REDRAWS);
+        }
+        point
+    }
+
+    /// What is searched and how, as a hash; neither names of the study nor the number of settings are part of it.
+    fn identity(&self) -> String {
+        let last = |text: &str| text.split_once('.').map_or(text, |(_, key)| key).to_owned();
+        let keys: Vec<(String, String)> = self
+            .keys
+            .iter()
+            .map(|(key, range)| (last(key), format!("{range:?}")))
+            .collect();
+        trial::hash(&json!([
+            self.plugin,
+            keys,
+            self.by,
+            self.goal,
+            self.method,
+            self.seeds
+        ]))
+    }
+}
+
+/// These places from the best to the worst at a pause, without those that failed; of equal ones the earlier is the
+/// better. `None` as long as one has not come there.
+fn best_at(
+    goal: Goal,
+    tried: &[Tried],
+    places: impl Iterator<Item = usize>,
+    pause: u64,
+) -> Option<Vec<usize>> {
+    let merit = |place: usize| {
+        let value = tried[place].pauses.get(&pause)?;
+        Some((place, value.map(|value| goal.merit(value))))
+    };
+    let merits: Vec<(usize, Option<f64>)> = places.map(merit).collect::<Option<_>>()?;
+    let well = merits
+        .into_iter()
+        .filter_map(|(place, merit)| Some((place, merit?)));
+    let mut well: Vec<(usize, f64)> = well.collect();
+    well.sort_by(|one, other| other.1.total_cmp(&one.1));
+    Some(well.into_iter().map(|(place, _)| place).collect())
+}
+
+/// A share of a count, rounded.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count is a count"
+)]
+fn share_of(count: usize, share: f64) -> usize {
+    (count as f64 * share).round() as usize
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

@@ -1,0 +1,79 @@
+//! How a trial ended.
+
+use document::plain_text::read_brief;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How a trial ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EndState {
+    /// It finished and its numbers are stored.
+    Ok,
+    /// A plugin reported an error.
+    Failed,
+    /// The code panicked.
+    Panicked,
+    /// It ran longer than allowed.
+    Timeout,
+    /// It used more memory than allowed.
+    Oom,
+    /// A number that must be finite was not.
+    Nan,
+    /// The worker process was killed from outside.
+    Killed,
+    /// It has come to a pause of a search, and what it recorded up to there is stored. It has not ended, and no limit
+    /// names this state.
+    #[schemars(skip)]
+    Paused,
+}
+
+impl EndState {
+    /// Every state in which a trial has ended, but `ok`.
+    pub const FAILURES: [EndState; 6] = [
+        EndState::Failed,
+        EndState::Panicked,
+        EndState::Timeout,
+        EndState::Oom,
+        EndState::Nan,
+        EndState::Killed,
+    ];
+
+    /// The word that is stored and shown.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            EndState::Ok => "ok",
+            EndState::Failed => "failed",
+            EndState::Panicked => "panicked",
+            EndState::Timeout => "timeout",
+            EndState::Oom => "oom",
+            EndState::Nan => "nan",
+            EndState::Killed => "killed",
+            EndState::Paused => "paused",
+        }
+    }
+}
+
+/// What is stored when a trial has ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrialEnd {
+    /// How it ended.
+    pub state: EndState,
+    /// Why, for everything but `ok`; one line.
+    #[serde(deserialize_with = "read_brief")]
+    pub reason: String,
+    /// Wall-clock time it took.
+    pub wall_s: f64,
+    /// Mean wall-clock time of a decision of the final measurement, where one was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision_s: Option<f64>,
+    /// Hash of the metrics file, empty where there is none.
+    pub digest: String,
+}
+
+/// True where a trial has to run: it never did, or was killed from outside.
+#[must_use]
+pub fn is_missing(end: Option<&TrialEnd>) -> bool {
+    end.is_none_or(|end| matches!(end.state, EndState::Killed | EndState::Paused))
+}

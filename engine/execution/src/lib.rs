@@ -1,0 +1,15 @@
+//! How trials are computed and kept: on this machine, on others, and in the store.
+//!
+//! Only [`world`] names files, clocks and processes; tests of crashes and power losses put a simulated machine in its
+//! place.
+
+pub mod executor;
+pub mod footprint;
+pub mod guard;
+pub mod limits;
+pub mod pace;
+pub mod patience;
+pub mod scheduler;
+pub mod store;
+pub mod verification;
+pub mod world;

@@ -1,0 +1,334 @@
+//! The same with a batch system in between: two programs hand tasks over and wait, the tasks are workers on machines
+//! of their own. The batch system keeps what it took whatever becomes of the others; it may be busy, and may take a
+//! job and give no answer. Beside what holds without it:
+//!
+//! 1. No task lives whose job has no record in the store.
+//! 2. Together, those who wait hand over no more tasks than trials are missing, unless one of them sees an old list of
+//!    records or was halted between its look and what it did then.
+//!
+//! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
+
+use super::{Bench, faults, inspect, play, seeds, variable};
+use crate::{
+    executor::{Dispatch, Error, Outcome, Queue, Stop, Submission, Task, Watch, Work},
+    store::Store,
+    world::{
+        clock, fs, process,
+        simulated::{Machine, lives, quietly},
+    },
+};
+use contract::trial_end::is_missing;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::{
+    collections::BTreeSet,
+    num::NonZeroUsize,
+    path::Path,
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+/// The machines of the two programs that wait, and of two workers.
+const HOSTS: [usize; 4] = [0, 1, 2, 3];
+const WAITING: usize = 2;
+
+/// A batch system that nothing happens to.
+#[derive(Default)]
+struct Batch {
+    jobs: Mutex<Vec<Job>>,
+    /// The most tasks that may live at a time; `None` where more are no fault.
+    most: Option<usize>,
+}
+
+struct Job {
+    name: String,
+    tasks: Vec<State>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Waits,
+    /// By the process with this id.
+    Runs(u32),
+    Over,
+}
+
+impl State {
+    /// A task whose machine lost it is over.
+    fn is_alive(self) -> bool {
+        match self {
+            State::Waits => true,
+            State::Runs(pid) => lives(pid),
+            State::Over => false,
+        }
+    }
+}
+
+impl Batch {
+    fn lock(&self) -> MutexGuard<'_, Vec<Job>> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the script of an array.
+    fn accept(&self, script: &str) -> String {
+        let (name, tasks) = script.split_once(' ').unwrap();
+        let mut jobs = self.lock();
+        jobs.push(Job {
+            name: name.into(),
+            tasks: vec![State::Waits; tasks.parse().unwrap()],
+        });
+        let alive = jobs
+            .iter()
+            .flat_map(|job| &job.tasks)
+            .filter(|task| task.is_alive());
+        let alive = alive.count();
+        assert!(self.most.is_none_or(|most| alive <= most), "{alive} tasks live");
+        jobs.len().to_string()
+    }
+
+    /// A task that waits, by its places; it is this process's then.
+    fn begin(&self) -> Option<(usize, usize)> {
+        let me = process::id();
+        let mut jobs = self.lock();
+        for (place, job) in jobs.iter_mut().enumerate() {
+            if let Some(task) = job.tasks.iter().position(|task| *task == State::Waits) {
+                job.tasks[task] = State::Runs(me);
+                return Some((place, task));
+            }
+        }
+        None
+    }
+
+    /// The names of jobs of which a task lives.
+    fn alive(&self) -> BTreeSet<String> {
+        let jobs = self.lock();
+        let alive = jobs
+            .iter()
+            .filter(|job| job.tasks.iter().any(|task| task.is_alive()));
+        alive.map(|job| job.name.clone()).collect()
+    }
+}
+
+impl Queue for Batch {
+    fn name(&self) -> &'static str {
+        "simulated"
+    }
+
+    fn options(&self) -> Value {
+        json!({})
+    }
+
+    fn largest_array(&self, _: &Stop) -> Result<usize, Error> {
+        Ok(3)
+    }
+
+    fn patience(&self) -> Duration {
+        Duration::from_secs(300)
+    }
+
+    fn max_tasks(&self) -> usize {
+        16
+    }
+
+    fn poll_s(&self) -> f64 {
+        5.0
+    }
+
+    fn resubmissions(&self) -> usize {
+        20
+    }
+
+    fn script(&self, submission: &Submission, array: usize) -> String {
+        format!("{} {}", submission.job_name(), submission.arrays[array].tasks)
+    }
+
+    fn script_ending(&self) -> &'static str {
+        "txt"
+    }
+
+    fn tasks(&self, submissions: &[Submission], _: &Stop) -> Result<Vec<Task>, Error> {
+        if process::random_number().is_multiple_of(20) {
+            return Err(busy());
+        }
+        let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
+        let jobs = self.lock();
+        let named = jobs
+            .iter()
+            .enumerate()
+            .filter(|(_, job)| names.contains(&job.name));
+        let task = |(place, job): (usize, &Job), state: &State| Task {
+            name: job.name.clone(),
+            job: (place + 1).to_string(),
+            state: format!("{state:?}"),
+            alive: state.is_alive(),
+            waits_for: None,
+        };
+        Ok(named
+            .flat_map(|job| job.1.tasks.iter().map(move |state| task(job, state)))
+            .collect())
+    }
+
+    fn submit(&self, script: &Path, _: &Stop) -> Result<String, Error> {
+        let script = fs::read_to_string(script).map_err(contract::Error::file("read", script))?;
+        match process::random_number() % 10 {
+            0 => Err(busy()),
+            1 => {
+                self.accept(&script);
+                let (program, after_s) = ("batch", 60.0);
+                Err(Error::Silent { program, after_s })
+            }
+            _ => Ok(self.accept(&script)),
+        }
+    }
+
+    fn cancel(&self, name: &str, waiting_only: bool, _: &Stop) -> Result<(), Error> {
+        for task in self
+            .lock()
+            .iter_mut()
+            .filter(|job| job.name == name)
+            .flat_map(|job| &mut job.tasks)
+        {
+            if !waiting_only || *task == State::Waits {
+                *task = State::Over;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn busy() -> Error {
+    let (program, said) = ("batch", "busy".into());
+    Error::Busy { program, said }
+}
+
+/// Everything that the processes of one seed have.
+struct Site {
+    bench: Bench,
+    batch: Batch,
+}
+
+impl Site {
+    fn new(seed: u64) -> (Self, Machine) {
+        let (faults, _) = faults(seed);
+        let bench = Bench::new(&HOSTS, faults.fail > 0.0);
+        let sees_what_is = faults.stale == Duration::ZERO && faults.halt == 0.0;
+        let most = sees_what_is.then_some(bench.trials.len());
+        let batch = Batch {
+            most,
+            ..Batch::default()
+        };
+        (Self { bench, batch }, Machine::new(seed, faults, &HOSTS))
+    }
+
+    fn run(&self, place: usize) -> bool {
+        self.bench.ledger.holds(&Store::at("/store"), &self.bench.trials);
+        self.has_records();
+        if place < WAITING {
+            self.wait()
+        } else {
+            self.serve(place)
+        }
+    }
+
+    /// Whatever happened: who lives in the queue is known in the store.
+    fn has_records(&self) {
+        for name in self.batch.alive() {
+            let id = name.trim_start_matches("regimen-");
+            let record = Path::new("/store/submissions").join(id).join("submission.json");
+            let text = quietly(|| fs::read(&record));
+            assert!(
+                text.is_ok_and(|text| serde_json::from_slice::<Submission>(&text).is_ok()),
+                "{name} has no record"
+            );
+        }
+    }
+
+    /// A program that hands over what is missing and waits; true where it saw the end.
+    fn wait(&self) -> bool {
+        let ids = self.bench.trials.iter().map(|trial| trial.id.clone());
+        let work = Work {
+            specs: vec!["study.yaml".into()],
+            program: "regimen".into(),
+            arguments: vec!["worker".into()],
+            folder: "/".into(),
+        };
+        let dispatch = Dispatch {
+            store: "/store".into(),
+            work,
+            queue: &self.batch,
+            trials_per_task: NonZeroUsize::MIN,
+            trials: ids.collect(),
+            stop: Stop::default(),
+        };
+        let mut watch = Waiting { bench: &self.bench };
+        let missing = watch.missing();
+        if missing.is_empty() {
+            return true;
+        }
+        let begun = dispatch.begin(&missing, &mut watch);
+        let followed = begun.and_then(|view| dispatch.follow(view, &mut watch));
+        matches!(followed, Ok(Outcome::Ended))
+    }
+
+    /// A machine that runs one task after the other until nothing is missing.
+    fn serve(&self, place: usize) -> bool {
+        let store = Store::at("/store");
+        while !(Waiting { bench: &self.bench }).missing().is_empty() {
+            let Some((job, task)) = self.batch.begin() else {
+                clock::sleep(Duration::from_secs(5));
+                continue;
+            };
+            // A worker that fails is a task that is over; who waits hands over another one.
+            let _ = self.bench.attempt(place, &store);
+            self.batch.lock()[job].tasks[task] = State::Over;
+        }
+        true
+    }
+}
+
+struct Waiting<'a> {
+    bench: &'a Bench,
+}
+
+impl Watch for Waiting<'_> {
+    fn missing(&mut self) -> BTreeSet<String> {
+        let store = Store::at("/store");
+        let ids = self.bench.trials.iter().map(|trial| &trial.id);
+        // What cannot be read in this moment counts as missing.
+        ids.filter(|id| store.end(id).map_or(true, |end| is_missing(end.as_ref())))
+            .cloned()
+            .collect()
+    }
+
+    fn saved(&mut self) -> u64 {
+        0
+    }
+
+    fn queue(&mut self, _: &[Task]) {}
+
+    fn say(&mut self, _: &str) {}
+}
+
+fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(), String>) {
+    let (site, mut machine) = Site::new(seed);
+    prepare(&mut machine);
+    play(machine, |place| site.run(place), || inspect(&site.bench))
+}
+
+#[test]
+fn what_was_handed_over_is_computed_whatever_happens() {
+    if let Some(seed) = variable("REGIMEN_SIM_BATCH") {
+        let (machine, outcome) = simulate(seed.parse().unwrap(), |machine| machine.trace = Some(Vec::new()));
+        let trace = machine.trace.unwrap_or_default().join("\n");
+        assert!(outcome.is_ok(), "{trace}\n{outcome:?}");
+        return;
+    }
+    // Those who wait look again and again: a seed takes some ten times as long as without them.
+    let failed = (0..seeds() / 10).into_par_iter().find_map_first(|seed| {
+        let (_, outcome) = simulate(seed, |_| ());
+        outcome
+            .err()
+            .map(|why| format!("REGIMEN_SIM_BATCH={seed}: {why}"))
+    });
+    assert_eq!(failed, None);
+}

@@ -1,0 +1,144 @@
+//! What is said between this program and the one that it starts on a host: lines of JSON, and behind some of them the
+//! bytes of files.
+
+use crate::{
+    limits::Limits,
+    scheduler::worker::{Reply, Request},
+    store::Manifest,
+};
+use contract::{Error, trial_end::EndState};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::{
+    io::{self, BufRead, Write},
+    time::Duration,
+};
+
+/// A line to a host.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum ToHost {
+    /// Is there a trial with this id, which others take from?
+    Has(String),
+    /// A trial follows, which others take from.
+    Trial(Manifest),
+    /// A file of the study follows.
+    File(StudyFile),
+    /// Run a trial.
+    Run(Box<Order>),
+    /// The trial has arrived: nobody needs it there any more.
+    Arrived(String),
+    /// Save a checkpoint of the running trial and leave it. The word is that of a worker process.
+    Stop,
+}
+
+/// A line from a host.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FromHost {
+    /// The program runs: who it is.
+    Ready(String),
+    /// Whether the trial is there.
+    Has(bool),
+    /// How far the trial is, or its last word; behind the end of a trial it follows itself.
+    Said(Reply),
+    /// Who ran it is gone without a last word.
+    Died {
+        /// How.
+        state: EndState,
+        /// In words.
+        reason: String,
+        /// Whether it was ended for a limit.
+        by_limit: bool,
+    },
+    /// Another program has the trial there.
+    Held(String),
+    /// A trial that has ended follows.
+    Trial(Manifest),
+    /// What has arrived at the other side is not there any more.
+    Removed,
+    /// What was asked cannot be done there.
+    Refused(String),
+    /// Nothing new: the program there runs.
+    Alive,
+}
+
+/// Time between two words of a program on a host that has nothing to say.
+pub(super) const ALIVE_EVERY: Duration = Duration::from_secs(2);
+/// A host that says nothing for so long while something is waited for is lost, as `ssh` counts it.
+pub(super) const SILENT_FOR: Duration = Duration::from_secs(30);
+
+/// What is to be run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Order {
+    /// The trial; its store is the host's own.
+    pub(super) request: Request,
+    /// What it may use.
+    pub(super) limits: Limits,
+}
+
+/// A file that a study names, whose bytes follow.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct StudyFile {
+    /// Its path, seen from the folder in which the run was started.
+    pub(super) path: String,
+    /// Hash of what it holds.
+    pub(super) digest: String,
+    /// Its length in bytes.
+    pub(super) length: u64,
+}
+
+/// Writes a line.
+pub(super) fn say(output: &mut impl Write, line: &impl Serialize) -> io::Result<()> {
+    writeln!(output, "{}", serde_json::to_string(line)?)
+}
+
+/// The next line that is one of ours; `None` at the end. Whatever else a host prints on standard output is passed over.
+pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<Option<T>> {
+    loop {
+        let mut line = Vec::new();
+        if input.read_until(b'\n', &mut line)? == 0 {
+            return Ok(None);
+        }
+        if let Ok(heard) = serde_json::from_slice(&line) {
+            return Ok(Some(heard));
+        }
+    }
+}
+
+/// An error of the conversation.
+pub(super) fn broken(problem: impl ToString) -> Error {
+    Error::Worker {
+        problem: problem.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Parcel;
+
+    #[test]
+    fn lines_and_files_arrive_in_their_order_and_other_lines_are_passed_over() {
+        let files: Parcel = vec![
+            ("policy.safetensors".into(), b"\n{\"has\":true}\n".to_vec()),
+            ("trial.json".into(), Vec::new()),
+        ];
+        let mut wire = b"Welcome to node 7\n".to_vec();
+        say(&mut wire, &FromHost::Trial(Manifest::of("ab", &files))).unwrap();
+        files.iter().for_each(|(_, bytes)| wire.extend(bytes));
+        say(&mut wire, &FromHost::Has(false)).unwrap();
+        let mut input = &wire[..];
+        let Some(FromHost::Trial(manifest)) = hear(&mut input).unwrap() else {
+            panic!("no trial")
+        };
+        assert_eq!(manifest.read(&mut input).unwrap(), files);
+        assert!(matches!(hear(&mut input).unwrap(), Some(FromHost::Has(false))));
+        assert!(hear::<FromHost>(&mut input).unwrap().is_none());
+    }
+
+    #[test]
+    fn the_word_to_stop_is_that_of_a_worker_process() {
+        let worker = serde_json::to_string(&crate::scheduler::worker::Message::Stop).unwrap();
+        assert_eq!(serde_json::to_string(&ToHost::Stop).unwrap(), worker);
+    }
+}

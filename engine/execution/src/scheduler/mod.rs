@@ -1,0 +1,278 @@
+//! Runs what is missing: trials in worker processes, one single-threaded trial per process at a time.
+//!
+//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a
+//! common queue; a trial is begun only under its lease, so that several programs can work on one store. The child
+//! runs the trial, writes it to the store and says how it ended; a child that dies is replaced, and only its
+//! trial is affected. One watching thread renews the leases, holds the limits of time and memory, and passes on
+//! the wish to stop. Everything that happens reaches the caller as an [`Event`] on one channel, so there is one
+//! owner of what is shown.
+
+#[cfg(test)]
+mod fault_tests;
+pub mod hosts;
+mod process;
+mod queue;
+mod readiness;
+mod silence;
+mod slot;
+mod watch;
+mod worker;
+
+pub use readiness::is_ready;
+pub use worker::{Reply, Request, serve};
+
+use crate::{
+    limits::Limits,
+    store::{BucketLeases, Leases, Owner, Store},
+};
+use contract::{
+    Error,
+    resources::{Capacity, Needs},
+    trial::Trial,
+    trial_end::TrialEnd,
+};
+use queue::Queue;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::Sender,
+    },
+    time::Duration,
+};
+
+/// What happens while trials run.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A trial started in a slot.
+    Started {
+        /// Worker slot, from 0.
+        slot: usize,
+        /// Index into the list of tasks.
+        trial: usize,
+    },
+    /// How far a trial is.
+    Progress {
+        /// Worker slot.
+        slot: usize,
+        /// Steps done.
+        done: u64,
+        /// Steps in all.
+        total: u64,
+    },
+    /// A trial ended and its end is stored.
+    Ended {
+        /// Worker slot.
+        slot: usize,
+        /// Index into the list of tasks.
+        trial: usize,
+        /// How it ended.
+        end: TrialEnd,
+    },
+    /// An attempt at a trial failed and it will be tried again.
+    Retried {
+        /// Worker slot.
+        slot: usize,
+        /// Index into the list of tasks.
+        trial: usize,
+        /// How the attempt ended.
+        end: TrialEnd,
+        /// The wait before the next attempt.
+        wait: Duration,
+    },
+    /// Another program has the trial; it is looked after again later.
+    Held {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// Who has it.
+        owner: Owner,
+    },
+    /// Another program has ended the trial.
+    EndedElsewhere {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// How it ended.
+        end: TrialEnd,
+    },
+    /// A trial takes from one that another program runs; it is looked after again later.
+    Awaits {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// Id of the trial that is waited for.
+        source: String,
+        /// Who has that one.
+        owner: Owner,
+    },
+    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It
+    /// stays missing.
+    Unready {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// Which trial lacks, and why.
+        reason: String,
+    },
+    /// Something at the place of a trial stands in its way; it stays missing, and the others go on.
+    Obstructed {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// What, and what to do about it.
+        reason: String,
+    },
+    /// A trial was given up because the run is being stopped; it stays missing and continues from its
+    /// checkpoint.
+    Stopped {
+        /// Worker slot.
+        slot: usize,
+    },
+    /// A trial has come to its pause.
+    Paused {
+        /// Worker slot.
+        slot: usize,
+        /// Index into the list of tasks.
+        trial: usize,
+    },
+    /// The place of a slot cannot be reached; its trial goes back to the others.
+    Lost {
+        /// Worker slot.
+        slot: usize,
+        /// Which, and why.
+        problem: String,
+        /// The wait before it is looked after again; `None` where it is given up.
+        wait: Option<Duration>,
+    },
+    /// A slot cannot go on.
+    Broken {
+        /// Worker slot.
+        slot: usize,
+        /// Why.
+        problem: String,
+    },
+}
+
+/// A trial to run.
+#[derive(Debug, Clone)]
+pub struct Task<'a> {
+    /// The trial; the plan holds it.
+    pub trial: &'a Trial,
+    /// Its steps.
+    pub cost: u64,
+    /// Seconds per step that trials of its agent took in its environment before; `None` where none is stored.
+    /// Long paths start first.
+    pub pace_s: Option<f64>,
+    /// What it may use.
+    pub limits: Arc<Limits>,
+    /// How it ended before, where it runs again all the same.
+    pub before: Option<TrialEnd>,
+    /// Ids of the trials that must have ended `ok` before it begins.
+    pub after: Vec<String>,
+    /// The step at which it pauses, once that is measured; `None` to go to its end.
+    pub until: Option<u64>,
+    /// Its cores and cards.
+    pub needs: Needs,
+}
+
+/// How to run trials.
+#[derive(Debug, Clone)]
+pub struct Workers {
+    /// The cores of this machine, each with a worker process, and its cards; unused where there are hosts.
+    pub capacity: Capacity,
+    /// The hosts that run trials in the place of this machine, where there are any.
+    pub hosts: hosts::Hosts,
+    /// Set from outside to stop: no new trial starts and running ones save a checkpoint and leave.
+    pub stop: Arc<AtomicBool>,
+    /// Stop at the first trial that does not end `ok`.
+    pub fail_fast: bool,
+    /// Whether to wait for trials that other programs run; without it they are left to them.
+    pub wait_for_others: bool,
+    /// Time between two checkpoints of a trial.
+    pub checkpoint_every: Duration,
+    /// Time between two renewals of the leases.
+    pub heartbeat: Duration,
+    /// Leases of programs on other machines count as dead when not renewed for this long.
+    pub lease_expiry: Duration,
+}
+
+/// Runs `tasks` and stores how each ended; returns when all have ended or the run was stopped.
+///
+/// The order in which trials run cannot reach a result.
+///
+/// # Errors
+/// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
+/// written, and [`Error::Bucket`] where the bucket that it is shared by cannot: the tasks that are left stay missing.
+pub fn run(
+    tasks: &[Task<'_>],
+    store: &Store,
+    workers: &Workers,
+    events: &Sender<Event>,
+) -> Result<(), Error> {
+    let program = std::env::current_exe().map_err(|source| Error::Worker {
+        problem: format!("cannot find this program: {source}"),
+    })?;
+    let leases = Leases::open(store, workers.lease_expiry)?;
+    let bucket = store.bucket();
+    let shared_leases = bucket.map(|bucket| BucketLeases::open(bucket, workers.lease_expiry));
+    let shared_leases = shared_leases.transpose()?;
+    let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
+    let queue = Queue::new(tasks, machines(workers));
+    let places = places(workers);
+    let count = places.len().min(tasks.len());
+    let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
+    std::thread::scope(|scope| {
+        let slots: Vec<_> = (0..count)
+            .map(|number| {
+                let shared = slot::Shared {
+                    tasks,
+                    store,
+                    leases: &leases,
+                    shared_leases: shared_leases.as_ref(),
+                    workers,
+                    queue: &queue,
+                    halt: &halt,
+                };
+                let (machine, child) = (places[number], &children[number]);
+                let runner: Box<dyn slot::Runner + Send> = match workers.hosts.all.get(machine) {
+                    None => Box::new(process::Worker::new(&program, child)),
+                    Some(host) => Box::new(hosts::Remote::new(host, store, child)),
+                };
+                let mut slot = slot::Slot::new((number, machine), shared, runner, events);
+                scope.spawn(move || slot.work())
+            })
+            .collect();
+        let watch = watch::Watch {
+            children: &children,
+            leases: &leases,
+            stop: &workers.stop,
+            halt: &halt,
+            on: &watching,
+        };
+        let watcher = scope.spawn(move || watch.run(workers.heartbeat));
+        if let Some(leases) = &shared_leases {
+            scope.spawn(|| watch::renew(leases, &watching, workers.heartbeat));
+        }
+        let outcome = slots.into_iter().map(|slot| {
+            slot.join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
+        let outcome = outcome.fold(Ok(()), Result::and);
+        watching.store(false, Ordering::SeqCst);
+        watcher.thread().unpark();
+        outcome
+    })
+}
+
+/// The capacity of each machine: of the hosts, or of this one.
+fn machines(workers: &Workers) -> Vec<Capacity> {
+    match &workers.hosts.all[..] {
+        [] => vec![workers.capacity.clone()],
+        hosts => hosts.iter().map(|host| host.capacity().clone()).collect(),
+    }
+}
+
+/// The machine of each slot. Hosts take turns, so that few trials spread over all of them.
+fn places(workers: &Workers) -> Vec<usize> {
+    let cores: Vec<usize> = machines(workers).iter().map(|it| it.cores).collect();
+    let most = cores.iter().copied().max().unwrap_or(0);
+    let cores = &cores;
+    let round = |turn: usize| (0..cores.len()).filter(move |machine| cores[*machine] > turn);
+    (0..most).flat_map(round).collect()
+}

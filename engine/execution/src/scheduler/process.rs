@@ -1,0 +1,434 @@
+//! Runs trials in a worker process, which the slot that talks to it and the thread that watches it share.
+
+use super::{
+    silence::{Listened, Silence},
+    slot::{Answer, Runner},
+    worker::{Message, Reply, Request},
+};
+use crate::{
+    footprint::{exceeded, family},
+    limits::Limits,
+    world::{
+        clock,
+        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Signal, Stdio, end_group, signal},
+    },
+};
+use contract::{Error, trial_end::EndState};
+use document::input_file;
+use std::{
+    io::{self, BufRead, BufReader, Write},
+    path::Path,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
+    time::{Duration, Instant},
+};
+
+/// How long a signal to a run may take to reach the process that schedules, once it reached one that computes.
+const TOLD: Duration = Duration::from_millis(300);
+
+/// Runs the trials of one slot in a process, which is replaced where it dies.
+pub(super) struct Worker<'a> {
+    program: &'a Path,
+    process: &'a Shared,
+    replies: Option<Replies>,
+}
+
+impl<'a> Worker<'a> {
+    /// No process yet; `program` will be started.
+    pub(super) fn new(program: &'a Path, process: &'a Shared) -> Self {
+        Self {
+            program,
+            process,
+            replies: None,
+        }
+    }
+}
+
+impl Runner for Worker<'_> {
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error> {
+        let message = serde_json::to_string(&Message::Run(Box::new(request)));
+        let message = message.map_err(|source| Error::Worker {
+            problem: source.to_string(),
+        })?;
+        let mut replies = match self.replies.take() {
+            Some(replies) => replies,
+            None => self.process.start(&mut worker(self.program), None)?,
+        };
+        self.process.begin(&message, limits);
+        let Some(reply) = listen(&mut replies, progress) else {
+            let (status, exceeded) = self.process.bury();
+            let by_limit = exceeded.is_some();
+            if is_stop(status) {
+                // Who stops all processes of a run tells the one that schedules, too: it decides what follows.
+                clock::sleep(TOLD);
+            }
+            let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
+            return Ok(Answer::Died {
+                state,
+                reason,
+                by_limit,
+            });
+        };
+        // A process whose trial panicked leaves after saying so.
+        if matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked) {
+            self.process.dismiss();
+        } else if self.process.end() {
+            self.replies = Some(replies);
+        }
+        Ok(Answer::Said(reply))
+    }
+
+    fn dismiss(&mut self) {
+        self.process.dismiss();
+    }
+}
+
+/// The command of a worker process.
+fn worker(program: &Path) -> Command {
+    let mut command = Command::new(program);
+    command
+        .arg("trial-worker")
+        .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())));
+    command
+}
+
+/// Passes on what the process says, until its last word; `None` where it died without one.
+fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
+    loop {
+        let mut line = String::new();
+        if replies.read_line(&mut line).unwrap_or(0) == 0 {
+            return None;
+        }
+        match serde_json::from_str(&line) {
+            Ok(Reply::Progress { done, total }) => progress(done, total),
+            Ok(last) => return Some(last),
+            // Whatever else a plugin prints on standard output is not for us.
+            Err(_) => {}
+        }
+    }
+}
+
+/// What a process says.
+pub(super) type Replies = BufReader<Listened<ChildStdout>>;
+
+/// How long an idle process may take to leave once its input has ended.
+const LEAVES_WITHIN: Duration = Duration::from_secs(5);
+/// How long a process may be silent that was told to stop, where silence counts.
+const STOPS_WITHIN: Duration = Duration::from_secs(10);
+/// The longest piece that is written at once: a process that takes one in is not silent.
+const PIECE: usize = 1 << 16;
+
+/// The process of one slot, where it has one.
+#[derive(Default)]
+pub(super) struct Shared {
+    process: Mutex<Option<Process>>,
+}
+
+struct Process {
+    child: Child,
+    /// Whoever writes holds it, and not the whole process: one that takes nothing in can still be ended.
+    requests: Arc<Mutex<ChildStdin>>,
+    silence: Silence,
+    /// The process counts as lost where it is silent for so long while something is waited for.
+    patience: Option<Duration>,
+    busy: Option<Busy>,
+}
+
+struct Busy {
+    since: Instant,
+    limits: Arc<Limits>,
+    told_to_stop: bool,
+    /// Set before the process is ended for it.
+    exceeded: Option<(EndState, String)>,
+}
+
+impl Shared {
+    /// Starts a process; what it says is read from what is given back. One that is silent for longer than `patience`
+    /// while something is waited for is ended with all that it started: its group is its own.
+    pub(super) fn start(&self, command: &mut Command, patience: Option<Duration>) -> Result<Replies, Error> {
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = piped.spawn().map_err(|source| Error::Worker {
+            problem: format!(
+                "cannot start `{}`: {source}",
+                command.get_program().to_string_lossy()
+            ),
+        })?;
+        let (Some(requests), Some(replies)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(Error::Worker {
+                problem: "its pipes are missing".into(),
+            });
+        };
+        let silence = Silence::default();
+        *self.lock() = Some(Process {
+            child,
+            requests: Arc::new(Mutex::new(requests)),
+            silence: silence.clone(),
+            patience,
+            busy: None,
+        });
+        let pipe = replies;
+        Ok(BufReader::new(Listened { pipe, silence }))
+    }
+
+    /// Sends bytes to an idle process. One that takes none in holds up nobody but its slot.
+    pub(super) fn write(&self, bytes: &[u8]) -> io::Result<()> {
+        let process = self
+            .lock()
+            .as_ref()
+            .map(|it| (Arc::clone(&it.requests), it.silence.clone()));
+        let Some((requests, silence)) = process else {
+            return Err(io::ErrorKind::BrokenPipe.into());
+        };
+        let mut requests = requests.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pieces = bytes.chunks(PIECE);
+        pieces.try_for_each(|piece| silence.during(|| requests.write_all(piece)))
+    }
+
+    /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its
+    /// answer is read.
+    pub(super) fn begin(&self, message: &str, limits: &Arc<Limits>) {
+        let _ = self.write(format!("{message}\n").as_bytes());
+        if let Some(process) = self.lock().as_mut() {
+            let limits = Arc::clone(limits);
+            process.busy = Some(Busy {
+                since: clock::now(),
+                limits,
+                told_to_stop: false,
+                exceeded: None,
+            });
+        }
+    }
+
+    /// The process has answered; false where it can serve no more, because it was ended for a limit in that
+    /// moment.
+    pub(super) fn end(&self) -> bool {
+        let doomed = match self.lock().as_mut() {
+            Some(process) => process.busy.take().is_none_or(|busy| busy.exceeded.is_some()),
+            None => true,
+        };
+        if doomed {
+            self.bury();
+        }
+        !doomed
+    }
+
+    /// Takes in a process that has ended: its exit status and the limit for which it was ended.
+    pub(super) fn bury(&self) -> (Option<ExitStatus>, Option<(EndState, String)>) {
+        let process = self.lock().take();
+        match process {
+            Some(Process { mut child, busy, .. }) => {
+                // It closed its output; one that still lives is of no use.
+                let _ = child.kill();
+                (child.wait().ok(), busy.and_then(|busy| busy.exceeded))
+            }
+            None => (None, None),
+        }
+    }
+
+    /// Lets an idle process leave: the end of its input tells it to. One that does not is ended.
+    pub(super) fn dismiss(&self) {
+        let process = self.lock().take();
+        let Some(Process {
+            mut child, requests, ..
+        }) = process
+        else {
+            return;
+        };
+        drop(requests);
+        let asked = clock::now();
+        while matches!(child.try_wait(), Ok(None)) {
+            if clock::since(asked) > LEAVES_WITHIN {
+                let _ = child.kill();
+                let _ = child.wait();
+                return;
+            }
+            clock::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Tells a busy process, once, to save a checkpoint and stop. From now on a silent one is waited for less
+    /// long, also where it is not busy yet: one to which a connection is made, or that a trial is brought to.
+    pub(super) fn ask_to_stop(&self) {
+        let mut process = self.look();
+        let Some(process) = process.as_deref_mut().and_then(Option::as_mut) else {
+            return;
+        };
+        process.patience = process.patience.map(|patience| patience.min(STOPS_WITHIN));
+        if let Some(busy) = process.busy.as_mut()
+            && !busy.told_to_stop
+            && let Ok(text) = serde_json::to_string(&Message::Stop)
+            && let Ok(mut requests) = process.requests.try_lock()
+        {
+            let _ = writeln!(requests, "{text}");
+            busy.told_to_stop = true;
+        }
+    }
+
+    /// The time for which the process was suspended counts for no limit.
+    pub(super) fn was_suspended(&self, away: Duration) {
+        if let Some(Process { busy: Some(busy), .. }) = self.look().as_deref_mut().and_then(Option::as_mut) {
+            busy.since += away;
+        }
+    }
+
+    /// Ends a process that is over a limit, or silent for longer than it may.
+    pub(super) fn hold_limits(&self) {
+        if let Some(process) = self.look().as_deref_mut().and_then(Option::as_mut)
+            && let Some(patience) = process.patience
+            && process.silence.lasts().is_some_and(|silent| silent > patience)
+        {
+            end_group(&mut process.child);
+            process.patience = None;
+        }
+        if let Some(Process {
+            child,
+            busy: Some(busy),
+            ..
+        }) = self.look().as_deref_mut().and_then(Option::as_mut)
+            && busy.exceeded.is_none()
+        {
+            busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
+            match &busy.exceeded {
+                // Processes that a program started hold the memory, and hear nothing of its worker's end for a while.
+                Some((EndState::Oom, _)) => {
+                    let family = family(child.id());
+                    family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));
+                }
+                Some(_) => drop(child.kill()),
+                None => {}
+            }
+        }
+    }
+
+    /// True where the process was ended because it was silent.
+    pub(super) fn fell_silent(&self) -> bool {
+        self.lock()
+            .as_ref()
+            .is_some_and(|process| process.patience.is_none())
+    }
+
+    /// The process, unless its slot is talking to it: whoever watches all of them looks again.
+    fn look(&self) -> Option<MutexGuard<'_, Option<Process>>> {
+        match self.process.try_lock() {
+            Ok(process) => Some(process),
+            Err(TryLockError::Poisoned(poisoned)) => Some(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Process>> {
+        // What is shared is replaced as a whole, so that it is whole after a panic elsewhere.
+        self.process.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// True for a process that was ended by a signal by which people, terminals and batch systems stop programs.
+fn is_stop(status: Option<ExitStatus>) -> bool {
+    use std::os::unix::process::ExitStatusExt;
+    status
+        .and_then(|status| status.signal())
+        .is_some_and(|signal| [1, 2, 10, 15].contains(&signal))
+}
+
+fn explain(status: Option<ExitStatus>) -> (EndState, String) {
+    use std::os::unix::process::ExitStatusExt;
+    let Some(status) = status else {
+        return (EndState::Killed, "the worker process vanished".into());
+    };
+    match (status.signal(), status.code()) {
+        // SIGABRT is how a Rust program that cannot unwind ends itself.
+        (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
+        (Some(signal), _) => (
+            EndState::Killed,
+            format!("the worker process was ended by signal {signal}"),
+        ),
+        (None, code) => (
+            EndState::Killed,
+            format!("the worker process left with exit code {}", code.unwrap_or(-1)),
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A process with a pipe each way that says nothing, and what it started holds its pipes.
+    fn silent(shared: &Shared, patience: Duration) -> Replies {
+        use std::os::unix::process::CommandExt as _;
+        let mut command = Command::new("sh");
+        command.args(["-c", "sleep 600 & sleep 600"]).process_group(0);
+        shared.start(&mut command, Some(patience)).unwrap()
+    }
+
+    #[test]
+    fn who_says_nothing_for_longer_than_it_may_is_ended_and_its_reader_goes_on() {
+        let shared = Shared::default();
+        let mut replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| replies.read_line(&mut String::new()));
+            while !reader.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert_eq!(reader.join().unwrap().unwrap(), 0);
+        });
+        assert!(shared.fell_silent() && clock::since(begun) >= Duration::from_millis(300));
+        shared.bury();
+    }
+
+    #[test]
+    fn who_takes_nothing_in_is_ended_too() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(|| shared.write(&vec![0; 1 << 24]));
+            while !writer.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert!(writer.join().unwrap().is_err());
+        });
+        shared.bury();
+    }
+
+    #[test]
+    fn whoever_stops_waits_less_for_one_that_is_silent_before_it_was_asked_anything() {
+        let shared = Shared::default();
+        let mut replies = silent(&shared, STOPS_WITHIN * 100);
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| replies.read_line(&mut String::new()));
+            while !reader.is_finished() {
+                assert!(clock::since(begun) < STOPS_WITHIN * 10);
+                shared.ask_to_stop();
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+        });
+        assert!(shared.fell_silent() && clock::since(begun) >= STOPS_WITHIN);
+        shared.bury();
+    }
+
+    #[test]
+    fn one_that_is_not_waited_for_may_be_silent() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(10));
+        clock::sleep(Duration::from_millis(50));
+        shared.hold_limits();
+        assert!(!shared.fell_silent());
+        // What it started does not outlive the test.
+        if let Some(process) = shared.lock().as_mut() {
+            end_group(&mut process.child);
+        }
+        shared.bury();
+    }
+}

@@ -1,0 +1,118 @@
+//! Whether a trial can begin that takes what others leave.
+
+use crate::store::{Owner, Store};
+use contract::trial_end::{EndState, TrialEnd, is_missing};
+
+/// What the trials say of each other.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Readiness {
+    /// All of it is there.
+    Ready,
+    /// Another program works on one of the sources.
+    Elsewhere(String, Owner),
+    /// One source does not end well by itself, and why.
+    Unready(String),
+}
+
+/// How far the trials are from which one takes, none of which this program has still to run.
+pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
+    let mut answer = Readiness::Ready;
+    for source in after {
+        // In this order: what ends between the two looks is seen to have ended.
+        let (owner, end) = (store.running(source), store.end(source));
+        match (end, owner) {
+            (
+                Ok(Some(TrialEnd {
+                    state: EndState::Ok, ..
+                })),
+                _,
+            ) => {}
+            (Ok(Some(end)), None) if !is_missing(Some(&end)) => {
+                let reason = if end.reason.is_empty() {
+                    String::new()
+                } else {
+                    format!(": {}", end.reason)
+                };
+                return Readiness::Unready(format!("trial {source} ended as {}{reason}", end.state.name()));
+            }
+            (_, Some(owner)) => answer = Readiness::Elsewhere(source.clone(), owner),
+            (Err(error), None) => {
+                return Readiness::Unready(format!("trial {source} cannot be read: {error}"));
+            }
+            (Ok(_), None) => return Readiness::Unready(format!("trial {source} has not run")),
+        }
+    }
+    answer
+}
+
+/// True where every trial from which one takes has ended `ok`.
+#[must_use]
+pub fn is_ready(after: &[String], store: &Store) -> bool {
+    after.iter().all(|source| {
+        store
+            .end(source)
+            .ok()
+            .flatten()
+            .is_some_and(|end| end.state == EndState::Ok)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use contract::{
+        cast::Seating,
+        trial::{Part, Trial, TrialCell, TrialKey},
+    };
+
+    fn trial(seed: u64) -> Trial {
+        let part = || Part::new("x", 1, serde_json::Value::Null);
+        let agent = Seating::Agent(part());
+        let key = TrialKey {
+            environment: part().into(),
+            agent: agent.into(),
+            protocol: part().into(),
+            seed,
+            numerics: 1,
+            device: "cpu".into(),
+        };
+        Trial {
+            id: key.id(),
+            cell: TrialCell::of("e", "a").into(),
+            key,
+        }
+    }
+
+    #[test]
+    fn what_lacks_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let trials: Vec<Trial> = (0..4).map(trial).collect();
+        let ids: Vec<String> = trials.iter().map(|trial| trial.id.clone()).collect();
+        for (trial, state) in trials.iter().zip([EndState::Ok, EndState::Nan, EndState::Killed]) {
+            let end = TrialEnd {
+                state,
+                reason: "told".into(),
+                wall_s: 0.0,
+                decision_s: None,
+                digest: String::new(),
+            };
+            store.acknowledge(trial, end).unwrap();
+        }
+        let of = |wanted: &[usize]| {
+            let after: Vec<String> = wanted.iter().map(|&index| ids[index].clone()).collect();
+            readiness(&after, &store)
+        };
+        assert_eq!(of(&[0]), Readiness::Ready);
+        assert_eq!(of(&[]), Readiness::Ready);
+        assert_eq!(
+            of(&[0, 2]),
+            Readiness::Unready(format!("trial {} has not run", ids[2]))
+        );
+        assert_eq!(
+            of(&[0, 1]),
+            Readiness::Unready(format!("trial {} ended as nan: told", ids[1]))
+        );
+        assert!(is_ready(&ids[..1], &store) && !is_ready(&ids, &store));
+    }
+}

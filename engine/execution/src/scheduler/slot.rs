@@ -1,0 +1,437 @@
+//! One worker slot: takes trials from the queue, under their leases, and has them run.
+
+use super::{
+    Event, Task, Workers,
+    queue::{Next, Queue, Turn},
+    readiness::{Readiness, readiness},
+    worker::{Reply, Request},
+};
+use crate::{
+    limits::Limits,
+    store::{BucketLeases, Claim, Leases, Owner, Store},
+    world::clock,
+};
+use contract::{
+    Error,
+    trial_end::{EndState, TrialEnd, is_missing},
+};
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::Sender,
+    },
+    time::{Duration, Instant},
+};
+
+/// The first wait before a place is looked after again; it doubles up to 16 times that.
+const SHORTEST_WAIT: Duration = Duration::from_secs(1);
+
+/// A signal to a group of processes reaches all of them within this time.
+const SIGNALLED_WITHIN: Duration = Duration::from_millis(100);
+
+/// What runs the trials of a slot: a process of its own, outside tests.
+pub(super) trait Runner {
+    /// Runs a trial to its end, its pause, or until it is stopped; `progress` hears steps done and in all.
+    ///
+    /// # Errors
+    /// [`Error::Worker`] where nothing can be run.
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error>;
+
+    /// Nothing more will be run for now.
+    fn dismiss(&mut self);
+}
+
+impl<R: Runner + ?Sized> Runner for Box<R> {
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error> {
+        (**self).run(request, limits, progress)
+    }
+
+    fn dismiss(&mut self) {
+        (**self).dismiss();
+    }
+}
+
+/// What became of a request.
+pub(super) enum Answer {
+    /// The last word about it.
+    Said(Reply),
+    /// Who ran it is gone without one.
+    Died {
+        /// How.
+        state: EndState,
+        /// In words.
+        reason: String,
+        /// Whether it was ended for a limit.
+        by_limit: bool,
+    },
+    /// Nothing is known of it: where it was to run cannot be reached, for this reason.
+    Lost(String),
+}
+
+/// What all slots share.
+#[derive(Clone, Copy)]
+pub(super) struct Shared<'a> {
+    pub(super) tasks: &'a [Task<'a>],
+    pub(super) store: &'a Store,
+    pub(super) leases: &'a Leases,
+    /// Those in the bucket by which the store is shared, where there is one.
+    pub(super) shared_leases: Option<&'a BucketLeases>,
+    pub(super) workers: &'a Workers,
+    pub(super) queue: &'a Queue<'a>,
+    /// Set from within to stop: a failure under `fail_fast`, or a store that cannot be written.
+    pub(super) halt: &'a AtomicBool,
+}
+
+/// One slot.
+pub(super) struct Slot<'a, R> {
+    number: usize,
+    /// Place of its machine among all.
+    machine: usize,
+    all: Shared<'a>,
+    runner: R,
+    events: &'a Sender<Event>,
+    /// Since when, and how often, its place could not be reached; `None` where it was reached last.
+    lost: Option<(Instant, u32)>,
+    /// True where it could not be reached for as long as somebody waits.
+    is_given_up: bool,
+}
+
+/// What became of an attempt.
+enum Attempt {
+    Ended(TrialEnd),
+    Stopped,
+    Paused,
+    /// Something that it takes cannot be used, for this reason.
+    Unready(String),
+    /// The place of the slot cannot be reached, for this reason.
+    Lost(String),
+}
+
+impl<'a, R: Runner> Slot<'a, R> {
+    /// A slot that has run nothing yet.
+    pub(super) fn new(
+        (number, machine): (usize, usize),
+        all: Shared<'a>,
+        runner: R,
+        events: &'a Sender<Event>,
+    ) -> Self {
+        Self {
+            number,
+            machine,
+            all,
+            runner,
+            events,
+            lost: None,
+            is_given_up: false,
+        }
+    }
+
+    /// Works until nothing is left or the run is stopped.
+    pub(super) fn work(&mut self) -> Result<(), Error> {
+        while !self.stopping() && !self.is_given_up {
+            match self.all.queue.next(self.machine) {
+                Next::Try(turn) => {
+                    let (trial, store) = (turn.task, self.all.store);
+                    let id = &self.all.tasks[trial].trial.id;
+                    if let Some(obstacle) = store.obstacle(id) {
+                        self.pass_over(trial, &obstacle);
+                    } else if let Err(error) = self.take(turn) {
+                        if let Some(obstacle) = store.obstacle_to_writing(id) {
+                            self.pass_over(trial, &obstacle);
+                            continue;
+                        }
+                        // What cannot be written now cannot be written by the other slots either: nothing new
+                        // begins.
+                        self.all.halt.store(true, Ordering::SeqCst);
+                        self.all.queue.done(trial);
+                        self.tell(Event::Broken {
+                            slot: self.number,
+                            problem: error.to_string(),
+                        });
+                        self.runner.dismiss();
+                        return Err(error);
+                    }
+                }
+                Next::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
+                Next::Done => break,
+            }
+        }
+        self.runner.dismiss();
+        Ok(())
+    }
+
+    /// What lies at the place of one trial concerns no other one.
+    fn pass_over(&self, trial: usize, obstacle: &Error) {
+        let reason = obstacle.to_string();
+        self.tell(Event::Obstructed { trial, reason });
+        self.all.queue.done(trial);
+    }
+
+    fn stopping(&self) -> bool {
+        self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
+    }
+
+    /// Whether the run is being stopped, by a signal that may have reached a process of the group before this one.
+    fn is_stopped_too(&self) -> bool {
+        let died = clock::now();
+        while !self.stopping() && clock::since(died) < SIGNALLED_WITHIN {
+            clock::sleep(Duration::from_millis(10));
+        }
+        self.stopping()
+    }
+
+    /// Takes a trial up, unless it takes what is not there.
+    fn take(&mut self, turn: Turn) -> Result<(), Error> {
+        let (index, task) = (turn.task, &self.all.tasks[turn.task]);
+        match readiness(&task.after, self.all.store) {
+            Readiness::Ready => return self.claim(turn),
+            Readiness::Elsewhere(source, owner) if self.all.workers.wait_for_others => {
+                self.tell(Event::Awaits {
+                    trial: index,
+                    source,
+                    owner,
+                });
+                self.all.queue.held(turn);
+            }
+            Readiness::Elsewhere(source, owner) => {
+                let reason = format!("trial {source} is with process {} on {}", owner.pid, owner.host);
+                self.give_up(index, reason);
+            }
+            Readiness::Unready(reason) => self.give_up(index, reason),
+        }
+        Ok(())
+    }
+
+    fn give_up(&self, trial: usize, reason: String) {
+        self.tell(Event::Unready { trial, reason });
+        self.all.queue.done(trial);
+    }
+
+    /// Claims a trial and runs it, unless another program has it or has ended it.
+    fn claim(&mut self, turn: Turn) -> Result<(), Error> {
+        let task = &self.all.tasks[turn.task];
+        match self.all.leases.claim(&task.trial.id)? {
+            Claim::Held(owner) => self.leave_to(owner, turn),
+            Claim::Mine => {
+                let outcome = self.under_shared_lease(turn);
+                self.all.leases.release(&task.trial.id)?;
+                return outcome;
+            }
+        }
+        Ok(())
+    }
+
+    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there as well,
+    /// and takes it in where another machine has ended it.
+    fn under_shared_lease(&mut self, turn: Turn) -> Result<(), Error> {
+        let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
+            return self.under_lease(turn);
+        };
+        let id = &self.all.tasks[turn.task].trial.id;
+        match leases.claim(id)? {
+            Claim::Held(owner) => self.leave_to(owner, turn),
+            Claim::Mine => {
+                // Of a trial that runs again although it has ended the bucket has that end, or a newer one.
+                let fetched = bucket.fetch_missing(self.all.store, id);
+                let outcome = fetched.and_then(|()| self.under_lease(turn));
+                leases.release(id)?;
+                return outcome;
+            }
+        }
+        Ok(())
+    }
+
+    /// Another program has the trial: this one waits for it, or goes without it.
+    fn leave_to(&self, owner: Owner, turn: Turn) {
+        if !self.all.workers.wait_for_others {
+            self.all.queue.done(turn.task);
+            return;
+        }
+        self.tell(Event::Held {
+            trial: turn.task,
+            owner,
+        });
+        self.all.queue.held(turn);
+    }
+
+    fn under_lease(&mut self, turn: Turn) -> Result<(), Error> {
+        let (index, task) = (turn.task, &self.all.tasks[turn.task]);
+        // The end may have been stored after the list of missing trials was made.
+        if let Some(end) = self.new_end(task, &turn) {
+            self.tell(Event::EndedElsewhere { trial: index, end });
+            self.all.queue.done(index);
+            return Ok(());
+        }
+        // Another program may have taken it to its pause meanwhile.
+        let measured = || self.all.store.measured_until(&task.trial.id);
+        if task
+            .until
+            .is_some_and(|until| measured().is_some_and(|step| step >= until))
+        {
+            self.all.queue.done(index);
+            return Ok(());
+        }
+        self.tell(Event::Started {
+            slot: self.number,
+            trial: index,
+        });
+        match self.attempt(task, &turn)? {
+            Attempt::Stopped => {
+                self.tell(Event::Stopped { slot: self.number });
+                self.all.queue.done(index);
+            }
+            Attempt::Paused => {
+                self.tell(Event::Paused {
+                    slot: self.number,
+                    trial: index,
+                });
+                self.all.queue.done(index);
+                if let Some(bucket) = self.all.store.bucket() {
+                    bucket.bring(self.all.store, &task.trial.id)?;
+                }
+            }
+            Attempt::Unready(reason) => self.give_up(index, reason),
+            Attempt::Lost(problem) => self.lose(turn, problem),
+            Attempt::Ended(end) => self.ended(turn, end)?,
+        }
+        Ok(())
+    }
+
+    /// The trial goes back to the others, and the place is looked after again later.
+    fn lose(&mut self, turn: Turn, problem: String) {
+        self.all.queue.retry(turn, Duration::ZERO);
+        let (since, times) = self.lost.unwrap_or((clock::now(), 0));
+        self.lost = Some((since, times + 1));
+        let wait = SHORTEST_WAIT * 2u32.pow(times.min(4));
+        let wait = (clock::since(since) + wait < self.all.workers.hosts.patience).then_some(wait);
+        self.is_given_up = wait.is_none();
+        self.tell(Event::Lost {
+            slot: self.number,
+            problem,
+            wait,
+        });
+        let begun = clock::now();
+        while wait.is_some_and(|wait| clock::since(begun) < wait) && !self.stopping() {
+            clock::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Decides whether the end is final; one that is goes to the other machines.
+    fn ended(&self, turn: Turn, end: TrialEnd) -> Result<(), Error> {
+        let index = turn.task;
+        match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
+            Some(wait) if !self.stopping() => {
+                self.tell(Event::Retried {
+                    slot: self.number,
+                    trial: index,
+                    end: end.clone(),
+                    wait,
+                });
+                self.all.queue.retry(
+                    Turn {
+                        attempt: turn.attempt + 1,
+                        before: Some(end),
+                        ..turn
+                    },
+                    wait,
+                );
+            }
+            _ => {
+                if self.all.workers.fail_fast && end.state != EndState::Ok {
+                    self.all.halt.store(true, Ordering::SeqCst);
+                }
+                if end.state == EndState::Ok {
+                    self.all.queue.note_pace(index, end.wall_s);
+                }
+                self.tell(Event::Ended {
+                    slot: self.number,
+                    trial: index,
+                    end,
+                });
+                let (id, store) = (&self.all.tasks[index].trial.id, self.all.store);
+                self.all.queue.done(index);
+                if let Some(bucket) = store.bucket() {
+                    bucket.bring(store, id)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {
+        let request = Request {
+            trial: task.trial.clone(),
+            store: self.all.store.root().to_path_buf(),
+            checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
+            until: task.until,
+            stalled_after_s: task.limits.stalled_after_s,
+            share: turn.share.clone(),
+        };
+        let (slot, events, started) = (self.number, self.events, clock::now());
+        let mut progress = |done, total| {
+            let _ = events.send(Event::Progress { slot, done, total });
+        };
+        let answer = self.runner.run(request, &task.limits, &mut progress)?;
+        if !matches!(answer, Answer::Lost(_)) {
+            self.lost = None;
+        }
+        match answer {
+            Answer::Lost(_) if self.stopping() => Ok(Attempt::Stopped),
+            Answer::Lost(problem) => Ok(Attempt::Lost(problem)),
+            Answer::Said(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
+            Answer::Said(Reply::Paused) => Ok(Attempt::Paused),
+            Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
+            Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
+            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(Attempt::Stopped),
+            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(Attempt::Stopped),
+            Answer::Died { state, reason, .. } => {
+                self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
+            }
+        }
+    }
+
+    /// Stores how it died.
+    fn died(
+        &self,
+        task: &Task<'_>,
+        turn: &Turn,
+        state: EndState,
+        reason: String,
+        wall_s: f64,
+    ) -> Result<Attempt, Error> {
+        let end = TrialEnd {
+            state,
+            reason,
+            wall_s,
+            decision_s: None,
+            digest: String::new(),
+        };
+        // The process may have stored its trial and died before it could say so.
+        if let Some(stored) = self.new_end(task, turn) {
+            return Ok(Attempt::Ended(stored));
+        }
+        Ok(Attempt::Ended(self.all.store.acknowledge(task.trial, end)?))
+    }
+
+    /// The stored end of a trial, where it is one and not the one that is known.
+    fn new_end(&self, task: &Task<'_>, turn: &Turn) -> Option<TrialEnd> {
+        let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
+        stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
+    }
+
+    fn tell(&self, event: Event) {
+        // A caller that no longer listens has stopped caring; the trials go on.
+        let _ = self.events.send(event);
+    }
+}

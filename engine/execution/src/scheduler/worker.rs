@@ -1,0 +1,281 @@
+//! The inside of a worker process: one request a line, one trial a request.
+
+use crate::{
+    store::{RunningTrial, Store},
+    world::{clock, fs},
+};
+use contract::{
+    Error, Recorder, Registry, panics,
+    resources::Share,
+    trial::Trial,
+    trial_end::{EndState, TrialEnd},
+};
+use document::plain_text::brief;
+use serde::{Deserialize, Serialize};
+use std::{
+    io::{BufRead, Write},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
+    time::Duration,
+};
+
+/// A line to a worker.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Message {
+    /// Run a trial.
+    Run(Box<Request>),
+    /// Save a checkpoint of the running trial and leave it.
+    Stop,
+}
+
+/// What a worker is asked.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Request {
+    /// The trial to run.
+    pub trial: Trial,
+    /// The store's folder.
+    pub store: PathBuf,
+    /// Time between two checkpoints.
+    pub checkpoint_every_s: f64,
+    /// The step at which the trial pauses, once that is measured.
+    #[serde(default)]
+    pub until: Option<u64>,
+    /// How long nothing may be heard of a program that trains itself.
+    #[serde(default)]
+    pub stalled_after_s: Option<f64>,
+    /// The share of the machine that the trial has.
+    #[serde(default)]
+    pub share: Share,
+}
+
+/// What a worker says.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reply {
+    /// How far the trial is.
+    Progress {
+        /// Steps done.
+        done: u64,
+        /// Steps in all.
+        total: u64,
+    },
+    /// The trial ended and its end is stored.
+    Ended {
+        /// How.
+        end: TrialEnd,
+    },
+    /// The trial was stopped as asked and will continue from its checkpoint.
+    Stopped,
+    /// The trial has come to its pause.
+    Paused,
+    /// Something that the trial takes cannot be used; the trial stays missing.
+    Unready {
+        /// Which one, and what is wrong with it.
+        reason: String,
+    },
+    /// The store cannot be written; the trial stays missing.
+    StoreRefused {
+        /// What was tried and what the system said.
+        problem: String,
+    },
+}
+
+/// Answers requests until the input ends.
+///
+/// The end of the input while a trial runs means that the program that asked is gone: the process leaves at
+/// once, so that whoever takes the trial over has it alone.
+///
+/// # Errors
+/// Where the other side is gone.
+pub fn serve(
+    registry: &Registry,
+    input: impl BufRead + Send + 'static,
+    mut replies: impl Write,
+) -> Result<(), Error> {
+    let stops = Stops::default();
+    stops.note_signals()?;
+    let (sender, requests) = mpsc::channel();
+    let asked = stops.clone();
+    std::thread::spawn(move || {
+        listen(input, &asked, &sender);
+        std::process::exit(0);
+    });
+    while let Ok(request) = requests.recv() {
+        let reply = run(registry, &request, &stops, &mut replies);
+        let panicked = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
+        let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
+        say(&mut replies, &reply)?;
+        if last {
+            // Code that panicked, or lost what it had started, may have left its memory in any state: the next
+            // trial gets a fresh process.
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Reads messages until the input ends.
+fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) {
+    for line in input.lines() {
+        match line.map(|line| serde_json::from_str(&line)) {
+            Ok(Ok(Message::Stop)) => stops.asked.store(true, Ordering::SeqCst),
+            Ok(Ok(Message::Run(request))) => {
+                stops.asked.store(false, Ordering::SeqCst);
+                stops.signalled.store(false, Ordering::SeqCst);
+                if requests.send(*request).is_err() {
+                    return;
+                }
+            }
+            // Only our own program writes here; what it did not write whole ends the conversation.
+            _ => return,
+        }
+    }
+}
+
+/// The wishes to stop that reach a worker.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Stops {
+    /// The scheduler asks the running trial to save a checkpoint and leave.
+    asked: Arc<AtomicBool>,
+    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began. The
+    /// scheduler answers it; what the trial has started may not have outlived it.
+    signalled: Arc<AtomicBool>,
+}
+
+impl Stops {
+    fn note_signals(&self) -> Result<(), Error> {
+        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+        for signal in [SIGINT, SIGTERM, SIGUSR1] {
+            signal_hook::flag::register(signal, Arc::clone(&self.signalled)).map_err(|source| {
+                Error::Worker {
+                    problem: format!("cannot listen for signals: {source}"),
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    fn has_come(&self) -> bool {
+        self.asked.load(Ordering::SeqCst) || self.signalled.load(Ordering::SeqCst)
+    }
+}
+
+/// Runs a trial and says how it ended.
+pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies: &mut impl Write) -> Reply {
+    match attempt(registry, request, stops, replies) {
+        Ok(reply) => reply,
+        Err(error @ Error::Source { .. }) => Reply::Unready {
+            reason: error.to_string(),
+        },
+        Err(Error::Store { problem }) => Reply::StoreRefused { problem },
+        Err(error) => Reply::StoreRefused {
+            problem: error.to_string(),
+        },
+    }
+}
+
+/// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a
+/// product in it.
+fn attempt(
+    registry: &Registry,
+    request: &Request,
+    stops: &Stops,
+    replies: &mut impl Write,
+) -> Result<Reply, Error> {
+    let (store, trial) = (
+        Store::at(&request.store).by(registry.build.clone()),
+        &request.trial,
+    );
+    let mut told = clock::now();
+    let mut progress = |done, total| {
+        if clock::since(told) > Duration::from_millis(200) {
+            told = clock::now();
+            // A scheduler that is gone shows when the end is told.
+            let _ = say(replies, &Reply::Progress { done, total });
+        }
+    };
+    let folder = store.folder(&trial.id);
+    fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+    let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
+    let stop = Arc::clone(&stops.asked);
+    let patience = request.stalled_after_s.map(Duration::try_from_secs_f64);
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, stop)
+        .until(request.until)
+        .patient(patience.and_then(Result::ok))
+        .sharing(request.share.clone());
+    let outcome = panics::caught(|| {
+        trial.key.run_after(
+            registry,
+            &|taken| store.product(taken),
+            Some(&folder),
+            &mut progress,
+            &mut keeper,
+        )
+    });
+    answered(&store, trial, &keeper, outcome, stops)
+}
+
+/// Stores the outcome of a trial and says it.
+fn answered(
+    store: &Store,
+    trial: &Trial,
+    keeper: &RunningTrial,
+    outcome: Result<Result<Recorder, Error>, String>,
+    stops: &Stops,
+) -> Result<Reply, Error> {
+    let wall_s = keeper.wall_s();
+    let end = |state, reason: &str| TrialEnd {
+        state,
+        reason: brief(reason),
+        wall_s,
+        decision_s: None,
+        digest: String::new(),
+    };
+    let folder = store.folder(&trial.id);
+    let end = match outcome {
+        Ok(Ok(record)) => {
+            let end = store.finish(trial, &record, wall_s)?;
+            RunningTrial::discard(&folder)?;
+            return Ok(Reply::Ended { end });
+        }
+        Ok(Err(Error::Stopped)) => {
+            let Some(record) = keeper.at_pause() else {
+                return Ok(Reply::Stopped);
+            };
+            store.keep_partial(trial, end(EndState::Paused, ""), record)?;
+            return Ok(Reply::Paused);
+        }
+        Ok(Err(error @ (Error::Store { .. } | Error::Source { .. }))) => return Err(error),
+        Ok(Err(error @ Error::NotFinite { .. })) => {
+            let end = end(EndState::Nan, &error.to_string());
+            // Searches that pause trials compare it with others up to where it could be compared.
+            store.keep_partial(trial, end.clone(), keeper.before_error())?;
+            end
+        }
+        // A trial that ends with the signal that stops the run has not failed.
+        Ok(Err(_)) | Err(_) if stops.has_come() => return Ok(Reply::Stopped),
+        Ok(Err(error @ Error::Silent { .. })) => end(EndState::Timeout, &error.to_string()),
+        Ok(Err(error @ Error::Ended { .. })) => end(EndState::Killed, &error.to_string()),
+        Ok(Err(error)) => end(EndState::Failed, &error.to_string()),
+        Err(said) => end(EndState::Panicked, &said),
+    };
+    let end = store.acknowledge(trial, end)?;
+    if end.state != EndState::Killed {
+        // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
+        RunningTrial::discard(&folder)?;
+    }
+    Ok(Reply::Ended { end })
+}
+
+fn say(replies: &mut impl Write, reply: &Reply) -> Result<(), Error> {
+    let broken = |problem: String| Error::Worker { problem };
+    let line = serde_json::to_string(reply).map_err(|source| broken(source.to_string()))?;
+    writeln!(replies, "{line}")
+        .and_then(|()| replies.flush())
+        .map_err(|source| broken(source.to_string()))
+}

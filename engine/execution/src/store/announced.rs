@@ -1,0 +1,95 @@
+//! What environments that are not this program's own announced when they were last tried out: with it a study is read
+//! where nothing of it has to run, also on a machine or in a shell that could not make them.
+//!
+//! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is
+//! damaged, or of another program, is passed over.
+
+use super::remade;
+use crate::world::fs;
+use contract::digest;
+use serde::{Serialize, de::DeserializeOwned};
+use std::path::{Path, PathBuf};
+
+/// The folder of the records in a store.
+pub(super) const FOLDER: &str = "environments";
+/// The key of a record with the announcement.
+const KEY: &str = "announced";
+/// Raised whenever an environment of the same config would announce something else.
+const VERSION: u32 = 2;
+
+/// Where the records are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Announcements {
+    store: PathBuf,
+    /// True where a record is taken in the place of the environment.
+    is_believed: bool,
+}
+
+impl Announcements {
+    /// The records of a store.
+    #[must_use]
+    pub fn of(store: &Path) -> Self {
+        Self {
+            store: store.into(),
+            is_believed: true,
+        }
+    }
+
+    /// The same records, where every environment is tried out all the same.
+    #[must_use]
+    pub fn doubted(self) -> Self {
+        Self {
+            is_believed: false,
+            ..self
+        }
+    }
+
+    /// What the environment of an identity announced; `None` where that is not known or not to be believed.
+    pub fn recall<T: DeserializeOwned>(&self, id: &str) -> Option<T> {
+        if !self.is_believed {
+            return None;
+        }
+        remade::recall(&self.place(id), KEY)
+    }
+
+    /// True where there is a store.
+    pub fn has_store(&self) -> bool {
+        fs::is_folder(&self.store)
+    }
+
+    /// Keeps what an environment announced. An announcement that cannot be kept is asked for again.
+    pub fn keep(&self, id: &str, announced: &impl Serialize) {
+        remade::keep(&self.place(id), KEY, announced);
+    }
+
+    fn place(&self, id: &str) -> PathBuf {
+        let program = env!("CARGO_PKG_VERSION");
+        let name = digest::of_bytes(format!("{id} {program} {VERSION}").as_bytes());
+        self.store.join(FOLDER).join(format!("{name}.json"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_announced_is_known_until_it_is_damaged() {
+        let dir = tempfile::tempdir().unwrap();
+        let known = Announcements::of(dir.path());
+        let recalled = |of: &Announcements, id: &str| of.recall::<Vec<String>>(id);
+        assert_eq!(recalled(&known, "a"), None);
+        let told = vec!["level".to_owned()];
+        known.keep("a", &told);
+        assert_eq!(recalled(&known, "a"), Some(told.clone()));
+        assert_eq!(recalled(&known, "b"), None);
+        assert_eq!(recalled(&known.clone().doubted(), "a"), None);
+        let mut text = fs::read(known.place("a")).unwrap();
+        text[16] ^= 1;
+        fs::write(known.place("a"), &text).unwrap();
+        assert_eq!(recalled(&known, "a"), None);
+        known.keep("a", &told);
+        assert_eq!(recalled(&known, "a"), Some(told.clone()));
+        assert!(known.has_store() && !Announcements::of(&dir.path().join("absent")).has_store());
+    }
+}

@@ -1,0 +1,141 @@
+//! Sets aside what is wrong: it is moved into a numbered folder of the store, under its own path, and nothing
+//! is lost.
+
+use super::{
+    Claim, Finding, Findings, Leases, Store, absent_is_fine,
+    fsck::{Check, refuse_links},
+    inside, names, pack,
+};
+use crate::world::fs;
+use contract::{
+    Error,
+    trial_end::{EndState, TrialEnd},
+};
+use rayon::prelude::*;
+use std::{
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+impl Store {
+    /// Those of the trials that ended `ok` whose metrics are not what was acknowledged.
+    #[must_use]
+    pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
+        let is_damaged = |(id, end): &&(&str, &TrialEnd)| {
+            end.state == EndState::Ok && matches!(self.recorded(id, end), Err(Error::Damaged { .. }))
+        };
+        ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
+    }
+
+    /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on
+    /// are left to it.
+    ///
+    /// # Errors
+    /// Where a file cannot be moved.
+    pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
+        refuse_links(self)?;
+        let mut mine = Vec::new();
+        let healed = self.heal_under_leases(ids, leases, &mut mine);
+        let released = mine.iter().try_for_each(|id| leases.release(id));
+        healed.and_then(|found| released.map(|()| found))
+    }
+
+    fn heal_under_leases<'a>(
+        &self,
+        ids: &[&'a str],
+        leases: &Leases,
+        mine: &mut Vec<&'a str>,
+    ) -> Result<Findings, Error> {
+        let mut found = Findings::default();
+        for id in ids {
+            match leases.claim(id) {
+                Ok(Claim::Mine) => {
+                    mine.push(id);
+                    found.findings.extend(self.damage(id));
+                }
+                Ok(Claim::Held(_)) => {}
+                // Whoever runs the trial says what stands in its way.
+                Err(_) if self.obstacle_to_writing(id).is_some() => {}
+                Err(error) => return Err(error),
+            }
+        }
+        found.aside = self.set_aside(&found.findings)?;
+        Ok(found)
+    }
+
+    /// What keeps a trial from counting: damaged files with their acknowledgement, and results without one.
+    fn damage(&self, id: &str) -> Vec<Finding> {
+        let mut check = Check::new(self);
+        let folder = self.folder(id);
+        check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id);
+        let mut findings = check.found.findings;
+        if !findings.iter().any(|finding| finding.trial.is_some()) {
+            // It became whole while its lease was waited for.
+            return Vec::new();
+        }
+        findings.retain(|finding| finding.trial.is_some() || finding.is_result());
+        findings
+    }
+
+    /// Sets aside what was found, which may be nothing.
+    pub(crate) fn aside(&self, findings: Vec<Finding>) -> Result<Findings, Error> {
+        if findings.is_empty() {
+            return Ok(Findings::default());
+        }
+        refuse_links(self)?;
+        Ok(Findings {
+            aside: self.set_aside(&findings)?,
+            findings,
+            ..Findings::default()
+        })
+    }
+
+    /// Moves what was found into a new folder, which it answers, as seen from the store's; `None` where nothing
+    /// is to be moved.
+    pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<Option<PathBuf>, Error> {
+        if !findings.iter().any(|finding| finding.fault.is_moved()) {
+            return Ok(None);
+        }
+        let aside = self.new_folder()?;
+        for finding in findings.iter().filter(|finding| finding.fault.is_moved()) {
+            let to = self.root.join(&aside).join(&finding.path);
+            let folder = to.parent().unwrap_or(&self.root);
+            fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+            if pack::is_path(&finding.path) && inside::is_file(&self.root.join(&finding.path)) {
+                self.salvage(&finding.path, &to)?;
+                continue;
+            }
+            // Another process may have been quicker.
+            absent_is_fine(fs::rename(self.root.join(&finding.path), &to))
+                .map_err(Error::file("set aside as", &to))?;
+        }
+        Ok(Some(aside))
+    }
+
+    /// A numbered folder that no other process has.
+    fn new_folder(&self) -> Result<PathBuf, Error> {
+        let all = self.root.join("aside");
+        if fs::is_taken(&all) && !fs::is_folder(&all) {
+            let problem =
+                "it stands where the store keeps what is set aside: move it out of the store".into();
+            return Err(Error::Damaged { path: all, problem });
+        }
+        fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
+        let mut number = names(&all)?
+            .iter()
+            .filter_map(|name| name.parse::<u64>().ok())
+            .max()
+            .unwrap_or(0);
+        loop {
+            number += 1;
+            let folder = all.join(number.to_string());
+            match fs::create_dir(&folder) {
+                Err(source) if source.kind() == ErrorKind::AlreadyExists => {}
+                outcome => {
+                    outcome.map_err(Error::file("create", &folder))?;
+                    return Ok(Path::new("aside").join(number.to_string()));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! How a trial ended before, kept while it is tried again.
+//!
+//! A trial is tried again by putting its acknowledgement beside its place: it is missing then, whatever
+//! becomes of the process that wanted it, until it has ended anew.
+
+use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
+use crate::world::fs;
+use contract::{Error, trial_end::TrialEnd};
+use std::path::Path;
+
+const NAME: &str = "earlier.json";
+
+impl Store {
+    /// Makes a trial that has ended missing, and keeps its end as the earlier one. Only who holds the trial's
+    /// lease may.
+    ///
+    /// # Errors
+    /// Where the file cannot be renamed.
+    pub fn try_again(&self, id: &str) -> Result<(), Error> {
+        let folder = self.folder(id);
+        let earlier = folder.join(NAME);
+        fs::rename(folder.join("trial.json"), &earlier).map_err(Error::file("rename to", &earlier))?;
+        boundary::pass("after an end is put beside", &earlier);
+        flush(&folder).map_err(Error::file("flush", &folder))
+    }
+
+    /// How a trial ended before that has to be tried again.
+    #[must_use]
+    pub fn earlier(&self, id: &str) -> Option<TrialEnd> {
+        Some(parse(&inside::read(&self.folder(id).join(NAME)).ok()??).ok()?.end)
+    }
+}
+
+/// Removes the earlier end of a trial that has ended anew; mostly there is none.
+pub(super) fn forget(trial: &Path) -> Result<(), Error> {
+    remove(&trial.join(NAME))
+}

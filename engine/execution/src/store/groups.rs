@@ -1,0 +1,146 @@
+//! Looks for many trials of a store at once, group of folders by group of folders.
+//!
+//! A group is listed and the packs are opened once for all its trials, so that nothing is opened in vain; few groups
+//! are held at once.
+
+use super::{
+    Store, StoredTrial, names,
+    pack::{Reader, acknowledged_in, loaded_in, outlined_in, readers},
+};
+use contract::{Error, trial::Trial, trial_result::TrialResult};
+use rayon::prelude::*;
+use std::{
+    borrow::Borrow,
+    collections::{BTreeMap, BTreeSet, HashSet},
+    sync::Arc,
+};
+
+/// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
+const LIST_FROM: usize = 4;
+
+/// So many groups of folders are read before what was found is taken, for each thread.
+const GROUPS_PER_THREAD: usize = 2;
+
+impl Store {
+    /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
+    /// file is not what it should be. Of a trial in a pack, what the pack says of it is believed.
+    pub(super) fn each_stored(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        take: impl FnMut(usize, Result<StoredTrial, Error>),
+    ) {
+        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| outlined_in(packs, &trial.id);
+        self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
+    }
+
+    /// As [`each_stored`](Self::each_stored), with a look at every `trial.json`, in packs too.
+    pub(super) fn each_acknowledged(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        take: impl FnMut(usize, Result<StoredTrial, Error>),
+    ) {
+        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| {
+            acknowledged_in(packs, &trial.id).map(|found| found.map(|(_, stored)| stored))
+        };
+        self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
+    }
+
+    /// Calls `take` with the place of each trial of which something is found, and that or why it cannot be used. Trials
+    /// come group by group, so that few are held at once and a pack is opened once a group.
+    fn each_found<T: Send>(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        in_folder: impl Fn(&Trial) -> Result<Option<T>, Error> + Sync,
+        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error> + Sync,
+        mut take: impl FnMut(usize, Result<T, Error>),
+    ) {
+        let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        for (position, trial) in trials.iter().enumerate() {
+            groups
+                .entry(digits(&trial.borrow().id))
+                .or_default()
+                .push(position);
+        }
+        let groups: Vec<_> = groups.into_iter().collect();
+        let in_group = |(group, positions): &(&str, Vec<usize>)| {
+            let trials = positions
+                .iter()
+                .map(|&position| (position, trials[position].borrow()));
+            self.found_in_group(group, trials.collect(), &in_folder, &in_packs)
+        };
+        for some in groups.chunks(GROUPS_PER_THREAD * rayon::current_num_threads()) {
+            let found: Vec<_> = some.par_iter().flat_map_iter(in_group).collect();
+            found
+                .into_iter()
+                .for_each(|(position, found)| take(position, found));
+        }
+    }
+
+    /// What is found of the trials of one group of folders.
+    fn found_in_group<T>(
+        &self,
+        group: &str,
+        trials: Vec<(usize, &Trial)>,
+        in_folder: impl Fn(&Trial) -> Result<Option<T>, Error>,
+        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error>,
+    ) -> Vec<(usize, Result<T, Error>)> {
+        let folder = self.root.join("trials").join(group);
+        let listed: Option<HashSet<String>> =
+            (trials.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
+        // Packs are looked for after the folders, which trials leave for packs.
+        let packs = self.packs();
+        let mut open = packs.as_ref().ok().and_then(|packs| readers(packs).ok());
+        let mut find = |trial: &Trial| match (&listed, &mut open) {
+            (Some(listed), Some(packs)) if !listed.contains(&trial.id) => in_packs(packs, trial),
+            // What cannot be read is told for each trial.
+            _ => in_folder(trial),
+        };
+        let found = trials
+            .into_iter()
+            .map(|(position, trial)| (position, find(trial).transpose()));
+        found
+            .filter_map(|(position, found)| Some((position, found?)))
+            .collect()
+    }
+
+    /// Each trial with all it recorded, in the order of `trials`. Those that [`Store::load`] refuses are as if they had
+    /// not run; they are given by their places, with why.
+    #[must_use]
+    pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
+        let none = Arc::default();
+        let missing = |trial: &&Arc<Trial>| TrialResult {
+            names: Arc::clone(&none),
+            ..TrialResult::missing(Arc::clone(trial))
+        };
+        let mut all: Vec<TrialResult> = trials.iter().map(missing).collect();
+        let mut unreadable = Vec::new();
+        // Most trials record the same metrics, and those that are missing none.
+        let mut names = BTreeSet::<Arc<Vec<String>>>::new();
+        let each: Vec<&Trial> = trials.iter().map(|trial| &***trial).collect();
+        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| loaded_in(packs, self, &trial.id);
+        self.each_found(
+            &each,
+            |trial| self.loaded(&trial.id),
+            in_packs,
+            |position, loaded| match loaded {
+                Ok((end, table)) => {
+                    let shared = names.get(&table.names).cloned().unwrap_or_else(|| {
+                        let new = Arc::new(table.names);
+                        names.insert(Arc::clone(&new));
+                        new
+                    });
+                    let result = &mut all[position];
+                    (result.end, result.names, result.rows) = (Some(Box::new(end)), shared, table.rows);
+                }
+                Err(error) => unreadable.push((position, error)),
+            },
+        );
+        unreadable.sort_by_key(|(position, _)| *position);
+        (all, unreadable)
+    }
+}
+
+/// The digits of an id that name its group of folders.
+fn digits(id: &str) -> &str {
+    id.get(..2).unwrap_or("00")
+}

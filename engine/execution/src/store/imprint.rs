@@ -1,0 +1,141 @@
+//! The identity of a stored result, by which two copies of it are held against each other.
+
+use super::{METRICS, Store, TrialFile};
+use contract::{Build, trial_end::EndState};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How a trial ended, the digests of what it left, and who computed it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Imprint {
+    /// How it ended.
+    pub state: EndState,
+    /// Digest of the values in the metrics file; empty where there is none.
+    pub digest: String,
+    /// Digests of its products by path inside the trial's folder: of tables of their values, of others of their
+    /// bytes.
+    pub files: BTreeMap<String, String>,
+    /// The source code of the program that computed it, where it said.
+    pub build: Option<Build>,
+    /// When it ended, where the program noted it.
+    pub ended_at: Option<String>,
+    /// True where the agent trained itself, so that honest runs may differ.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub trained_itself: bool,
+}
+
+/// One thing that two copies of a trial do not share.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// `state`, `metrics.parquet` or the path of a product.
+    pub what: String,
+    /// What the first copy has; empty where it has none.
+    pub first: String,
+    /// What the second copy has.
+    pub second: String,
+}
+
+impl Imprint {
+    /// The imprint of an acknowledgement in a store.
+    #[must_use]
+    pub fn of(file: &TrialFile, store: &Store) -> Self {
+        let (mut digest, mut files) = (file.end.digest.clone(), file.files.clone());
+        for (name, values) in store.values_of(file) {
+            match name.as_str() {
+                METRICS => digest = values,
+                _ => drop(files.insert(name, values)),
+            }
+        }
+        Self {
+            state: file.end.state,
+            digest,
+            files,
+            build: file.build.clone(),
+            ended_at: file.ended_at.clone(),
+            trained_itself: file.trained_itself,
+        }
+    }
+
+    /// In what this copy differs from `other`; nothing where both hold the same values. Who computed them, when,
+    /// and in what time are measurements and do not count.
+    #[must_use]
+    pub fn differences(&self, other: &Self) -> Vec<Difference> {
+        let mut found = Vec::new();
+        let mut hold = |what: &str, first: &str, second: &str| {
+            if first != second {
+                found.push(Difference {
+                    what: what.into(),
+                    first: first.into(),
+                    second: second.into(),
+                });
+            }
+        };
+        hold("state", self.state.name(), other.state.name());
+        hold(METRICS, &self.digest, &other.digest);
+        let names: BTreeSet<&String> = self.files.keys().chain(other.files.keys()).collect();
+        for name in names {
+            let digest = |it: &Self| it.files.get(name).cloned().unwrap_or_default();
+            hold(name, &digest(self), &digest(other));
+        }
+        found
+    }
+
+    /// True where two copies that both ended well may differ without damage.
+    #[must_use]
+    pub fn may_differ_from(&self, other: &Self) -> bool {
+        let is_free = |it: &Self| it.trained_itself && it.state == EndState::Ok;
+        is_free(self) && is_free(other)
+    }
+
+    /// Who computed it, in words.
+    #[must_use]
+    pub fn by(&self) -> String {
+        self.build
+            .as_ref()
+            .map_or_else(|| "a program that did not say".into(), ToString::to_string)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn imprint(digest: &str, files: &[(&str, &str)]) -> Imprint {
+        Imprint {
+            state: EndState::Ok,
+            digest: digest.into(),
+            files: files
+                .iter()
+                .map(|(name, digest)| ((*name).into(), (*digest).into()))
+                .collect(),
+            build: None,
+            ended_at: None,
+            trained_itself: false,
+        }
+    }
+
+    #[test]
+    fn builds_and_dates_are_no_difference_and_every_digest_is() {
+        let one = imprint("aa", &[("policy.safetensors", "01")]);
+        let later = Imprint {
+            build: Build::told("0123456789ab", "true"),
+            ended_at: Some("2026-01-01T00:00:00Z".into()),
+            ..one.clone()
+        };
+        assert_eq!(one.differences(&later), []);
+        let other = imprint("bb", &[("policy.safetensors", "02"), ("graph.json", "03")]);
+        let found = one.differences(&other);
+        let words: Vec<(&str, &str, &str)> = found
+            .iter()
+            .map(|it| (it.what.as_str(), it.first.as_str(), it.second.as_str()))
+            .collect();
+        assert_eq!(
+            words,
+            [
+                ("metrics.parquet", "aa", "bb"),
+                ("graph.json", "", "03"),
+                ("policy.safetensors", "01", "02")
+            ]
+        );
+    }
+}

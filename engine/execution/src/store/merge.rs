@@ -1,0 +1,417 @@
+//! Takes the trials of one store into another.
+//!
+//! A trial is taken file by file: each is held against its acknowledged hash, written beside its place, flushed
+//! and renamed, and `trial.json` comes last, with the bytes that it had. So the destination never shows half a
+//! trial, and what was interrupted is taken again. A trial is written under its lease, as one that is computed. What a
+//! trial had recorded at a pause is taken in the same way, where the other store knows less of the trial.
+
+mod pauses;
+
+use super::{
+    Claim, Fault, Finding, Imprint, Leases, OUTPUT, Owner, RunningTrial, Store, TrialFile, earlier,
+    fsck::{Check, refuse_links},
+    inside::{files_of, is_folder, is_link, read_in},
+    lease::is_lease,
+    names, partial,
+    products::flush_within,
+    remove,
+    sealed_folder::flush_way_to,
+    write_durably,
+};
+use crate::world::fs;
+use contract::{
+    Error,
+    digest::of_bytes as hash,
+    trial::TrialKey,
+    trial_end::{EndState, is_missing},
+};
+use serde::Serialize;
+use std::{collections::BTreeMap, path::Path};
+
+/// One of the two stores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    /// The one that is taken from.
+    Source,
+    /// The one that is taken into.
+    Destination,
+}
+
+/// What becomes of a trial of the source.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "fate", rename_all = "snake_case")]
+pub enum Fate {
+    /// It is new, and the destination has it now.
+    Taken,
+    /// The destination had the same bytes.
+    Same,
+    /// The destination has other bytes, which stay.
+    Conflict {
+        /// The metrics of the source.
+        source: Imprint,
+        /// The metrics of the destination.
+        destination: Imprint,
+    },
+    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was
+    /// stored first stays.
+    Another {
+        /// What the source has.
+        source: Imprint,
+        /// What the destination has.
+        destination: Imprint,
+    },
+    /// One of the two copies is not what was acknowledged; nothing was taken.
+    Damaged {
+        /// Whose copy.
+        side: Side,
+        /// What is wrong with it.
+        findings: Vec<Finding>,
+    },
+    /// A living process computes it; nothing was taken.
+    Running {
+        /// In which store.
+        side: Side,
+        /// Which process.
+        owner: Owner,
+    },
+    /// It has not ended in the source, or was killed there from outside.
+    Unfinished,
+}
+
+/// A trial of the source.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Merged {
+    /// Its id.
+    pub trial: String,
+    /// What it is, by the names of its plugins; empty where that cannot be read.
+    pub title: String,
+    /// What became of it.
+    #[serde(flatten)]
+    pub fate: Fate,
+}
+
+/// Trials on their way into a store.
+#[derive(Debug)]
+pub struct Merge<'a> {
+    into: &'a Store,
+    /// `None` where it is only said what would happen.
+    leases: Option<&'a Leases>,
+    /// Trials that a dry run has taken in so far, by id, with their stores.
+    would_have: BTreeMap<String, (TrialFile, Store)>,
+}
+
+/// What a look at a copy shows: its acknowledgement, `None` where it has none, or what is wrong with it.
+type Look = Result<Option<TrialFile>, Vec<Finding>>;
+
+impl<'a> Merge<'a> {
+    /// Trials are taken into `into` under `leases`; without them nothing is written.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where folders of the store are links.
+    pub fn new(into: &'a Store, leases: Option<&'a Leases>) -> Result<Self, Error> {
+        refuse_links(into)?;
+        Ok(Self {
+            into,
+            leases,
+            would_have: BTreeMap::new(),
+        })
+    }
+
+    /// Takes what is new of `source`, trial by trial in the order of ids, each of which is told.
+    ///
+    /// # Errors
+    /// Where a store cannot be read or written.
+    pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
+        refuse_links(source)?;
+        for id in ids(source)? {
+            let fate = self.one(&id, source)?;
+            let title = source
+                .file(&id)
+                .ok()
+                .flatten()
+                .map_or_else(String::new, |file| title(&file.key));
+            told(Merged {
+                trial: id,
+                title,
+                fate,
+            });
+        }
+        Ok(())
+    }
+
+    fn one(&mut self, id: &str, source: &Store) -> Result<Fate, Error> {
+        if let Some(owner) = source.running(id) {
+            let side = Side::Source;
+            return Ok(Fate::Running { side, owner });
+        }
+        let file = match look(source, id)? {
+            Err(findings) => {
+                let side = Side::Source;
+                return Ok(Fate::Damaged { side, findings });
+            }
+            Ok(Some(file)) if !is_missing(Some(&file.end)) => file,
+            Ok(_) => return self.paused(id, source),
+        };
+        if let Some(fate) = self.held_against(id, &file, source)? {
+            return Ok(fate);
+        }
+        match self.leases {
+            None => Ok(self.imagine(id, &file, source)),
+            Some(leases) => self.under_lease(id, source, &file, leases),
+        }
+    }
+
+    /// The fate of a trial that the destination has already; `None` where it is missing there.
+    fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
+        let (here, store) = match self.would_have.get(id) {
+            Some((file, store)) => (file.clone(), store),
+            None => match look(self.into, id)? {
+                Err(findings) => {
+                    let side = Side::Destination;
+                    return Ok(Some(Fate::Damaged { side, findings }));
+                }
+                Ok(Some(here)) if !is_missing(Some(&here.end)) => (here, self.into),
+                Ok(_) => return self.held_against_pause(id, file, source),
+            },
+        };
+        if file.names_same_bytes(&here) {
+            return Ok(Some(Fate::Same));
+        }
+        let (there, here) = (Imprint::of(file, source), Imprint::of(&here, store));
+        if there.differences(&here).is_empty() {
+            return Ok(Some(Fate::Same));
+        }
+        let may_differ = there.may_differ_from(&here);
+        let (source, destination) = (there, here);
+        Ok(Some(if may_differ {
+            Fate::Another { source, destination }
+        } else {
+            Fate::Conflict { source, destination }
+        }))
+    }
+
+    /// What would happen.
+    fn imagine(&mut self, id: &str, file: &TrialFile, source: &Store) -> Fate {
+        if let Some(owner) = self.into.running(id) {
+            let side = Side::Destination;
+            return Fate::Running { side, owner };
+        }
+        self.would_have
+            .insert(id.to_owned(), (file.clone(), source.clone()));
+        Fate::Taken
+    }
+
+    fn under_lease(
+        &self,
+        id: &str,
+        source: &Store,
+        file: &TrialFile,
+        leases: &Leases,
+    ) -> Result<Fate, Error> {
+        leases.beat()?;
+        if let Claim::Held(owner) = leases.claim(id)? {
+            let side = Side::Destination;
+            return Ok(Fate::Running { side, owner });
+        }
+        // Another program may have ended it before the lease was taken.
+        let fate = match self.held_against(id, file, source) {
+            Ok(None) => self.bring(id, source, file),
+            Ok(Some(fate)) => Ok(fate),
+            Err(error) => Err(error),
+        };
+        leases.release(id)?;
+        fate
+    }
+
+    /// Takes one trial whose lease the caller holds already.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
+    pub(super) fn bring_under_own_lease(
+        &self,
+        id: &str,
+        source: &Store,
+        file: &TrialFile,
+    ) -> Result<(), Error> {
+        match self.bring(id, source, file)? {
+            Fate::Damaged { findings, .. } => Err(first_of(source, findings)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Copies a trial, the acknowledgement last.
+    fn bring(&self, id: &str, source: &Store, file: &TrialFile) -> Result<Fate, Error> {
+        let (from, to) = (source.folder(id), self.into.folder(id));
+        let named = acknowledged_files(file);
+        self.clear(id, &named)?;
+        for (name, digest) in &named {
+            let changed = || gone_since(source, id, &from.join(name));
+            let bytes = match read_in(&from, name)? {
+                None if name == "metrics.parquet" => source.metrics_in_pack(id, digest)?,
+                bytes => bytes,
+            };
+            let Some(bytes) = bytes.filter(|bytes| hash(bytes) == *digest) else {
+                return Ok(changed());
+            };
+            let path = to.join(name);
+            let folder = path.parent().unwrap_or(&to);
+            fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+            write_durably(&path, &bytes)?;
+            flush_within(&to, &path)?;
+        }
+        flush_way_to(&to)?;
+        if file.end.state != EndState::Ok
+            && let Some((bytes, there)) = source.partial_bytes(id)?
+            && self.known_of(id, &there, source)?.is_none()
+        {
+            self.into.write_partial(id, &bytes, &there)?;
+        }
+        let Some((text, _)) = source.acknowledged(id)? else {
+            return Ok(gone_since(source, id, &from.join("trial.json")));
+        };
+        write_durably(&to.join("trial.json"), &text)?;
+        if file.end.state == EndState::Ok {
+            partial::forget(&to)?;
+        }
+        RunningTrial::discard(&to)?;
+        earlier::forget(&to)?;
+        Ok(Fate::Taken)
+    }
+
+    /// Clears the place of a trial that the destination lacks: what was never finished is removed, and results
+    /// that no acknowledgement names are set aside, so that none of them is taken for the trial's.
+    fn clear(&self, id: &str, named: &BTreeMap<String, String>) -> Result<(), Error> {
+        let folder = self.into.folder(id);
+        let mut others = Vec::new();
+        for name in files_of(&folder)? {
+            let last = name.rsplit('/').next().unwrap_or(&name);
+            if last.starts_with('.') && last.ends_with(".tmp") {
+                remove(&folder.join(&name))?;
+            } else if !is_lease(&name)
+                && !KEPT.contains(&name.as_str())
+                && partial::step_of(&name).is_none()
+                && !named.contains_key(&name)
+            {
+                others.push(orphan(self.into, &folder.join(&name)));
+            }
+        }
+        if !others.is_empty() {
+            self.into.set_aside(&others)?;
+        }
+        Ok(())
+    }
+}
+
+/// Files of a trial's folder that are there while it is missing.
+const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", OUTPUT];
+
+fn orphan(store: &Store, path: &Path) -> Finding {
+    Finding {
+        path: path.strip_prefix(store.root()).unwrap_or(path).to_owned(),
+        fault: Fault::Orphaned,
+        problem: "the trial was never acknowledged".into(),
+        trial: None,
+    }
+}
+
+/// A file of the source changed between the look at it and its copy.
+fn gone_since(source: &Store, id: &str, path: &Path) -> Fate {
+    let finding = Finding {
+        path: path.strip_prefix(source.root()).unwrap_or(path).to_owned(),
+        fault: Fault::Damaged,
+        problem: "it changed while it was copied".into(),
+        trial: Some(id.to_owned()),
+    };
+    Fate::Damaged {
+        side: Side::Source,
+        findings: vec![finding],
+    }
+}
+
+/// Hashes of everything that an acknowledgement names.
+pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
+    let metrics =
+        (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
+    let output = file.output.clone().map(|digest| (OUTPUT.to_owned(), digest));
+    file.files
+        .clone()
+        .into_iter()
+        .chain(metrics)
+        .chain(output)
+        .collect()
+}
+
+/// A look at every byte of a copy.
+fn look(store: &Store, id: &str) -> Result<Look, Error> {
+    let folder = store.folder(id);
+    let inside = folder.strip_prefix(store.root()).unwrap_or(&folder);
+    if is_link(&folder) {
+        return Ok(Err(vec![Finding {
+            path: inside.to_owned(),
+            fault: Fault::Foreign,
+            problem: "it is a link, which is not followed".into(),
+            trial: Some(id.to_owned()),
+        }]));
+    }
+    let mut check = Check::new(store);
+    check.inspect(inside, id);
+    let mut findings = check.found.findings;
+    findings.retain(|finding| finding.trial.is_some());
+    if findings.is_empty() {
+        Ok(Ok(store.file(id)?))
+    } else {
+        Ok(Err(findings))
+    }
+}
+
+impl Store {
+    /// What a trial left, every byte of which is held against its acknowledged hash; `None` where it has not
+    /// ended.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] for the first file that is not what was acknowledged.
+    pub fn sound(&self, id: &str) -> Result<Option<TrialFile>, Error> {
+        look(self, id)?.map_err(|findings| first_of(self, findings))
+    }
+}
+
+/// The first finding as an error.
+fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
+    let first = findings.into_iter().next();
+    let (path, problem) = first.map_or_else(Default::default, |it| (it.path, it.problem));
+    Error::Damaged {
+        path: store.root().join(path),
+        problem,
+    }
+}
+
+/// Ids of the trials that have a place in a store, in order. What else lies there is none of a store's files,
+/// as `fsck` says.
+fn ids(store: &Store) -> Result<Vec<String>, Error> {
+    let root = store.root().join("trials");
+    let mut ids = Vec::new();
+    for group in names(&root)? {
+        let path = root.join(&group);
+        if is_link(&path) {
+            let problem = "it is a link, and none is followed".into();
+            return Err(Error::Damaged { path, problem });
+        }
+        if is_folder(&path) {
+            let is_id = |name: &String| name.len() == 32 && name.starts_with(&group);
+            ids.extend(names(&path)?.into_iter().filter(is_id));
+        }
+    }
+    for pack in store.packs()? {
+        ids.extend(pack.ids());
+    }
+    ids.sort_unstable();
+    ids.dedup();
+    Ok(ids)
+}
+
+/// What a trial is, by its plugins.
+fn title(key: &TrialKey) -> String {
+    let (environment, agents) = (&key.environment.plugin, key.agents_by_plugin());
+    format!("{environment} {agents} seed {}", key.seed)
+}

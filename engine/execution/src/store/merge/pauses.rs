@@ -1,0 +1,105 @@
+//! Trials that have paused, on their way into another store: what is taken of them, and what is held against it.
+
+use super::{
+    super::{Claim, Imprint, Partial, Store, TrialFile},
+    Fate, Merge, Side, first_of, look,
+};
+use contract::{Error, trial_end::EndState};
+
+impl Merge<'_> {
+    /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it
+    /// went on in another way than it had begun here.
+    pub(super) fn held_against_pause(
+        &self,
+        id: &str,
+        file: &TrialFile,
+        source: &Store,
+    ) -> Result<Option<Fate>, Error> {
+        let (Some(here), EndState::Ok) = (self.into.partial(id)?, file.end.state) else {
+            return Ok(None);
+        };
+        let there = Partial {
+            file: file.clone(),
+            table: source.recorded(id, &file.end)?,
+        };
+        let conflict = || Fate::Conflict {
+            source: Imprint::of(file, source),
+            destination: Imprint::of(&here.file, self.into),
+        };
+        Ok((!here.begins(&there)).then(conflict))
+    }
+
+    /// What becomes of a trial that has not ended in the source: what it had recorded at a pause is taken.
+    pub(super) fn paused(&self, id: &str, source: &Store) -> Result<Fate, Error> {
+        let Some((bytes, there)) = source.partial_bytes(id)? else {
+            return Ok(Fate::Unfinished);
+        };
+        if let Some(fate) = self.known_of(id, &there, source)? {
+            return Ok(fate);
+        }
+        let Some(leases) = self.leases else {
+            return Ok(Fate::Taken);
+        };
+        leases.beat()?;
+        if let Claim::Held(owner) = leases.claim(id)? {
+            let side = Side::Destination;
+            return Ok(Fate::Running { side, owner });
+        }
+        // Another program may have gone on with it before the lease was taken.
+        let fate = match self.known_of(id, &there, source) {
+            Ok(None) => self.into.write_partial(id, &bytes, &there).map(|()| Fate::Taken),
+            Ok(Some(fate)) => Ok(fate),
+            Err(error) => Err(error),
+        };
+        leases.release(id)?;
+        fate
+    }
+
+    /// The fate of a trial that has paused in the source, of which the destination knows as much or more, or something
+    /// else; `None` where it knows less.
+    pub(super) fn known_of(&self, id: &str, there: &Partial, source: &Store) -> Result<Option<Fate>, Error> {
+        let here = match look(self.into, id)? {
+            Err(findings) => {
+                let side = Side::Destination;
+                return Ok(Some(Fate::Damaged { side, findings }));
+            }
+            Ok(Some(file)) if file.end.state == EndState::Ok => Some(Partial {
+                table: self.into.recorded(id, &file.end)?,
+                file,
+            }),
+            Ok(_) => self.into.partial(id)?,
+        };
+        let Some(here) = here else { return Ok(None) };
+        if there.begins(&here) {
+            return Ok(Some(Fate::Same));
+        }
+        let conflict = || Fate::Conflict {
+            source: Imprint::of(&there.file, source),
+            destination: Imprint::of(&here.file, self.into),
+        };
+        Ok((!here.begins(there)).then(conflict))
+    }
+
+    /// Takes what one trial had recorded at a pause, whose lease the caller holds already; false where that is
+    /// known here.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the destination has something else, and where it cannot be read or written.
+    pub(in crate::store) fn pause_under_own_lease(
+        &self,
+        id: &str,
+        bytes: &[u8],
+        there: &Partial,
+    ) -> Result<bool, Error> {
+        // The store is asked for the words of a conflict alone, which are not used here.
+        match self.known_of(id, there, self.into)? {
+            None => self.into.write_partial(id, bytes, there).map(|()| true),
+            Some(Fate::Same) => Ok(false),
+            Some(Fate::Damaged { findings, .. }) => Err(first_of(self.into, findings)),
+            Some(_) => Err(Error::Damaged {
+                path: self.into.folder(id),
+                problem: "what the trial had recorded at a pause elsewhere has other numbers".into(),
+            }),
+        }
+    }
+}

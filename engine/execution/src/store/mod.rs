@@ -1,0 +1,652 @@
+//! The store: what is on disk of every trial, by the trial's id. It is also the queue: what is missing is
+//! what runs.
+//!
+//! ```text
+//! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
+//!                                       trial.json        key, end state, digest of metrics.parquet: the
+//! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
+//! networks.safetensors, dataset/, choice.json, graph.json, images.png   what else it left, see
+//! [`ProductKind`](contract::ProductKind)
+//! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
+//! and a checkpoint, see [`RunningTrial`]
+//! partial-4.parcel  what it had recorded at a pause, or before a number was not finite, see [`Partial`]
+//! ```
+//!
+//! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.
+//!
+//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
+//! without it has not run, whatever else lies in its folder.
+
+mod announced;
+mod aside;
+mod boundary;
+mod bucket;
+mod date;
+mod earlier;
+mod fsck;
+mod groups;
+mod imprint;
+mod index;
+mod inside;
+mod lease;
+mod lending;
+mod merge;
+pub mod metric_log;
+mod obstacle;
+mod owner;
+mod pack;
+mod parcel;
+mod partial;
+mod products;
+mod remade;
+mod repeats;
+mod running;
+mod seal;
+mod sealed_folder;
+mod seen;
+#[cfg(test)]
+mod specimen;
+mod stored_cell;
+mod values;
+
+pub use announced::Announcements;
+pub use boundary::install as install_boundary_hook;
+pub use bucket::Bucket;
+pub(crate) use bucket::BucketLeases;
+use contract::{
+    digest,
+    metrics_file::{self, MetricsTable},
+    trial_end::is_missing,
+};
+pub use date::{now, rfc_3339_of, seconds_of};
+pub use fsck::{Fault, Finding, Findings};
+pub use imprint::{Difference, Imprint};
+pub use index::{Found, StoredTrial};
+pub(crate) use inside::read as read_file;
+use lease::Announcement;
+pub use lease::{Claim, LONGEST_EXPIRY, Leases};
+pub use merge::{Fate, Merge, Merged, Side};
+pub use owner::Owner;
+pub use pack::Packing;
+pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
+pub use partial::Partial;
+pub use running::RunningTrial;
+pub(crate) use sealed_folder::flush_way;
+pub use seen::{Fixed, SeenVerdicts, is_record};
+pub use stored_cell::{StoredCell, Took};
+
+use crate::world::{
+    fs::{self, File},
+    process,
+};
+use contract::{
+    Build, Error, Recorder,
+    trial::{Trial, TrialKey},
+    trial_end::{EndState, TrialEnd},
+    trial_result::TrialResult,
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::BTreeMap,
+    io::{self, Write},
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Trials on disk under one folder.
+#[derive(Debug, Clone)]
+pub struct Store {
+    root: PathBuf,
+    /// What is stored says that a program of this source code computed it.
+    build: Option<Build>,
+    packs: Arc<pack::Packs>,
+    /// By which its trials are shared with other machines.
+    bucket: Option<Bucket>,
+}
+
+/// What `trial.json` holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrialFile {
+    /// Version of this file's form.
+    pub schema: u32,
+    /// Ids of environment, agent and protocol: with them the end can be read without the configs.
+    #[serde(default)]
+    pub parts: Option<[String; 3]>,
+    /// What determined the numbers.
+    pub key: TrialKey,
+    /// How the trial ended.
+    pub end: TrialEnd,
+    /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
+    /// digest holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_at: Option<String>,
+    /// The source code of the program that computed it, where it knew. No id holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
+    /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a
+    /// choice, drawings.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
+    /// Hash of what the trial printed, where that is kept. It is no result: honest runs of one trial differ in it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<String>,
+    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that
+    /// was stored stays.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub trained_itself: bool,
+}
+
+/// The file of what a trial recorded.
+const METRICS: &str = "metrics.parquet";
+
+/// The file in which is kept what a trial printed, packed by gzip.
+pub const OUTPUT: &str = "output.gz";
+
+impl TrialFile {
+    /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
+    #[must_use]
+    pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
+        let parts = Some(trial.key.part_ids());
+        Self {
+            schema: TRIAL_SCHEMA,
+            parts,
+            key: trial.key.clone(),
+            end,
+            ended_at: None,
+            build: None,
+            files,
+            output: None,
+            trained_itself: false,
+        }
+    }
+
+    /// Whether it acknowledges the same bytes as another one: then the values are the same.
+    fn names_same_bytes(&self, other: &Self) -> bool {
+        let named = |it: &Self| (it.end.state, it.end.digest.clone(), it.files.clone());
+        named(self) == named(other)
+    }
+
+    /// The text of the file.
+    ///
+    /// # Errors
+    /// Where a config cannot be written as JSON.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, serde_json::Error> {
+        Ok(seal::sealed(serde_json::to_vec(self)?))
+    }
+}
+
+/// How a trial ended, and what it recorded: nothing unless it ended `ok`.
+type Loaded = (TrialEnd, MetricsTable);
+
+/// The folder of the records of verdicts that were seen.
+const LOOKS: &str = "looks";
+
+/// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
+const TRIAL_SCHEMA: u32 = 2;
+
+impl Store {
+    /// The store under `root`; nothing is created before the first trial ends.
+    #[must_use]
+    pub fn at(root: impl Into<PathBuf>) -> Self {
+        Self {
+            root: root.into(),
+            build: None,
+            packs: Arc::default(),
+            bucket: None,
+        }
+    }
+
+    /// The same store for a program that says which source code it was built from.
+    #[must_use]
+    pub fn by(self, build: Option<Build>) -> Self {
+        Self { build, ..self }
+    }
+
+    /// Where the store lies.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The folder of a trial.
+    #[must_use]
+    pub fn folder(&self, id: &str) -> PathBuf {
+        self.root
+            .join("trials")
+            .join(id.get(..2).unwrap_or("00"))
+            .join(id)
+    }
+
+    /// How a trial ended, or `None` where it has not run.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where its file is not what it should be.
+    pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
+        Ok(self.stored(id)?.map(|trial| trial.end))
+    }
+
+    /// Stores what an `ok` trial recorded and acknowledges it. Doing it twice changes nothing.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
+    pub fn finish(&self, trial: &Trial, record: &Recorder, wall_s: f64) -> Result<TrialEnd, Error> {
+        let folder = self.folder(&trial.id);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let bytes = metrics_file::encode(record, &trial.id)?;
+        write_durably(&folder.join(METRICS), &bytes)?;
+        let end = TrialEnd {
+            state: EndState::Ok,
+            reason: String::new(),
+            wall_s,
+            decision_s: record.decision_s(),
+            digest: digest::of_bytes(&bytes),
+        };
+        self.acknowledge_with(trial, end, products::exported(&folder)?)
+    }
+
+    /// Acknowledges how a trial ended; the end that is stored then. A process that was suspended while it failed
+    /// may go on when another one has computed the trial: an end that holds is kept.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn acknowledge(&self, trial: &Trial, end: TrialEnd) -> Result<TrialEnd, Error> {
+        self.acknowledge_with(trial, end, BTreeMap::new())
+    }
+
+    fn acknowledge_with(
+        &self,
+        trial: &Trial,
+        end: TrialEnd,
+        files: BTreeMap<String, String>,
+    ) -> Result<TrialEnd, Error> {
+        let folder = self.folder(&trial.id);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let (ended_at, build) = (Some(date::now()), self.build.clone());
+        let file = TrialFile {
+            ended_at,
+            build,
+            output: running::settle_output(&folder)?,
+            trained_itself: running::has_work(&folder),
+            ..TrialFile::new(trial, end.clone(), files)
+        };
+        sealed_folder::flush_way_to(&folder)?;
+        let path = folder.join("trial.json");
+        let text = file.to_bytes().map_err(|source| Error::Damaged {
+            path: path.clone(),
+            problem: source.to_string(),
+        })?;
+        let end = if end.state == EndState::Ok {
+            write_durably(&path, &text)?;
+            partial::forget(&folder)?;
+            end
+        } else {
+            self.publish_failure(&trial.id, &path, &text)?.unwrap_or(end)
+        };
+        earlier::forget(&folder)?;
+        Ok(end)
+    }
+
+    /// Puts what says that a trial failed at `path`, unless an end stands there that holds, which is given back. It
+    /// is linked, not renamed: a rename would replace what another process put there in this moment.
+    fn publish_failure(&self, id: &str, path: &Path, text: &[u8]) -> Result<Option<TrialEnd>, Error> {
+        loop {
+            let stored = self.end(id)?;
+            if stored.is_some() && !is_missing(stored.as_ref()) {
+                return Ok(stored);
+            }
+            if stored.is_some() {
+                self.put_missing_end_aside(path)?;
+            }
+            if write_new_durably(path, text)? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Removes the acknowledgement of a trial that was killed, and nothing else.
+    fn put_missing_end_aside(&self, path: &Path) -> Result<(), Error> {
+        let aside = temporary(path);
+        absent_is_fine(fs::rename(path, &aside)).map_err(Error::file("rename to", &aside))?;
+        let moved = inside::read(&aside)?.and_then(|text| index::parse(&text).ok());
+        if moved.is_some_and(|moved| !is_missing(Some(&moved.end))) {
+            // Another process has put it there since it was looked at.
+            return fs::rename(&aside, path).map_err(Error::file("rename to", path));
+        }
+        remove(&aside)
+    }
+
+    /// What acknowledges a trial; `None` where it was not acknowledged.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
+    pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
+        let path = self.folder(id).join("trial.json");
+        let Some((text, _)) = self.acknowledged(id)? else {
+            return Ok(None);
+        };
+        let damaged = |problem: String| Error::Damaged {
+            path: path.clone(),
+            problem,
+        };
+        let file: TrialFile = serde_json::from_slice(&text).map_err(|source| damaged(source.to_string()))?;
+        let own = file.key.id();
+        if own != id {
+            return Err(damaged(format!("it belongs to trial {own}")));
+        }
+        Ok(Some(file))
+    }
+
+    /// A trial with all it recorded.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where a file is not what was acknowledged.
+    pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
+        let mut result = TrialResult::missing(Arc::clone(trial));
+        if let Some((end, table)) = self.loaded(&trial.id)? {
+            (result.end, result.names, result.rows) =
+                (Some(Box::new(end)), Arc::new(table.names), table.rows);
+        }
+        Ok(result)
+    }
+
+    /// How a trial ended and what it recorded; `None` where it has not run.
+    fn loaded(&self, id: &str) -> Result<Option<Loaded>, Error> {
+        let Some(end) = self.end(id)? else {
+            return Ok(None);
+        };
+        let table = self.recorded(id, &end)?;
+        Ok(Some((end, table)))
+    }
+
+    /// What a trial that ended so recorded, from the file that was acknowledged.
+    fn recorded(&self, id: &str, end: &TrialEnd) -> Result<MetricsTable, Error> {
+        self.decoded(id, end, || self.metrics(id, &end.digest))
+    }
+
+    /// What a trial that ended so recorded, whose file `metrics` gives; nothing unless it ended `ok`.
+    fn decoded(
+        &self,
+        id: &str,
+        end: &TrialEnd,
+        metrics: impl FnOnce() -> Result<Vec<u8>, Error>,
+    ) -> Result<MetricsTable, Error> {
+        match end.state {
+            EndState::Ok => metrics_file::decode(metrics()?, &self.folder(id).join(METRICS)),
+            _ => Ok(MetricsTable::default()),
+        }
+    }
+
+    /// Adds to a trial of a search that has not ended `ok` what it had recorded. An earlier program kept what was
+    /// measured at a pause in the log alone, so that of a trial without anything stored the log is read, up to
+    /// what is whole of it.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where what is stored is not what was written.
+    pub fn read_partial(&self, result: &mut TrialResult) -> Result<(), Error> {
+        if result.is_ok() || !result.trial.cell.purpose.is_tried() {
+            return Ok(());
+        }
+        let id = &result.trial.id;
+        let log = || metric_log::read(&self.folder(id).join("running").join("metrics.log"));
+        let table = match self.partial(id)? {
+            Some(partial) => Some(partial.table),
+            None if is_missing(result.end.as_deref()) => log().ok().map(|log| log.table),
+            None => None,
+        };
+        if let Some(table) = table {
+            (result.names, result.rows) = (table.names.into(), table.rows);
+        }
+        Ok(())
+    }
+
+    /// The bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, wherever they lie.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where one is not what was acknowledged, or not there.
+    pub fn files(&self, id: &str) -> Result<[Vec<u8>; 2], Error> {
+        let absent = || Error::Damaged {
+            path: self.folder(id).join("trial.json"),
+            problem: "it is not there".into(),
+        };
+        let (text, stored) = self.acknowledged(id)?.ok_or_else(absent)?;
+        Ok([text, self.metrics(id, &stored.end.digest)?])
+    }
+
+    /// The metrics file of a trial, held against its acknowledged hash.
+    fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
+        let path = self.folder(id).join(METRICS);
+        match inside::read(&path)? {
+            Some(bytes) if digest::of_bytes(&bytes) == digest => Ok(bytes),
+            Some(_) => Err(Error::Damaged {
+                path,
+                problem: "its hash is not the acknowledged one".into(),
+            }),
+            // It may have gone into a pack, also in this moment.
+            None => match self.metrics_in_pack(id, digest)? {
+                Some(bytes) => Ok(bytes),
+                None => Err(self.without_metrics(id, path)),
+            },
+        }
+    }
+}
+
+/// Folders of which a store has at least one, unless it is empty.
+const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
+
+/// What keeps a folder from being a store, as a phrase; `None` where it is one, or empty. What checks and moves files
+/// asks before it does.
+///
+/// # Errors
+/// [`Error::File`] where the folder cannot be read.
+pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
+    if !fs::is_folder(root) {
+        return Ok(Some(format!("there is no store at `{}`", root.display())));
+    }
+    let names = names(root)?;
+    let is_one = names.is_empty() || names.iter().any(|name| FOLDERS.contains(&name.as_str()));
+    Ok((!is_one).then(|| {
+        format!(
+            "`{}` is no store: it has other files, and no folder `{}` as a store has",
+            root.display(),
+            FOLDERS.join("`, `")
+        )
+    }))
+}
+
+/// Names in a folder, in order; none where there is no folder.
+///
+/// # Errors
+/// [`Error::File`] where it cannot be read.
+pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(Error::file("read", folder)(source)),
+    };
+    let mut names = Vec::new();
+    for entry in entries {
+        names.push(
+            entry
+                .map_err(Error::file("read", folder))?
+                .file_name()
+                .to_string_lossy()
+                .into_owned(),
+        );
+    }
+    names.sort_unstable();
+    Ok(names)
+}
+
+/// Writes a file so that after a crash it is either the old one or the whole new one.
+///
+/// # Errors
+/// Where the folder or the file cannot be written.
+pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let temporary = write_beside(path, bytes)?;
+    fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
+    flush_folder_of(path)
+}
+
+/// The same for a file that is not there yet; false where it is, and stays as it is.
+fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
+    let temporary = write_beside(path, bytes)?;
+    let is_new = match fs::hard_link(&temporary, path) {
+        Ok(()) => true,
+        Err(source) if source.kind() == io::ErrorKind::AlreadyExists => false,
+        Err(source) => {
+            let _ = fs::remove_file(&temporary);
+            return Err(Error::file("link", path)(source));
+        }
+    };
+    remove(&temporary)?;
+    flush_folder_of(path)?;
+    Ok(is_new)
+}
+
+/// The name under which this process writes a file before it stands at its place. The process id keeps two
+/// processes that write the same trial apart.
+fn temporary(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.{}.tmp", process::id()))
+}
+
+fn write_beside(path: &Path, bytes: &[u8]) -> Result<PathBuf, Error> {
+    let temporary = temporary(path);
+    boundary::pass("before a file is created", path);
+    let written = write_flushed(&temporary, path, bytes);
+    if written.is_err() {
+        // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
+        let _ = fs::remove_file(&temporary);
+    }
+    written.map(|()| temporary)
+}
+
+/// Brings the name of a file to the disk.
+fn flush_folder_of(path: &Path) -> Result<(), Error> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    boundary::pass("after a file is renamed", path);
+    sealed_folder::flush(folder).map_err(Error::file("flush", folder))?;
+    boundary::pass("after a folder is flushed", path);
+    Ok(())
+}
+
+fn write_flushed(temporary: &Path, path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let mut file = File::create(temporary).map_err(Error::file("create", temporary))?;
+    let (first, second) = bytes.split_at(bytes.len() / 2);
+    file.write_all(first).map_err(Error::file("write", temporary))?;
+    boundary::pass("after half of a file is written", path);
+    file.write_all(second).map_err(Error::file("write", temporary))?;
+    boundary::pass("after a file is written", path);
+    file.sync_all().map_err(Error::file("flush", temporary))?;
+    boundary::pass("after a file is flushed", path);
+    Ok(())
+}
+
+/// Removes a file; that it is gone already is as good.
+fn remove(path: &Path) -> Result<(), Error> {
+    absent_is_fine(fs::remove_file(path)).map_err(Error::file("remove", path))
+}
+
+pub(crate) fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
+    outcome.or_else(|source| {
+        if source.kind() == io::ErrorKind::NotFound {
+            Ok(())
+        } else {
+            Err(source)
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use contract::Phase;
+
+    fn trial(seed: u64) -> Trial {
+        specimen::trial(4, seed)
+    }
+
+    fn record() -> Recorder {
+        let mut record = Recorder::default();
+        record.add(Phase::Evaluate, 1000, 0, 0, "return", 0.1 + 0.2);
+        record.add(Phase::Final, 2000, 3, 1, "cycle_length", -7.0);
+        record
+    }
+
+    #[test]
+    fn what_was_recorded_comes_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        assert_eq!(store.end(&trial(1).id).unwrap(), None);
+        let first = store.finish(&trial(1), &record(), 1.0).unwrap();
+        let second = store.finish(&trial(1), &record(), 2.0).unwrap();
+        assert_eq!(first.digest, second.digest);
+        assert!(
+            store
+                .stored(&trial(1).id)
+                .unwrap()
+                .unwrap()
+                .ended_at
+                .is_some_and(|date| date.ends_with('Z'))
+        );
+        let loaded = store.load(&trial(1).into()).unwrap();
+        assert_eq!(loaded.rows, record().rows());
+        assert_eq!(*loaded.names, record().names());
+    }
+
+    fn ended(state: EndState) -> TrialEnd {
+        TrialEnd {
+            state,
+            reason: "told".into(),
+            wall_s: 1.0,
+            decision_s: None,
+            digest: String::new(),
+        }
+    }
+
+    #[test]
+    fn a_failure_takes_the_place_of_a_kill_and_of_no_end_that_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let (killed, failed) = (ended(EndState::Killed), ended(EndState::Failed));
+        let say = |end: &TrialEnd| store.acknowledge(&trial(1), end.clone()).unwrap();
+        assert_eq!(say(&killed), killed);
+        assert_eq!(say(&failed), failed);
+        assert_eq!(say(&killed), failed);
+        let ok = store.finish(&trial(1), &record(), 1.0).unwrap();
+        assert_eq!(store.acknowledge(&trial(1), failed).unwrap(), ok);
+        assert_eq!(store.end(&trial(1).id).unwrap(), Some(ok));
+        let names = names(&store.folder(&trial(1).id)).unwrap();
+        assert_eq!(names, ["metrics.parquet", "trial.json"]);
+    }
+
+    #[test]
+    fn a_changed_byte_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        store.finish(&trial(1), &record(), 1.0).unwrap();
+        let path = store.folder(&trial(1).id).join(METRICS);
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(&path, bytes).unwrap();
+        assert!(matches!(store.load(&trial(1).into()), Err(Error::Damaged { .. })));
+    }
+
+    #[test]
+    fn a_file_of_another_trial_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        store.finish(&trial(1), &record(), 1.0).unwrap();
+        fs::create_dir_all(store.folder(&trial(2).id)).unwrap();
+        fs::copy(
+            store.folder(&trial(1).id).join("trial.json"),
+            store.folder(&trial(2).id).join("trial.json"),
+        )
+        .unwrap();
+        assert!(matches!(store.end(&trial(2).id), Err(Error::Damaged { .. })));
+    }
+}

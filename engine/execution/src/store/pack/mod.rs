@@ -1,0 +1,387 @@
+//! Packs: files that hold many short trials, so that a store of very many has few files.
+//!
+//! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left nothing
+//! else, bit by bit, and is named by the hash of all that it holds. The same of a trial that has paused, of which
+//! nothing else is left, may lie there too; it counts as long as the trial has not ended. A pack is written once
+//! and never changed. Whatever has a folder of its own is read from there: packs come second, so that a trial may
+//! be in both, and one whose place in a pack is damaged runs again as one that is missing.
+
+mod at_end;
+mod form;
+mod outline;
+mod packing;
+mod salvage;
+#[cfg(test)]
+mod tests;
+
+use contract::digest;
+pub use packing::Packing;
+
+use super::{Loaded, Store, StoredTrial, index::parse, inside, names};
+use crate::world::fs::File;
+use contract::{Error, trial_end::EndState};
+use form::{Entry, id_of, number};
+use outline::OUTLINE_LENGTH;
+use std::{
+    collections::BTreeMap,
+    io::{self, BufReader, Read, Seek, SeekFrom},
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+/// The folder of packs in a store.
+pub(super) const FOLDER: &str = "packs";
+const ENDING: &str = ".pack";
+
+/// The packs of a store as they were last seen, by name.
+#[derive(Debug, Default)]
+pub(super) struct Packs(Mutex<BTreeMap<String, Arc<Pack>>>);
+
+/// A pack that was opened.
+#[derive(Debug)]
+pub(super) struct Pack {
+    path: PathBuf,
+    index: form::Index,
+}
+
+/// A short trial, as packs hold it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Short {
+    /// `trial.json`.
+    pub(super) acknowledgement: Vec<u8>,
+    /// `metrics.parquet`.
+    pub(super) metrics: Vec<u8>,
+}
+
+impl Short {
+    /// True where it is this trial as it was acknowledged.
+    fn is_whole(&self, id: &str) -> bool {
+        self.state(id).is_some()
+    }
+
+    /// Whether this trial ended `ok` or has paused; `None` where it is not as it was acknowledged.
+    fn state(&self, id: &str) -> Option<EndState> {
+        let trial = parse(&self.acknowledgement)
+            .ok()
+            .filter(|trial| trial.id() == id)?;
+        let is_whole = digest::of_bytes(&self.metrics) == trial.end.digest;
+        Some(trial.end.state).filter(|state| is_whole && matches!(state, EndState::Ok | EndState::Paused))
+    }
+}
+
+impl Store {
+    /// The packs that are there now.
+    ///
+    /// # Errors
+    /// Where one cannot be read.
+    pub(super) fn packs(&self) -> Result<Vec<Arc<Pack>>, Error> {
+        let folder = self.root.join(FOLDER);
+        let there = names(&folder)?;
+        let mut known = lock(&self.packs.0);
+        known.retain(|name, _| there.contains(name));
+        for name in there.into_iter().filter(|name| is_pack(name)) {
+            if !known.contains_key(&name)
+                && let Some(pack) = Pack::open(&folder.join(&name))?
+            {
+                known.insert(name, Arc::new(pack));
+            }
+        }
+        Ok(known.values().cloned().collect())
+    }
+
+    /// Reads a pack anew when it is next asked for.
+    fn forget_pack(&self, path: &Path) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        lock(&self.packs.0).remove(&*name);
+    }
+
+    /// The packs that have a place for a trial, whatever lies there, inside the store.
+    pub(super) fn packs_with(&self, id: &str) -> Vec<PathBuf> {
+        let packs = self.packs().unwrap_or_default();
+        let with = packs.iter().filter(|pack| pack.entry(id).is_some());
+        with.map(|pack| {
+            pack.path
+                .strip_prefix(&self.root)
+                .unwrap_or(&pack.path)
+                .to_owned()
+        })
+        .collect()
+    }
+
+    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None`
+    /// where no pack has it.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
+        let packs = self.packs_of(id)?;
+        acknowledged_in(&mut readers(&packs)?, id)
+    }
+
+    /// The metrics of a trial that a pack has with the hash that was acknowledged.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
+        let packs = self.packs_of(id)?;
+        metrics_in(&mut readers(&packs)?, id, digest)
+    }
+
+    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has
+    /// others.
+    pub(super) fn without_metrics(&self, id: &str, path: PathBuf) -> Error {
+        match self.packs_with(id).into_iter().next() {
+            Some(pack) => Error::Damaged {
+                path: self.root.join(pack),
+                problem: format!("the metrics of trial {id} in it are not those that were acknowledged"),
+            },
+            None => Error::Damaged {
+                path,
+                problem: "it is not there".into(),
+            },
+        }
+    }
+
+    /// What packs hold, whole, of a trial that had paused.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<Short>, Error> {
+        let mut found = Vec::new();
+        for pack in self.packs_of(id)? {
+            let held = pack.trial(id)?;
+            found.extend(held.filter(|held| held.state(id) == Some(EndState::Paused)));
+        }
+        Ok(found)
+    }
+
+    /// The packs that have a place for a trial.
+    fn packs_of(&self, id: &str) -> Result<Vec<Arc<Pack>>, Error> {
+        let mut packs = self.packs()?;
+        packs.retain(|pack| pack.entry(id).is_some());
+        Ok(packs)
+    }
+}
+
+/// The text of a `trial.json`, and what it says.
+pub(super) type Acknowledged = (Vec<u8>, StoredTrial);
+
+/// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
+///
+/// # Errors
+/// Where a pack cannot be read.
+pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<Acknowledged>, Error> {
+    for pack in packs {
+        let Some(text) = pack.acknowledgement(id)? else {
+            continue;
+        };
+        let ended = |trial: &StoredTrial| trial.id() == id && trial.end.state != EndState::Paused;
+        if let Some(trial) = parse(&text).ok().filter(ended) {
+            return Ok(Some((text, trial)));
+        }
+    }
+    Ok(None)
+}
+
+/// The end of a trial by the first of these packs that has it, without a look at the trial itself where the
+/// pack has an outline of it: its bytes may be damaged, as its metrics may.
+///
+/// # Errors
+/// Where a pack cannot be read.
+pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
+    for pack in &mut *packs {
+        let told = pack.outline(id)?.filter(|trial| trial.id() == id);
+        if told.is_some() {
+            return Ok(told);
+        }
+    }
+    acknowledged_in(packs, id).map(|found| found.map(|(_, trial)| trial))
+}
+
+/// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
+///
+/// # Errors
+/// Where a pack cannot be read.
+fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
+    for pack in packs {
+        let metrics = pack.metrics(id)?;
+        if let Some(metrics) = metrics.filter(|metrics| digest::of_bytes(metrics) == digest) {
+            return Ok(Some(metrics));
+        }
+    }
+    Ok(None)
+}
+
+/// How a trial ended and what it recorded, from the first of these packs that have it; `None` where none has.
+///
+/// # Errors
+/// Where a pack cannot be read, and [`Error::Damaged`] where nothing in the store is what was acknowledged.
+pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Result<Option<Loaded>, Error> {
+    let Some((_, trial)) = acknowledged_in(packs, id)? else {
+        return Ok(None);
+    };
+    let metrics = || match metrics_in(packs, id, &trial.end.digest)? {
+        Some(metrics) => Ok(metrics),
+        None => store.metrics(id, &trial.end.digest),
+    };
+    let table = store.decoded(id, &trial.end, metrics)?;
+    Ok(Some((trial.end, table)))
+}
+
+/// A pack whose file is open.
+pub(super) struct Reader<'a> {
+    pack: &'a Pack,
+    file: File,
+    /// Outlines that were read, and their places in the index.
+    outlines: (Range<usize>, Vec<u8>),
+}
+
+/// Opens these packs.
+///
+/// # Errors
+/// Where one cannot be read.
+pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
+    packs.iter().map(|pack| pack.reader()).collect()
+}
+
+impl Reader<'_> {
+    /// What the pack says of a trial's end; `None` where it has no outline of it.
+    fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
+        let Some(place) = self.pack.place(id) else {
+            return Ok(None);
+        };
+        if !self.outlines.0.contains(&place) {
+            self.read_outlines(place)?;
+        }
+        let at = place.saturating_sub(self.outlines.0.start) * OUTLINE_LENGTH;
+        let bytes = self.outlines.1.get(at..at + OUTLINE_LENGTH);
+        Ok(bytes.and_then(|bytes| self.pack.index.outlines.trial(bytes)))
+    }
+
+    /// Reads the outlines of all trials whose ids begin as that at `place`: they are asked for together.
+    fn read_outlines(&mut self, place: usize) -> Result<(), Error> {
+        let places = self.pack.neighbours(place);
+        let bytes = match self.pack.index.outlines.bytes_of(&places) {
+            Some((at, length)) => self.bytes(at, length)?,
+            None => Vec::new(),
+        };
+        self.outlines = (places, bytes);
+        Ok(())
+    }
+
+    fn acknowledgement(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        let entry = self.pack.entry(id).copied();
+        entry
+            .map(|entry| self.bytes(entry.at, entry.acknowledgement.into()))
+            .transpose()
+    }
+
+    fn metrics(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        let entry = self.pack.entry(id).copied();
+        let bytes = |entry: Entry| {
+            let at = entry.at.saturating_add(entry.acknowledgement.into());
+            self.bytes(at, entry.metrics.into())
+        };
+        entry.map(bytes).transpose()
+    }
+
+    fn trial_at(&mut self, entry: &Entry) -> Result<Short, Error> {
+        let mut bytes = self.bytes(entry.at, entry.length())?;
+        let metrics = bytes.split_off((entry.acknowledgement as usize).min(bytes.len()));
+        Ok(Short {
+            acknowledgement: bytes,
+            metrics,
+        })
+    }
+
+    fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
+        // What a pack says of its lengths lies inside it, so that no more is asked for than there is.
+        let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or_default());
+        let read = self
+            .file
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| (&mut self.file).take(length).read_to_end(&mut bytes));
+        read.map_err(Error::file("read", &self.pack.path)).map(|_| bytes)
+    }
+}
+
+impl Pack {
+    /// `None` where it is gone.
+    fn open(path: &Path) -> Result<Option<Self>, Error> {
+        if !inside::is_file(path) {
+            return Ok(None);
+        }
+        let file = match File::open(path) {
+            Ok(file) => file,
+            Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(Error::file("read", path)(source)),
+        };
+        let index = form::index(&mut BufReader::new(file)).map_err(Error::file("read", path))?;
+        Ok(Some(Self {
+            path: path.to_owned(),
+            index,
+        }))
+    }
+
+    /// The ids of all trials in it, in order.
+    pub(super) fn ids(&self) -> impl Iterator<Item = String> {
+        self.index.entries.iter().map(|entry| id_of(entry.id))
+    }
+
+    fn entry(&self, id: &str) -> Option<&Entry> {
+        self.place(id).map(|place| &self.index.entries[place])
+    }
+
+    /// Where a trial stands in the index.
+    fn place(&self, id: &str) -> Option<usize> {
+        let id = number(id)?;
+        self.index
+            .entries
+            .binary_search_by_key(&id, |entry| entry.id)
+            .ok()
+    }
+
+    /// The places of the trials that are of one group of folders with that at `place`.
+    fn neighbours(&self, place: usize) -> Range<usize> {
+        let entries = &self.index.entries;
+        let group = |entry: &Entry| entry.id >> (u128::BITS - 8);
+        let own = group(&entries[place]);
+        let begin = entries.partition_point(|entry| group(entry) < own);
+        begin..entries.partition_point(|entry| group(entry) <= own)
+    }
+
+    fn reader(&self) -> Result<Reader<'_>, Error> {
+        let file = File::open(&self.path).map_err(Error::file("read", &self.path))?;
+        Ok(Reader {
+            pack: self,
+            file,
+            outlines: (0..0, Vec::new()),
+        })
+    }
+
+    /// What it holds of a trial, whatever that is worth.
+    pub(super) fn trial(&self, id: &str) -> Result<Option<Short>, Error> {
+        self.entry(id).map(|entry| self.trial_at(entry)).transpose()
+    }
+
+    fn trial_at(&self, entry: &Entry) -> Result<Short, Error> {
+        self.reader()?.trial_at(entry)
+    }
+}
+
+/// True for the path of a pack inside a store.
+pub(super) fn is_path(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.parent() == Some(Path::new(FOLDER)) && is_pack(&name)
+}
+
+/// True for the name of a pack.
+fn is_pack(name: &str) -> bool {
+    name.strip_suffix(ENDING)
+        .is_some_and(|digest| number(digest).is_some())
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

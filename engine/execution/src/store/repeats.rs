@@ -1,0 +1,56 @@
+//! Whether programs repeat, as was found out when a trial of them was computed twice: a file for each such trial.
+
+use super::{Store, names, remade};
+use contract::repeats::Repeats;
+use std::{collections::BTreeMap, path::PathBuf};
+
+/// The folder of these files in a store.
+pub(super) const FOLDER: &str = "repeats";
+/// The key of a file with the answer.
+const KEY: &str = "repeats";
+
+impl Store {
+    /// The answers that are known, by the ids of the trials that were computed twice.
+    #[must_use]
+    pub fn repeats(&self) -> BTreeMap<String, Repeats> {
+        let names = names(&self.root.join(FOLDER)).unwrap_or_default();
+        let ids = names.iter().filter_map(|name| name.strip_suffix(".json"));
+        ids.filter_map(|id| Some((id.to_owned(), remade::recall(&self.repeats_file(id), KEY)?)))
+            .collect()
+    }
+
+    /// Keeps an answer. Where it cannot be kept it is found out again.
+    pub fn keep_repeats(&self, id: &str, repeats: &Repeats) {
+        remade::keep(&self.repeats_file(id), KEY, repeats);
+    }
+
+    fn repeats_file(&self, id: &str) -> PathBuf {
+        self.root.join(FOLDER).join(format!("{id}.json"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn an_answer_is_known_until_it_is_damaged() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::at(dir.path());
+        assert!(store.repeats().is_empty());
+        for repeats in [
+            Repeats::ToTheBit(3),
+            Repeats::Within(-6),
+            Repeats::Unknown("slow".into()),
+        ] {
+            store.keep_repeats("a", &repeats);
+            assert_eq!(store.repeats(), [("a".to_owned(), repeats)].into());
+        }
+        let file = store.repeats_file("a");
+        let mut text = fs::read(&file).unwrap();
+        text[18] ^= 1;
+        fs::write(&file, &text).unwrap();
+        assert!(store.repeats().is_empty());
+    }
+}
