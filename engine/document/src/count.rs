@@ -24,6 +24,21 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// Numbers as ranges, as in `0-2, 5`.
+#[must_use]
+pub fn seed_ranges(seeds: &[u64]) -> String {
+    let range = |run: &[u64]| match run {
+        [first, .., last] => format!("{first}-{last}"),
+        [only] => only.to_string(),
+        [] => String::new(),
+    };
+    seeds
+        .chunk_by(|one, next| one.checked_add(1) == Some(*next))
+        .map(range)
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -38,5 +53,13 @@ mod tests {
             [either(&1_u64, "is", "are"), either(&0_u64, "is", "are")],
             ["is", "are"]
         );
+    }
+
+    #[test]
+    fn seeds_are_written_as_ranges() {
+        assert_eq!(seed_ranges(&[]), "");
+        assert_eq!(seed_ranges(&[4]), "4");
+        assert_eq!(seed_ranges(&[0, 1, 2, 5, 7, 8]), "0-2, 5, 7-8");
+        assert_eq!(seed_ranges(&[u64::MAX]), u64::MAX.to_string());
     }
 }

@@ -8,8 +8,7 @@ use super::{complain, study::Planned};
 use crate::{
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
-    spec::{Relevance, Study},
-    table::Grid,
+    spec::Study,
 };
 use analysis::results::Results;
 use contract::{
@@ -19,6 +18,7 @@ use contract::{
 };
 use document::count::{count, either};
 use execution::store::{self, Fixed, SeenVerdicts, Store};
+use presentation::{claim_spec::Relevance, table::Grid};
 use serde_json::json;
 use statistics::{Reference, Verdict};
 use std::{

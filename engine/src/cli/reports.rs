@@ -357,14 +357,15 @@ fn asks(one: &Planned) -> Asks {
 /// before.
 fn facts(study: &StudyInfo, contents: &Contents, before: &Record) -> BTreeMap<String, FigureFacts> {
     let figures = study.figures.iter().zip(&contents.figures);
-    let of_figure = |((name, spec), (_, chart)): (&(String, crate::figure::FigureSpec), &(String, _))| {
-        let chart: &Result<crate::figure::Chart, String> = chart;
-        let drawn = chart.as_ref().ok().filter(|_| !spec.kind.is_recorded());
-        let facts = drawn
-            .map(FigureFacts::of)
-            .or_else(|| before.figures.get(name).cloned())?;
-        Some((name.clone(), facts))
-    };
+    let of_figure =
+        |((name, spec), (_, chart)): (&(String, presentation::figure::FigureSpec), &(String, _))| {
+            let chart: &Result<presentation::figure::Chart, String> = chart;
+            let drawn = chart.as_ref().ok().filter(|_| !spec.kind.is_recorded());
+            let facts = drawn
+                .map(FigureFacts::of)
+                .or_else(|| before.figures.get(name).cloned())?;
+            Some((name.clone(), facts))
+        };
     figures.filter_map(of_figure).collect()
 }
 

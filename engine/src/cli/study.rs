@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     plan::{self, Estimate, Novelty, Plan, Wanted},
-    spec::{self, ClaimSpec, Study},
+    spec::{self, Study},
 };
 use analysis::{claim, results::SearchResult};
 use contract::{
@@ -28,6 +28,7 @@ use document::{
     diagnostic::{self, Diagnostic, Severity},
 };
 use execution::store::{Announcements, Found, Store};
+use presentation::claim_spec::ClaimSpec;
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},

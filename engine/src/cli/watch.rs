@@ -6,10 +6,7 @@ use super::{
     run, say, settings,
     study::{self, Planned},
 };
-use crate::{
-    figure::FigureKind,
-    watch::{Choice, View, Watched, Watcher, draw, page, plain},
-};
+use crate::watch::{Choice, View, Watched, Watcher, draw, page, plain};
 use analysis::search::Goal;
 use clap::Args;
 use contract::{Better, Error, Registry};
@@ -17,6 +14,7 @@ use execution::{
     store::{self, Store, write_durably},
     world::{clock, fs},
 };
+use presentation::figure::FigureKind;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::{
     collections::BTreeSet,

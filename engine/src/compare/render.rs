@@ -1,7 +1,7 @@
 //! What two sides differ in, as aligned text and as Markdown.
 
 use super::{Compared, Fate, LEVEL, Measured, Named, Pair, Setting};
-use crate::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
+use presentation::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
 use serde_json::Value;
 
 /// Settings that are longer than this are cut.

@@ -1,13 +1,11 @@
 //! One set of results: as a report wrote it into a folder, or as a study's contents are now.
 
 use super::{Named, settings};
-use crate::{
-    report::{Contents, Manifest, Passed, Verdicts, file_slug},
-    table::{Cell, Grid},
-};
+use crate::report::{Contents, Manifest, Passed, Verdicts, file_slug};
 use contract::Error;
 use document::diagnostic::Sources;
 use execution::world::fs;
+use presentation::table::{Cell, Grid};
 use serde::Serialize;
 use serde_json::Value;
 use std::{
@@ -297,10 +295,9 @@ fn input(path: &Path, problem: String) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        report::{StudyInfo, synthetic::study},
-        table::{Axis, Comparison, TableSpec},
-    };
+    use crate::report::StudyInfo;
+    use presentation::table::{Axis, Comparison, TableSpec};
+    use testing::synthetic::study;
 
     fn info() -> StudyInfo {
         let comparison = Comparison {

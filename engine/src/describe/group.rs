@@ -2,11 +2,11 @@
 //! the one that `check` or the readers of a study read.
 
 use super::sections;
-use crate::{figure::FigureKind, kinds::Kind, table::TableKind};
 use analysis::claim::{Aggregate, forms};
 use clap::ValueEnum;
 use contract::{ProductKind, Registry, cast};
 use execution::executor;
+use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 use serde::Serialize;
 
 /// A group of names.

@@ -1,7 +1,7 @@
 //! The keys of a JSON Schema as data: nested structs, lists, mappings and the forms of a choice, to the last one.
 
-use crate::kinds::ELSEWHERE;
 use document::schema_check::View;
+use presentation::kinds::ELSEWHERE;
 use serde::Serialize;
 use serde_json::{Value, json};
 

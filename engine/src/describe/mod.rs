@@ -4,10 +4,11 @@
 //! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas that `check` holds
 //! studies against, so that what is described is what passes.
 
-pub(crate) mod fit;
 mod group;
 mod interface;
 mod key;
+#[cfg(test)]
+mod kinds_contract;
 pub mod markdown;
 mod plugin;
 mod sections;
@@ -15,17 +16,18 @@ mod sections;
 mod tests;
 pub mod text;
 
-pub use fit::{Asked, Unfit};
+use crate::spec::fit;
+pub use crate::spec::fit::{Asked, Unfit};
 pub use group::Group;
 pub use interface::{Channels, SeatFacts, SpaceFacts};
 pub use key::{Form, Key};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
 
-use crate::{figure::FigureKind, kinds::Kind, table::TableKind};
 use analysis::claim::{Aggregate, forms};
 use contract::{Better, Metric, PerEpisode, Preset, ProductKind, Registry};
 use document::{diagnostic, schema_check::View};
 use execution::executor::{self, Kind as ExecutorKind, Way};
+use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};

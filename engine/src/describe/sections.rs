@@ -7,13 +7,14 @@ use super::{
     group::Group,
     key::{self, Form},
 };
-use crate::{figure::FigureKind, kinds::Kind, spec, table::TableKind};
+use crate::spec;
 use analysis::claim::{
     Aggregate,
     forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
 };
 use contract::Registry;
 use document::schema_check::View;
+use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 
 /// One use of a section.
 pub(super) struct Example {

@@ -4,8 +4,8 @@ use super::{
     AgentFacts, Channels, EnvironmentFacts, Form, Group, Key, MetricFacts, ProtocolFacts, SpaceFacts,
     Subject, Unfit, interface::short, names,
 };
-use crate::table::wrap;
 use contract::{Preset, Registry};
+use presentation::table::wrap;
 use serde_json::Value;
 use std::fmt::Write;
 

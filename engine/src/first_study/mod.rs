@@ -8,8 +8,8 @@ mod text;
 pub use error::FirstStudyError;
 
 use crate::{
-    describe::{Asked, fit},
-    spec::{self, Options},
+    describe::Asked,
+    spec::{self, Options, fit},
 };
 use budget::{Budget, searching, training};
 use contract::{

@@ -1,7 +1,7 @@
 //! The text of a first study.
 
 use super::budget::Budget;
-use crate::table::wrap;
+use presentation::table::wrap;
 
 /// What a first study is made of.
 pub(super) struct Pair {

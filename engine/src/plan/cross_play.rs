@@ -2,12 +2,13 @@
 //! them.
 
 use super::{DEVICE, OfCells};
-use crate::spec::{Pairs, Play, Player, Study};
+use crate::spec::Study;
 use analysis::cross_play::title;
 use contract::{
     cast::{Cast, Member, Seating},
     trial::{Purpose, Trial, TrialCell, TrialKey},
 };
+use presentation::catalogue::{Pairs, Play, Player};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.

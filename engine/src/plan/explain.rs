@@ -53,23 +53,8 @@ fn new_seed(out: &mut Formatter<'_>, stored: &BTreeSet<u64>) -> fmt::Result {
     write!(
         out,
         "new seed (stored: {})",
-        seed_ranges(&stored.iter().copied().collect::<Vec<_>>())
+        document::count::seed_ranges(&stored.iter().copied().collect::<Vec<_>>())
     )
-}
-
-/// Numbers as ranges, as in `0-2, 5`.
-#[must_use]
-pub fn seed_ranges(seeds: &[u64]) -> String {
-    let range = |run: &[u64]| match run {
-        [first, .., last] => format!("{first}-{last}"),
-        [only] => only.to_string(),
-        [] => String::new(),
-    };
-    seeds
-        .chunk_by(|one, next| one.checked_add(1) == Some(*next))
-        .map(range)
-        .collect::<Vec<_>>()
-        .join(", ")
 }
 
 /// One line per cell and reason in aligned columns; a single line where one reason holds for every cell
@@ -120,7 +105,7 @@ fn seeds(it: &Novelty) -> String {
     format!(
         "{} {}",
         either(&it.seeds.len(), "seed", "seeds"),
-        seed_ranges(&it.seeds)
+        document::count::seed_ranges(&it.seeds)
     )
 }
 

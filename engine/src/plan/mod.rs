@@ -12,16 +12,17 @@ mod tests;
 
 pub use estimate::{Estimate, estimate};
 pub use execution::store::{StoredCell, Took};
-pub use explain::{explain, seed_ranges, to_json};
+pub use explain::{explain, to_json};
 pub use leaves::Difference;
 pub use novelty::{Novelty, Reason, novelties};
 
-use crate::spec::{Cell, Place, Play, Study};
+use crate::spec::{Cell, Place, Study};
 use contract::{
     cast::{Cast, Member, Seating},
     product::Taken,
     trial::{CellName, Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
+use presentation::catalogue::Play;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

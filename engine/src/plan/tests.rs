@@ -1,8 +1,6 @@
 //! Reasons over keys alone: no store, no registry.
 
-use super::{
-    Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, seed_ranges, to_json,
-};
+use super::{Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, to_json};
 use contract::{
     cast::Seating,
     trial::{Part, Trial, TrialCell, TrialKey},
@@ -58,7 +56,7 @@ fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
 /// The reasons of trials of which none has run.
 fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -> Vec<String> {
     let trials = planned(key, seeds);
-    let line = |it: &Novelty| format!("{}: {}", seed_ranges(&it.seeds), it.reason);
+    let line = |it: &Novelty| format!("{}: {}", document::count::seed_ranges(&it.seeds), it.reason);
     novelties(&trials, &vec![None; trials.len()], stored)
         .iter()
         .map(line)
@@ -215,14 +213,6 @@ fn end_states_are_reasons_of_their_own() {
             stored: BTreeSet::from([0, 1, 2])
         }
     );
-}
-
-#[test]
-fn seeds_are_written_as_ranges() {
-    assert_eq!(seed_ranges(&[]), "");
-    assert_eq!(seed_ranges(&[4]), "4");
-    assert_eq!(seed_ranges(&[0, 1, 2, 5, 7, 8]), "0-2, 5, 7-8");
-    assert_eq!(seed_ranges(&[u64::MAX]), u64::MAX.to_string());
 }
 
 /// Novelties of several cells, as a plan prints them.

@@ -6,11 +6,11 @@ use super::{
     sentence::filled,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
-    spec::summary::Asks,
+use analysis::claim::ClaimOutcome;
+use presentation::{
+    summary::Asks,
     table::{escape_markdown, markdown_row},
 };
-use analysis::claim::ClaimOutcome;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -39,7 +39,7 @@ impl Answered {
     /// The lines of a study; none where it is only tried out.
     pub(super) fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
         let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
-        let line = |answer: &crate::spec::Answer| Self {
+        let line = |answer: &presentation::answers::Answer| Self {
             item: answer.text.item.clone(),
             printed: answer.text.printed.clone(),
             here: filled(&answer.here, contents),
@@ -371,7 +371,7 @@ mod tests {
             passed("claim 1: a.x > b.x in two", "REFUTED"),
             passed("claim 12: a.x > c.x", "REFUTED"),
         ];
-        let found = |text: &str| places(&crate::spec::Summary::asks(text).unwrap(), &verdicts);
+        let found = |text: &str| places(&presentation::summary::Summary::asks(text).unwrap(), &verdicts);
         assert_eq!(found("claim 1"), [2, 3]);
         assert_eq!(found("claim 2"), [0; 0]);
         assert_eq!(found("t: a, b"), [0]);

@@ -4,7 +4,7 @@ use super::{
     ClaimLine, Contents,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::table::{Cell, Grid};
+use presentation::table::{Cell, Grid};
 use statistics::Verdict;
 
 const HEAD: [&str; 4] = ["question", "answer", "value or difference", "published"];

@@ -197,11 +197,11 @@ fn either(numbers: &[u32]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        spec::ClaimSpec,
+    use contract::{trial_end::EndState, trial_result::TrialResult};
+    use presentation::{
+        claim_spec::ClaimSpec,
         table::{Cell, Comparison, Grid, TableSpec},
     };
-    use contract::{trial_end::EndState, trial_result::TrialResult};
     use statistics::Design;
     use testing::synthetic::{ended, trial};
 

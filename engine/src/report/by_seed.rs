@@ -1,8 +1,8 @@
 //! The values of single seeds behind the cells of a table.
 
 use super::sheet::{Entry, NONE, Sheet};
-use crate::table::{Cell, Grid, write_csv};
 use contract::Error;
+use presentation::table::{Cell, Grid, write_csv};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// One line per cell and seed, all digits.
@@ -72,10 +72,8 @@ pub(super) fn sheet(grid: &Grid) -> Sheet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        report::synthetic::study,
-        table::{self, Axis, Comparison},
-    };
+    use presentation::table::{self, Axis, Comparison};
+    use testing::synthetic::study;
 
     fn grid() -> Grid {
         let comparison = Comparison {

@@ -3,9 +3,9 @@
 //! A mean over both describes neither, and its t interval covers too rarely where one seed in fifty collapses.
 
 use super::StudyInfo;
-use crate::table::{Cell, Grid};
 use analysis::{results::Results, training_share::trained};
 use contract::{Better, Phase, trial::CellName};
+use presentation::table::{Cell, Grid};
 use statistics::{MeanEstimate, Share, estimators::mean};
 
 /// A sentence for each value of a table whose seeds split in two; none where numbers are relative to those of an agent.
@@ -105,8 +105,8 @@ impl Split {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table;
     use contract::standard_metrics::UPDATES;
+    use presentation::table;
     use std::collections::BTreeMap;
     use testing::synthetic::trial;
 

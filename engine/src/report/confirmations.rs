@@ -9,13 +9,11 @@ use super::{
     contents::{claim_lines, make_table},
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::{
-    plan::seed_ranges,
-    spec::Confirmation,
-    table::{Cell, Grid},
-};
+use crate::spec::Confirmation;
 use analysis::results::{Cost, Results};
 use contract::trial::CellName;
+use document::count::seed_ranges;
+use presentation::table::{Cell, Grid};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

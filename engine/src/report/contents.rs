@@ -3,15 +3,7 @@
 use super::{
     Alone, FigureFacts, Kept, Manifest, StudyInfo, collapses, confirmations::Confirmed, files, floors,
 };
-use crate::{
-    figure::{self, Chart, FigureSpec},
-    imported::marked,
-    spec::ClaimSpec,
-    table::{
-        self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
-        untrained_in_words,
-    },
-};
+use crate::imported::marked;
 use analysis::{
     claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},
     cross_play::Encounters,
@@ -22,6 +14,14 @@ use contract::{
     standard_metrics::{TIMES_ARE_OF_THE_MACHINE, names_times},
     trial::CellName,
     trial_result::TrialResult,
+};
+use presentation::{
+    claim_spec::ClaimSpec,
+    figure::{self, Chart, FigureSpec},
+    table::{
+        self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
+        untrained_in_words,
+    },
 };
 use serde::Serialize;
 use statistics::{

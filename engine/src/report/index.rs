@@ -7,8 +7,8 @@ use super::{
     sheet::{Entry, NONE, Sheet},
     verdicts::words,
 };
-use crate::table::{escape_html as escape, prose, verdict_word};
 use document::count::duration;
+use presentation::table::{escape_html as escape, prose, verdict_word};
 
 const STYLE: &str = include_str!("index.css");
 

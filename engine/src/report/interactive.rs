@@ -1,7 +1,7 @@
 //! What makes the learning curves of a page answer: their lines as data, and the scripts that plot them. All of it
 //! stands in the page, and the page says the same without it.
 
-use crate::figure::{Chart, plot_data};
+use presentation::figure::{Chart, plot_data};
 use serde_json::Value;
 
 /// Rules of uPlot 1.6.32 as published.

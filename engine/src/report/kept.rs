@@ -2,12 +2,10 @@
 //! a record tells the rest.
 
 use super::files;
-use crate::{
-    figure::{Chart, Shades, is_wide},
-    report::Manifest,
-};
+use crate::report::Manifest;
 use contract::Error;
 use execution::world::fs;
+use presentation::figure::{Chart, Shades, is_wide};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

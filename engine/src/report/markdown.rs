@@ -1,12 +1,12 @@
 //! The report in Markdown.
 
 use super::{Parts, Period, StudyInfo, answers, files, head, legend, sheet::Sheet, stages};
-use crate::{
+use analysis::results::Origin;
+use contract::build::tally;
+use presentation::{
     figure::{Chart, FigureSpec},
     table::{Grid, escape_markdown as escape, markdown, prose},
 };
-use analysis::results::Origin;
-use contract::build::tally;
 
 /// The whole report.
 pub(super) fn report(parts: &Parts<'_>) -> String {

@@ -36,8 +36,6 @@ mod sheet;
 mod stages;
 mod summary;
 #[cfg(test)]
-pub(crate) mod synthetic;
-#[cfg(test)]
 mod tests;
 mod verdicts;
 
@@ -61,13 +59,16 @@ pub use stages::{Stage, Take};
 pub use summary::{summary, tinted};
 pub use verdicts::{Passed, Verdicts};
 
-use crate::{
-    figure::{self, FigureSpec},
-    spec::{Answer, ClaimSpec, Confirmation, Relevance, Repeats, Summary},
-    table::{self, TableSpec},
-};
+use crate::spec::{Confirmation, Repeats};
 use analysis::results::{Ran, Results};
 use contract::{Better, Build, Error};
+use presentation::{
+    answers::Answer,
+    claim_spec::{ClaimSpec, Relevance},
+    figure::{self, FigureSpec},
+    summary::Summary,
+    table::{self, TableSpec},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sheet::Sheet;

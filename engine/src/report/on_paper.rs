@@ -1,7 +1,7 @@
 //! How a table comes to lie on a sheet of paper with all its columns: upright, on a turned sheet, or smaller. A
 //! style sheet cannot ask how wide a table is, so it is estimated from the texts.
 
-use crate::table::{Grid, Heading, Part, published_and_verdict};
+use presentation::table::{Grid, Heading, Part, published_and_verdict};
 use unicode_width::UnicodeWidthStr;
 
 /// Size of text in tables on paper, in points.

@@ -10,7 +10,7 @@ use super::{
     sheet::Sheet,
     stages,
 };
-use crate::{
+use presentation::{
     figure::{Chart, FigureSpec, Shades, on_dark},
     table::{Grid, escape_html as escape, html, prose, verdict_word},
 };

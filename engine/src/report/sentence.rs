@@ -1,11 +1,8 @@
 //! Sentences of a study with the values of its tables and the verdicts on its claims filled in.
 
 use super::{Contents, StudyInfo};
-use crate::{
-    spec::{
-        Summary,
-        summary::{Asks, Lost, OfCell, Piece, locate},
-    },
+use presentation::{
+    summary::{Asks, Lost, OfCell, Piece, Summary, locate},
     table::Heading,
 };
 

@@ -2,7 +2,7 @@
 //! Markdown and the page.
 
 use super::on_paper::{Column, OnPaper};
-use crate::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
+use presentation::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
 
 /// What stands where there is nothing to write.
 pub(super) const NONE: &str = "–";

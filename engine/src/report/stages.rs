@@ -1,8 +1,8 @@
 //! The graph of a study whose trials take from each other: entries, what each takes, and a drawing of it.
 
 use super::sheet::{Entry, NONE, Sheet};
-use crate::table::escape_html as escape;
 use document::count::count;
+use presentation::table::escape_html as escape;
 use serde::Serialize;
 use std::{collections::BTreeSet, fmt::Write};
 

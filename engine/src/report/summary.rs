@@ -1,8 +1,8 @@
 //! The report in short, for a terminal.
 
 use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, sentence, verdicts::words};
-use crate::table::{Grid, terminal, terminal_in_short, wrap};
 use analysis::results::Results;
+use presentation::table::{Grid, terminal, terminal_in_short, wrap};
 use std::path::Path;
 
 /// So many claims stand in the first screen.

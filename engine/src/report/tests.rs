@@ -2,15 +2,7 @@
 
 mod record;
 
-use super::{
-    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary,
-    synthetic::study as recorded, write,
-};
-use crate::{
-    figure::{Bars, FigureSpec, LearningCurve, Trajectory},
-    spec::{ClaimSpec, Summary},
-    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
-};
+use super::{Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary, write};
 use analysis::results::Results;
 use contract::{
     Build, Phase,
@@ -21,6 +13,12 @@ use contract::{
     trial_end::EndState,
     trial_result::TrialResult,
 };
+use presentation::{
+    claim_spec::ClaimSpec,
+    figure::{Bars, FigureSpec, LearningCurve, Trajectory},
+    summary::Summary,
+    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+};
 use serde_json::{Value, json};
 use statistics::Design;
 use std::{
@@ -29,7 +27,7 @@ use std::{
     path::Path,
     sync::Arc,
 };
-use testing::synthetic::{AGENTS, ended, trial};
+use testing::synthetic::{AGENTS, ended, study as recorded, trial};
 
 /// The synthetic results with configs and with the lengths of measured episodes.
 fn results() -> Results {
@@ -379,26 +377,26 @@ fn a_report_of_nothing_says_so() {
 fn a_drawing_that_is_refused_costs_its_figure_alone() {
     let (info, results) = (info(), results());
     let mut contents = Contents::of(&info, &results);
-    let broken = crate::figure::Chart {
-        panels: vec![crate::figure::Panel {
-            series: vec![crate::figure::Series {
+    let broken = presentation::figure::Chart {
+        panels: vec![presentation::figure::Panel {
+            series: vec![presentation::figure::Series {
                 label: String::new(),
                 seeds: None,
-                style: crate::figure::Style::default(),
-                shape: crate::figure::Shape::Images(crate::figure::Tiles {
+                style: presentation::figure::Style::default(),
+                shape: presentation::figure::Shape::Images(presentation::figure::Tiles {
                     images: vec![contract::drawing::Image {
                         width: 4,
                         height: 4,
                         pixels: vec![0; 5],
                     }],
                     columns: 1,
-                    ..crate::figure::Tiles::default()
+                    ..presentation::figure::Tiles::default()
                 }),
             }],
-            ..crate::figure::Panel::default()
+            ..presentation::figure::Panel::default()
         }],
         columns: 1,
-        ..crate::figure::Chart::default()
+        ..presentation::figure::Chart::default()
     };
     let name = contents.figures[0].0.clone();
     contents.figures[0].1 = Ok(broken);

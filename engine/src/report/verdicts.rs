@@ -2,9 +2,9 @@
 //! watch over many of them.
 
 use super::{Alone, Answered, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
-use crate::table::{Grid, TableSpec};
 use analysis::{claim::ClaimOutcome, results::Results, training_share};
 use contract::trial_result::TrialResult;
+use presentation::table::{Grid, TableSpec};
 use serde::{Deserialize, Serialize};
 use statistics::{Judgement, TrainingShare, Verdict};
 

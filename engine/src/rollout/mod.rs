@@ -13,9 +13,9 @@ mod replay;
 pub use given::read_actions;
 pub use replay::{replay, trained_agent};
 
-use crate::table::guarded_csv as guarded;
 use columns::Columns;
 use contract::{Action, Agent, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random};
+use presentation::table::guarded_csv as guarded;
 use std::path::Path;
 
 /// Where actions come from.

@@ -1,17 +1,16 @@
 //! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the
 //! built environment and protocol know what trials record.
 
+use super::fit;
 use super::{
     cell::{Cell, Cells},
     cells::Sections,
     config::locate,
-    cross_play::Play,
     facts::Facts,
     known::{self, Form, Resolved},
     path::Target,
     specimens::Specimens,
 };
-use crate::describe::fit;
 use contract::{
     Agent, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     own_training::{Assignment, MEASURED, Measured},
@@ -26,6 +25,7 @@ use contract::{
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
+use presentation::catalogue::{Catalogue, Play};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -36,56 +36,6 @@ use std::{
 const MOST_SETTINGS_BUILT: usize = 200;
 /// When an agent may learn that is not built, or is refused.
 const FROM_THE_FIRST_STEP: u64 = 1;
-
-/// What the trials of a study record, and the names they have.
-#[derive(Debug, Default)]
-pub struct World {
-    /// Names of the environments.
-    pub environments: Vec<String>,
-    /// Names of the agents.
-    pub agents: Vec<String>,
-    /// Metrics by environment and agent; pairs without trials are absent.
-    pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
-    /// What protocols leave for others, by environment and agent.
-    pub left: BTreeMap<(usize, usize), BTreeSet<ProductKind>>,
-    /// Names of what traces hold, by environment.
-    pub traced: BTreeMap<usize, BTreeSet<String>>,
-    /// Points of the sweep, in order; one empty point without a sweep.
-    pub settings: Vec<Arc<str>>,
-    /// The swept keys, each as its last word and as a whole.
-    pub swept: Vec<String>,
-    /// The values of each of them, as words.
-    pub swept_values: BTreeMap<String, Vec<String>>,
-    /// The seeds.
-    pub seeds: Vec<u64>,
-    /// The searches, each with the metric by which it compares settings.
-    pub searches: Vec<(String, String)>,
-    /// Everything that is recorded, each name once.
-    pub metrics: Vec<Metric>,
-    /// Units of what is recorded and traced, by name.
-    pub units: BTreeMap<String, String>,
-    /// The plays of these agents.
-    pub plays: Vec<Play>,
-    /// What can be run and is probably not meant.
-    pub warnings: Vec<Diagnostic>,
-    /// True where an environment was not tried out, since it is known what it announced.
-    pub is_recalled: bool,
-    /// What environments that are not this program's own announced when they were tried out, by id.
-    pub announced: BTreeMap<String, Value>,
-}
-
-impl World {
-    fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
-        let recorded = self.recorded.entry(pair).or_default();
-        for metric in metrics {
-            recorded.insert(metric.name.clone());
-            self.units.insert(metric.name.clone(), metric.unit.clone());
-            if !self.metrics.iter().any(|known| known.name == metric.name) {
-                self.metrics.push(metric.clone());
-            }
-        }
-    }
-}
 
 /// What is known of a built protocol.
 struct Measures {
@@ -149,9 +99,9 @@ enum Given {
 ///
 /// # Errors
 /// What plugins refuse, at the key that they name.
-pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<World, Vec<Diagnostic>> {
+pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Catalogue, Vec<Diagnostic>> {
     let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
-    let mut world = World {
+    let mut world = Catalogue {
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
         seeds: seeds.to_vec(),
@@ -161,7 +111,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Wo
             .map(|it| (it.search.name.clone(), it.search.by.clone()))
             .collect(),
         settings: cells.settings(),
-        ..World::default()
+        ..Catalogue::default()
     };
     for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
         // Settings write a key with its last word, or as a whole where that is not unique.
@@ -222,7 +172,7 @@ fn note(
     facts: &Facts,
     measures: &Measures,
     [of_protocol, of_agent]: [&[Metric]; 2],
-    world: &mut World,
+    world: &mut Catalogue,
 ) {
     let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
     let of_interface = measures.protocol.metrics_of_interface(&facts.interface);
@@ -288,7 +238,7 @@ pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Er
 }
 
 impl<'a> Builder<'a> {
-    fn cell(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
+    fn cell(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
         // What a source is refused for is said where the source is.
         if !self.sources_are_there(cell)? {
             return Ok(());
@@ -353,7 +303,7 @@ impl<'a> Builder<'a> {
         cell: &Cell,
         interface: &Interface,
         first: bool,
-        world: &mut World,
+        world: &mut Catalogue,
     ) -> Outcome<()> {
         let given = given(cell);
         self.learns_as_written(cell)?;
@@ -379,7 +329,12 @@ impl<'a> Builder<'a> {
     }
 
     /// Holds an agent that trains itself against its environment, and notes what it records.
-    fn note_own_training(&mut self, cell: &Cell, built: &mut dyn Agent, world: &mut World) -> Outcome<()> {
+    fn note_own_training(
+        &mut self,
+        cell: &Cell,
+        built: &mut dyn Agent,
+        world: &mut Catalogue,
+    ) -> Outcome<()> {
         let agent = &cell.parts[1];
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let begun = self.config(cell, 0).and_then(|config| {
@@ -443,7 +398,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
-    fn warn_of_short_training(&mut self, cell: &Cell, world: &mut World) {
+    fn warn_of_short_training(&mut self, cell: &Cell, world: &mut Catalogue) {
         let [_, agent, protocol] = &cell.parts;
         let learns_after = self.agents.get(&given(cell)).copied();
         let learns_after = learns_after.unwrap_or(FROM_THE_FIRST_STEP);
@@ -471,7 +426,7 @@ impl<'a> Builder<'a> {
         cell: &Cell,
         pair: (usize, usize),
         of_agent: impl FnOnce() -> Vec<Metric>,
-        world: &mut World,
+        world: &mut Catalogue,
     ) -> Outcome<()> {
         let [environment, _, protocol] = &cell.parts;
         let known = (self.facts(cell), self.protocols.get(protocol.id()));
@@ -632,7 +587,7 @@ impl<'a> Builder<'a> {
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
-    fn protocol(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
+    fn protocol(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
         let resolved = &cell.parts[2];
         if self.protocols.contains_key(resolved.id()) {
             return Ok(());

@@ -8,11 +8,11 @@ use super::{
     ClaimSpec, Study,
     seeds::{SeedPlan, SeedsText},
 };
-use crate::table::TableSpec;
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span},
 };
+use presentation::table::TableSpec;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::spending::Design;

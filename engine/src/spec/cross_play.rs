@@ -14,76 +14,13 @@ use document::{
     diagnostic::{Diagnostic, Span, suggest},
     schema_check::{At, Checker},
 };
+use presentation::catalogue::{Pairs, Play, Player};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Episodes of each trial where a play gives no number.
 pub(super) const EPISODES: u64 = 100;
-
-/// Which seeds of two agents meet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Pairs {
-    /// Seed `k` of one agent meets seed `k` of the others.
-    #[default]
-    Matched,
-    /// Every seed of one meets every seed of the others: `n` seeds of two roles make `n * n` trials.
-    All,
-}
-
-/// Agents of one environment that are set against each other after they were trained.
-#[derive(Debug, Clone)]
-pub struct Play {
-    /// Its name, which stands for the environment in tables and claims.
-    pub name: String,
-    /// Name of the environment in which the agents were trained.
-    pub environment: String,
-    /// Roles in alphabetical order, each with its seats in the order of the environment.
-    pub roles: Vec<(String, Vec<String>)>,
-    /// The agents, in the order of the play.
-    pub players: Vec<Player>,
-    /// Names of what its trials record.
-    pub metrics: BTreeSet<String>,
-    /// The environment in which they meet.
-    pub(crate) arena: Part,
-    /// Episodes of each trial.
-    pub(crate) episodes: u64,
-    /// Which seeds meet.
-    pub(crate) pairs: Pairs,
-    /// How they are measured.
-    pub(crate) protocol: Part,
-    /// The keys that differ between `environment` and `arena`, as given.
-    pub(super) environment_config: Node,
-}
-
-/// An agent of a play.
-#[derive(Debug, Clone)]
-pub struct Player {
-    /// Its name in the study.
-    pub name: String,
-    /// True where a trial trains it.
-    pub learns: bool,
-    /// Index of its cell, whose trials train it.
-    pub(crate) cell: usize,
-}
-
-impl Play {
-    /// Agents by role, for every ordered combination; the first role changes slowest.
-    #[must_use]
-    pub fn combinations(&self) -> Vec<Vec<&Player>> {
-        let mut all: Vec<Vec<&Player>> = vec![Vec::new()];
-        for _ in &self.roles {
-            let longer = |head: Vec<_>| {
-                self.players
-                    .iter()
-                    .map(move |player| [head.clone(), vec![player]].concat())
-            };
-            all = all.into_iter().flat_map(longer).collect();
-        }
-        all
-    }
-}
 
 /// The plays of a study.
 ///

@@ -1,6 +1,6 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
-use super::{builds::World, cells::Sections, seeds::SeedPlan, way::name_written_out};
+use super::{cells::Sections, seeds::SeedPlan, way::name_written_out};
 use crate::imported::{FIRST_SEED, Found, Imported, ImportedText, PatternError, matching, read};
 use analysis::results::Origin;
 use contract::Metric;
@@ -9,6 +9,7 @@ use document::{
     diagnostic::{Diagnostic, Span, suggest},
     reach::{Outside, Reach},
 };
+use presentation::catalogue::Catalogue;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,7 @@ pub(super) fn resolve(
     root: &Node,
     sections: &Sections<'_>,
     plan: &SeedPlan,
-    world: &mut World,
+    world: &mut Catalogue,
 ) -> Result<Vec<Imported>, Vec<Diagnostic>> {
     let Some(section) = root.entry("imported") else {
         return Ok(Vec::new());
@@ -41,7 +42,7 @@ pub(super) fn resolve(
 
 struct Reader<'a> {
     sections: &'a Sections<'a>,
-    world: &'a mut World,
+    world: &'a mut Catalogue,
     found: Vec<Diagnostic>,
 }
 

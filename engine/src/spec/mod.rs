@@ -32,17 +32,16 @@
 //! | `confirmations` | claims that are held against further seeds |
 //! | `way` | from a folder to a file |
 
-mod answers;
 mod blocks;
 mod builds;
 mod cell;
 mod cells;
-mod claims;
 mod config;
 mod confirmations;
 mod cross_play;
 mod editor_schema;
 mod facts;
+pub mod fit;
 mod going_on;
 mod grid;
 mod imported;
@@ -50,7 +49,6 @@ mod include;
 mod json_schema;
 mod known;
 mod lay;
-pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
@@ -59,12 +57,12 @@ mod repeats;
 mod resolved;
 mod schedule;
 mod search;
+mod search_checks;
 mod section;
 mod sections;
 mod seeds;
 mod settings;
 mod specimens;
-pub(crate) mod summary;
 mod sweep;
 mod taking;
 mod tried;
@@ -72,21 +70,24 @@ mod way;
 mod written;
 
 use analysis::search::Progress;
-pub use answers::{Answer, AnswerText};
 pub(crate) use builds::can_learn;
-pub use claims::{ClaimSpec, Relevance};
 pub use confirmations::Confirmation;
-pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
 pub use plugin_config::{load_config, read_config};
+use presentation::{
+    answers::Answer,
+    asked,
+    catalogue::{Catalogue, Play},
+    claim_spec::{ClaimSpec, Relevance},
+    summary::Summary,
+};
 pub use repeats::Repeats;
 pub use resolved::{resolved_yaml, section_yaml};
-pub use summary::Summary;
 pub use taking::Source;
 pub use way::{along, name_from, way};
 
-use crate::{figure::FigureSpec, imported::Imported, table::TableSpec};
+use crate::imported::Imported;
 use analysis::{search::Search, training_share::PaperBudget};
 pub(crate) use cell::{Cell, Cells, Place};
 use cells::{MOST_TRIALS, Sections};
@@ -101,6 +102,7 @@ use execution::{
     limits::{LimitError, Limits},
     store::Announcements,
 };
+use presentation::{figure::FigureSpec, table::TableSpec};
 use seeds::SeedPlan;
 use serde_json::Value;
 use statistics::spending::Design;
@@ -358,9 +360,9 @@ struct Made {
     success: Option<Success>,
     cells: Cells,
     order: Vec<usize>,
-    world: builds::World,
+    world: presentation::catalogue::Catalogue,
     imported: Vec<Imported>,
-    asked: names::Asked,
+    asked: asked::Asked,
     confirm: Vec<Confirmation>,
     resolved: Vec<(String, resolved::Section)>,
     title: String,
@@ -388,7 +390,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
     let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
     let imported = imported::resolve(root, sections, &plan, &mut world).map_err(&with)?;
-    let about_success = names::success(root, success.as_ref(), &mut world, sources);
+    let about_success = asked::success(root, success.as_ref(), &mut world, sources);
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let resolved = resolved::sections(root, sections, &plan, &world.plays);
@@ -396,9 +398,13 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         found.extend(errors);
         root.clone()
     });
-    let asked = names::Asked::read(root, &world, sources, sections.folder);
-    found.extend(about_success.into_iter().chain(names::searches(sections, &world)));
-    found.extend(names::beside_the_source(root, &world, sources));
+    let asked = asked::Asked::read(root, &world, sources, sections.folder);
+    found.extend(
+        about_success
+            .into_iter()
+            .chain(search_checks::searches(sections, &world)),
+    );
+    found.extend(asked::beside_the_source(root, &world, sources));
     found.extend(asked.found.iter().cloned());
     let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
     let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();

@@ -3,19 +3,17 @@
 use super::{
     Study,
     cells::Sections,
-    config,
-    cross_play::Play,
-    imported,
+    config, imported,
     path::Target,
     search::Searched,
     seeds::SeedPlan,
     way::name_written_out,
     written::{Chosen, Named, PartKind, Prepared},
 };
-use crate::{figure::FigureSpec, table::TableSpec};
 use contract::Error;
 use document::{Entry, Node};
 use execution::limits::Limits;
+use presentation::{catalogue::Play, figure::FigureSpec, table::TableSpec};
 use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;

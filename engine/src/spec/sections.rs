@@ -2,19 +2,21 @@
 //! against them before the sections are read one by one, with the positions of what is in them.
 
 use super::{
-    answers::AnswerText,
-    claims::{ClaimSpec, Relevance},
-    confirmations::ConfirmationText,
-    cross_play::{EPISODES, Pairs},
-    search::SearchText,
-    seeds::SeedsText,
+    confirmations::ConfirmationText, cross_play::EPISODES, search::SearchText, seeds::SeedsText,
     sweep::Generator,
 };
-use crate::{figure::FigureSpec, imported::ImportedText, table::TableSpec};
+use crate::imported::ImportedText;
 use analysis::training_share::PaperBudget;
 use contract::trial_result::Success;
 use document::schema_check::{NAME, SLUG};
 use execution::limits::Limits;
+use presentation::{
+    answers::AnswerText,
+    catalogue::Pairs,
+    claim_spec::{ClaimSpec, Relevance},
+    figure::FigureSpec,
+    table::TableSpec,
+};
 use schemars::JsonSchema;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
 use super::*;
-use crate::figure::FigureKind;
 use contract::trial::Trial;
+use presentation::figure::FigureKind;
 use serde_json::json;
 use std::{collections::BTreeSet, sync::Arc};
 use testing::toys::toys;

@@ -12,9 +12,9 @@ pub use page::page;
 pub use screen::{Choice, draw, plain};
 pub use watcher::{Watched, Watcher};
 
-use crate::table::NumberFormat;
 use contract::trial_end::EndState;
 use document::count::duration;
+use presentation::table::NumberFormat;
 use serde::{Serialize, Serializer};
 use statistics::estimators::mean;
 use std::{

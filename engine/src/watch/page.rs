@@ -1,11 +1,11 @@
 //! A view as one self-contained page, which a browser reads again by itself.
 
 use super::{Panel, SeedLine, StudyView, View, in_words, short::shortened};
-use crate::{
+use contract::{Better, Error};
+use presentation::{
     figure::{self, Chart, Point, Scale, Series, Shape, Style},
     table::escape_html,
 };
-use contract::{Better, Error};
 
 /// Columns of a name in the legend.
 const NAME: usize = 60;

@@ -6,7 +6,7 @@ use super::{
     running::{bar, running_lines},
     short::shortened,
 };
-use crate::table::NumberFormat;
+use presentation::table::NumberFormat;
 use ratatui::{
     Frame, Terminal,
     backend::TestBackend,

@@ -1,5 +1,6 @@
 //! Results made by formulas, for the tests of tables, figures and the report.
 
+use analysis::results::Results;
 use contract::{
     Phase,
     cast::Seating,
@@ -108,7 +109,7 @@ pub const AGENTS: [&str; 4] = ["equal", "dsac", "ddpg", "bound"];
 
 /// Two environments, four agents (two of which learn), five seeds; one trial of `ddpg` ran out of memory and
 /// one has not run.
-pub fn study() -> Vec<TrialResult> {
+pub fn study() -> Results {
     let mut trials = Vec::new();
     for (place, environment) in ["four_cells", "eight_cells"].into_iter().enumerate() {
         for (index, agent) in AGENTS.into_iter().enumerate() {
@@ -117,7 +118,7 @@ pub fn study() -> Vec<TrialResult> {
             }
         }
     }
-    trials
+    Results::of(trials)
 }
 
 fn one(environment: &str, place: u64, agent: &str, index: u64, seed: u64) -> TrialResult {

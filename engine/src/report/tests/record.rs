@@ -1,9 +1,10 @@
 //! What a folder of results says of the whole study: causes, verdicts for programs, the sentence, the row.
 
 use super::{CLEAR, claim, info, one_environment, provenance, published, results, two_agents};
-use crate::{
-    report::{Contents, StudyInfo, Verdicts, sentence, write},
-    spec::{ClaimSpec, Summary},
+use crate::report::{Contents, StudyInfo, Verdicts, sentence, write};
+use presentation::{
+    claim_spec::ClaimSpec,
+    summary::Summary,
     table::{Cause, Comparison, TableSpec},
 };
 use std::fs;

@@ -1,0 +1,120 @@
+//! The sentences of a study against its tables and claims.
+
+use super::{Names, claims::Text};
+use crate::{
+    answers::{Answer, AnswerText},
+    summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
+};
+use document::{
+    Node,
+    diagnostic::{Span, suggest},
+};
+
+impl Names<'_> {
+    /// Reads a line of the answers; `None` where it cannot be read, which was said.
+    pub(super) fn answer(&mut self, node: &Node, index: usize, claims: usize) -> Option<Answer> {
+        let at = format!("answers[{index}]");
+        let text: AnswerText = serde_json::from_value(node.to_value()).ok()?;
+        let here = match node.get("here") {
+            Some(here) => self.sentence(here, &format!("{at}.here"), claims)?,
+            None => Summary::default(),
+        };
+        let mut by = Vec::new();
+        for (index, item) in node.get("by").map_or(&[][..], Node::items).iter().enumerate() {
+            let place = (item.span, format!("{at}.by[{index}]"));
+            match Summary::asks(item.as_str()?) {
+                Ok(asks) => {
+                    self.asked(&asks, claims, place);
+                    by.push(asks);
+                }
+                Err(message) => self.say(place, message, "write `claim N`, or `TABLE: ROW, COLUMN`"),
+            }
+        }
+        Some(Answer { text, here, by })
+    }
+
+    /// Checks every placeholder of the sentence; `None` where it cannot be read, which was said. `claims` is
+    /// their number.
+    pub(super) fn sentence(&mut self, node: &Node, at: &str, claims: usize) -> Option<Summary> {
+        let text = Text {
+            text: node.as_str()?,
+            span: node.span,
+            at,
+        };
+        match Summary::parse(text.text) {
+            Err(SummaryError {
+                start,
+                length,
+                message,
+            }) => {
+                self.say(within(&text, start, length), message, PLACEHOLDERS);
+                None
+            }
+            Ok(summary) => {
+                for slot in summary.slots() {
+                    self.asked(&slot.asks, claims, within(&text, slot.start, slot.length));
+                }
+                Some(summary)
+            }
+        }
+    }
+
+    fn asked(&mut self, asks: &Asks, claims: usize, place: (Span, String)) {
+        match asks {
+            Asks::Claim(number) if *number > claims => {
+                let help = match claims {
+                    0 => "write them under `claims`".to_owned(),
+                    _ => format!("it has {claims}, numbered from 1"),
+                };
+                self.say(place, format!("the study has no claim {number}"), help);
+            }
+            Asks::Claim(_) => {}
+            Asks::Cell {
+                table, place: cell, ..
+            } => self.cell(table, cell, place),
+        }
+    }
+
+    fn cell(&mut self, table: &str, cell: &str, place: (Span, String)) {
+        let Some((rows, columns)) = self.shown.get(table) else {
+            let help = suggest(table, self.shown.keys().map(String::as_str));
+            return self.say(place, format!("no table is named `{table}`"), help);
+        };
+        let [rows, columns] =
+            [rows, columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
+        // What is wrong with a table without rows was said.
+        if rows.is_empty() {
+            return;
+        }
+        let (message, help) = match locate(cell, &rows, &columns) {
+            Ok(_) => return,
+            Err(Lost::Row(row)) => (
+                format!("the table `{table}` has no row `{row}`"),
+                suggest(&row, rows),
+            ),
+            Err(Lost::Column(row, _)) if columns.len() < 2 => (
+                format!("the table `{table}` has one column"),
+                format!("write `{{{table}: {}}}`", rows[row]),
+            ),
+            Err(Lost::Column(_, column)) => (
+                format!("the table `{table}` has no column `{column}`"),
+                suggest(&column, columns),
+            ),
+            Err(Lost::WhichColumn) => (
+                format!("the table `{table}` has several columns"),
+                format!("write `{{{table}: {cell}, COLUMN}}`, {}", suggest("", columns)),
+            ),
+        };
+        self.say(place, message, help);
+    }
+}
+
+/// The place of a part of a text that stands on one line as it is read; of the whole text elsewhere.
+fn within(text: &Text<'_>, start: usize, length: usize) -> (Span, String) {
+    let characters = text.text.chars().count();
+    if [characters, characters + 2].contains(&text.span.length) {
+        text.place(start, length)
+    } else {
+        (text.span, text.at.into())
+    }
+}

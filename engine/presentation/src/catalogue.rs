@@ -1,0 +1,126 @@
+//! The names that the tables, figures and claims of a study may use.
+
+use contract::{Metric, ProductKind, trial::Part};
+use document::{Node, diagnostic::Diagnostic};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+
+/// What the trials of a study record, and the names they have.
+#[derive(Debug, Default)]
+pub struct Catalogue {
+    /// Names of the environments.
+    pub environments: Vec<String>,
+    /// Names of the agents.
+    pub agents: Vec<String>,
+    /// Metrics by environment and agent; pairs without trials are absent.
+    pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
+    /// What protocols leave for others, by environment and agent.
+    pub left: BTreeMap<(usize, usize), BTreeSet<ProductKind>>,
+    /// Names of what traces hold, by environment.
+    pub traced: BTreeMap<usize, BTreeSet<String>>,
+    /// Points of the sweep, in order; one empty point without a sweep.
+    pub settings: Vec<Arc<str>>,
+    /// The swept keys, each as its last word and as a whole.
+    pub swept: Vec<String>,
+    /// The values of each of them, as words.
+    pub swept_values: BTreeMap<String, Vec<String>>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+    /// The searches, each with the metric by which it compares settings.
+    pub searches: Vec<(String, String)>,
+    /// Everything that is recorded, each name once.
+    pub metrics: Vec<Metric>,
+    /// Units of what is recorded and traced, by name.
+    pub units: BTreeMap<String, String>,
+    /// The plays of these agents.
+    pub plays: Vec<Play>,
+    /// What can be run and is probably not meant.
+    pub warnings: Vec<Diagnostic>,
+    /// True where an environment was not tried out, since it is known what it announced.
+    pub is_recalled: bool,
+    /// What environments that are not this program's own announced when they were tried out, by id.
+    pub announced: BTreeMap<String, Value>,
+}
+
+impl Catalogue {
+    /// Takes in what the trials of an environment and an agent record.
+    pub fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
+        let recorded = self.recorded.entry(pair).or_default();
+        for metric in metrics {
+            recorded.insert(metric.name.clone());
+            self.units.insert(metric.name.clone(), metric.unit.clone());
+            if !self.metrics.iter().any(|known| known.name == metric.name) {
+                self.metrics.push(metric.clone());
+            }
+        }
+    }
+}
+
+/// Which seeds of two agents meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Pairs {
+    /// Seed `k` of one agent meets seed `k` of the others.
+    #[default]
+    Matched,
+    /// Every seed of one meets every seed of the others: `n` seeds of two roles make `n * n` trials.
+    All,
+}
+
+/// Agents of one environment that are set against each other after they were trained.
+#[derive(Debug, Clone)]
+pub struct Play {
+    /// Its name, which stands for the environment in tables and claims.
+    pub name: String,
+    /// Name of the environment in which the agents were trained.
+    pub environment: String,
+    /// Roles in alphabetical order, each with its seats in the order of the environment.
+    pub roles: Vec<(String, Vec<String>)>,
+    /// The agents, in the order of the play.
+    pub players: Vec<Player>,
+    /// Names of what its trials record.
+    pub metrics: BTreeSet<String>,
+    /// The environment in which they meet.
+    pub arena: Part,
+    /// Episodes of each trial.
+    pub episodes: u64,
+    /// Which seeds meet.
+    pub pairs: Pairs,
+    /// How they are measured.
+    pub protocol: Part,
+    /// The keys that differ between `environment` and `arena`, as given.
+    pub environment_config: Node,
+}
+
+/// An agent of a play.
+#[derive(Debug, Clone)]
+pub struct Player {
+    /// Its name in the study.
+    pub name: String,
+    /// True where a trial trains it.
+    pub learns: bool,
+    /// Index of its cell, whose trials train it.
+    pub cell: usize,
+}
+
+impl Play {
+    /// Agents by role, for every ordered combination; the first role changes slowest.
+    #[must_use]
+    pub fn combinations(&self) -> Vec<Vec<&Player>> {
+        let mut all: Vec<Vec<&Player>> = vec![Vec::new()];
+        for _ in &self.roles {
+            let longer = |head: Vec<_>| {
+                self.players
+                    .iter()
+                    .map(move |player| [head.clone(), vec![player]].concat())
+            };
+            all = all.into_iter().flat_map(longer).collect();
+        }
+        all
+    }
+}

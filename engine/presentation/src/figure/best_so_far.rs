@@ -1,0 +1,155 @@
+//! How a search came to its best setting.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, count, level},
+    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Scale, Series, Shape},
+    searched::Searched,
+};
+use crate::{
+    asked::{Names, Place},
+    table::{Scope, metric_of_search},
+};
+use analysis::search::Goal;
+use contract::Error;
+use document::count::count as count_in_words;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use statistics::Summary;
+
+/// The settings of a search in the order in which they were tried, and the best one so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BestSoFar {
+    /// The search.
+    pub search: String,
+    /// Vertical axis on a logarithmic scale.
+    #[serde(default)]
+    pub log_y: bool,
+}
+
+impl Figure for BestSoFar {
+    fn example() -> &'static str {
+        "{ search: learner_rates }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        metric_of_search(&self.search, names, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        let searched = Searched::of(&self.search, context)?;
+        let search = &searched.result.search;
+        let style = context.style(&search.agent);
+        let values = (0..searched.values.len()).map(|at| (number(&searched, at), searched.values[at]));
+        let tried = Series {
+            label: "settings and the best so far".into(),
+            seeds: None,
+            style,
+            shape: Shape::Curve(Curve {
+                of: CurveOf::Learner,
+                points: best_so_far(values, search.goal),
+                runs: settings(&searched),
+                undrawn: Vec::new(),
+                at_the_ends: None,
+            }),
+        };
+        let fresh = fresh(&searched, context);
+        let of_fresh = fresh.map(|it| level("the best on fresh seeds".into(), style, (it.n, it.n), it.mean));
+        let panel = Panel {
+            x: Scale {
+                label: "settings tried".into(),
+                ..Scale::default()
+            },
+            y: context.scale(spec, &search.by, self.log_y),
+            series: [tried].into_iter().chain(of_fresh).collect(),
+            ..Panel::default()
+        };
+        Ok(Chart {
+            panels: vec![panel],
+            columns: 1,
+            notes: vec![note(&searched, fresh.is_some())],
+            ..Chart::default()
+        })
+    }
+}
+
+/// The number of a setting, from 1.
+fn number(searched: &Searched<'_>, at: usize) -> f64 {
+    count(searched.places[at] + 1)
+}
+
+/// Every setting with its value, as a run of one point that has the name of the setting.
+fn settings(searched: &Searched<'_>) -> Vec<RunLine> {
+    let run = |at: usize| RunLine {
+        name: searched.result.tried[searched.places[at]].setting.clone(),
+        trial: String::new(),
+        points: vec![Point {
+            x: number(searched, at),
+            y: searched.values[at],
+            interval: None,
+        }],
+    };
+    (0..searched.places.len()).map(run).collect()
+}
+
+/// The best of some values, in steps: it holds until a better one comes.
+fn best_so_far(values: impl Iterator<Item = (f64, f64)>, goal: Goal) -> Vec<Point> {
+    let point = |x, y| Point { x, y, interval: None };
+    let mut points: Vec<Point> = Vec::new();
+    for (x, value) in values {
+        let best = points.last().map(|it| it.y);
+        points.extend(best.map(|best| point(x, best)));
+        if best.is_none_or(|best| goal.merit(value) > goal.merit(best)) {
+            points.push(point(x, value));
+        }
+    }
+    points
+}
+
+/// The chosen setting on seeds that the search has not seen; `None` before there are some.
+fn fresh(searched: &Searched<'_>, context: Context<'_>) -> Option<Summary> {
+    let result = searched.result;
+    let trials = result.fresh_trials(&context.results.trials);
+    let finals = Scope { trials }.finals(&result.search.by);
+    Summary::of(&finals.into_values().collect::<Vec<_>>())
+}
+
+fn note(searched: &Searched<'_>, has_fresh: bool) -> String {
+    let seeds = count_in_words(searched.result.search.seeds.len(), "seed");
+    let rest = if has_fresh {
+        "; the dashed line is the chosen setting on seeds that the search has not seen"
+    } else {
+        ""
+    };
+    format!(
+        "Each dot is a setting that went to its end, by {seeds} of the search; the line is the best of them so \
+         far{rest}."
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn steps(goal: Goal) -> Vec<(f64, f64)> {
+        let values = [(1.0, 2.0), (2.0, 1.0), (4.0, 3.0), (6.0, 0.5)];
+        let points = best_so_far(values.into_iter(), goal);
+        points.iter().map(|point| (point.x, point.y)).collect()
+    }
+
+    #[test]
+    fn the_best_holds_until_a_better_one_ends() {
+        let most = [(1.0, 2.0), (2.0, 2.0), (4.0, 2.0), (4.0, 3.0), (6.0, 3.0)];
+        assert_eq!(steps(Goal::Most), most);
+        let least = [
+            (1.0, 2.0),
+            (2.0, 2.0),
+            (2.0, 1.0),
+            (4.0, 1.0),
+            (6.0, 1.0),
+            (6.0, 0.5),
+        ];
+        assert_eq!(steps(Goal::Least), least);
+    }
+}

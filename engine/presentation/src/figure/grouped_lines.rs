@@ -1,0 +1,184 @@
+//! A metric against a swept key: a line per agent and remaining setting, agents without the key as levels.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, by_environment, count, label, label_with_setting, level},
+    chart::{Chart, Point, Scale, Series, Shape},
+};
+use crate::{
+    asked::{Names, Place},
+    table::{Axis, Scope},
+};
+use contract::{Error, setting::word};
+use document::diagnostic::suggest;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use statistics::Summary;
+use std::collections::BTreeMap;
+
+/// A metric against a swept key.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroupedLines {
+    /// The metric on the vertical axis.
+    pub metric: String,
+    /// The swept key on the horizontal axis, as its last word (`learning_rate`).
+    pub x: String,
+    /// Which agents, one line each; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Horizontal axis on a logarithmic scale.
+    pub log_x: bool,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+}
+
+impl Figure for GroupedLines {
+    fn example() -> &'static str {
+        "{ metric: return, x: discount, agents: [learner, rule] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at);
+        names.metric(&self.metric, at, "metric", &picked);
+        check_swept(&self.x, names, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+/// The key is one that the study sweeps.
+fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
+    let swept = &names.world.swept;
+    if swept.is_empty() {
+        names.say(
+            at.value("x"),
+            format!("`x` is `{key}`, but the study has no `sweep`"),
+            "",
+        );
+    } else if !swept.iter().any(|known| known == key) {
+        let help = suggest(key, swept.iter().map(String::as_str));
+        names.say(at.value("x"), format!("no sweep varies `{key}`"), help);
+    }
+}
+
+fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let scope = Scope::of(context.results, &kind.agents, &kind.environments);
+    let categories = categories(&scope, &kind.x);
+    let x = context.scale(spec, &kind.x, kind.log_x && categories.is_empty());
+    let scales = (
+        Scale {
+            categories: categories.clone(),
+            ..x
+        },
+        context.scale(spec, &kind.metric, kind.log_y),
+    );
+    let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
+        let agents = scope.names(Axis::Agent, &kind.agents);
+        let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
+        let alone = agents.iter().filter(is_swept).count() == 1;
+        agents
+            .iter()
+            .flat_map(|agent| {
+                swept(
+                    kind,
+                    spec,
+                    context,
+                    &scope.at(Axis::Agent, agent),
+                    (agent, alone),
+                    &categories,
+                )
+            })
+            .collect()
+    })?;
+    chart.notes.push(
+        "Means over seeds with 95 % intervals; dashed lines across are agents that the key does not concern."
+            .into(),
+    );
+    Ok(chart)
+}
+
+/// The values of the key where not all of them are numbers, in the order of the plan; else none.
+fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
+    let values: Vec<&Value> = scope
+        .trials
+        .iter()
+        .filter_map(|trial| trial.trial.cell.point.get(key))
+        .collect();
+    let mut names: Vec<String> = Vec::new();
+    for name in values
+        .iter()
+        .map(|value| word(value))
+        .filter(|_| !values.iter().all(|value| value.is_number()))
+    {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
+
+/// Points of a line, the fewest seeds of a point, and the seeds planned.
+type Group = (Vec<Point>, usize, usize);
+
+fn swept(
+    kind: &GroupedLines,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    scope: &Scope<'_>,
+    (agent, alone): (&str, bool),
+    categories: &[String],
+) -> Vec<Series> {
+    let mut groups: BTreeMap<Option<String>, Group> = BTreeMap::new();
+    for setting in scope.names(Axis::Setting, &[]) {
+        let scope = scope.at(Axis::Setting, &setting);
+        let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
+        let Some(summary) = Summary::of(&values) else {
+            continue;
+        };
+        // All trials of a setting stand at one point of the sweep.
+        let point = &scope.trials[0].trial.cell.point;
+        let (x, rest) = match point.get(&kind.x) {
+            Some(value) => (
+                position(value, categories),
+                Some(point.without(&kind.x).to_string()),
+            ),
+            None => (0.0, None),
+        };
+        let group = groups.entry(rest).or_insert((Vec::new(), usize::MAX, 0));
+        group.0.push(Point {
+            x,
+            y: summary.mean,
+            interval: summary.interval.map(|interval| (interval.low, interval.high)),
+        });
+        (group.1, group.2) = (group.1.min(summary.n), group.2.max(scope.planned()));
+    }
+    let count = groups.len();
+    let series = |(index, (rest, group)): (usize, (Option<String>, Group))| {
+        let (mut points, n, planned) = group;
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        let style = context.style_of_setting(agent, index, (count, alone));
+        match rest {
+            None => level(label(spec, agent), style, (n, planned), points[0].y),
+            Some(rest) => {
+                let label = label_with_setting(spec, agent, &rest);
+                Series {
+                    label,
+                    seeds: Some((n, planned)),
+                    style,
+                    shape: Shape::MarkedLine(points),
+                }
+            }
+        }
+    };
+    groups.into_iter().enumerate().map(series).collect()
+}
+
+fn position(value: &Value, categories: &[String]) -> f64 {
+    let place = categories.iter().position(|name| *name == word(value));
+    place.map_or_else(|| value.as_f64().unwrap_or(0.0), count)
+}

@@ -1,0 +1,173 @@
+//! A comparison as coloured cells: rows and columns are two swept keys, or any two of what a comparison may have.
+
+use super::{
+    Figure, FigureSpec,
+    axes::{Frame, Range, TEXT},
+    build::Context,
+    chart::{Cells, Chart, Panel, Scale, Series, Shape, Style},
+    layout::count,
+    paint::{Mark, text_width},
+    series::rectangle,
+    style::{INK, Rgb},
+    surface,
+};
+use crate::{
+    asked::{Names, Place},
+    kinds::Contradiction,
+    table::{self, Comparison, Grid, Heading, Intervals, Table},
+};
+use contract::Error;
+use plotters::style::text_anchor::HPos;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// One metric as coloured cells.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HeatMap {
+    /// The table whose cells are coloured. Values that are all numbers rise upwards and to the right.
+    pub of: Comparison,
+}
+
+impl Figure for HeatMap {
+    fn example() -> &'static str {
+        "{ of: { rows: agent, columns: environment, value: return, agents: [learner, rule] } }"
+    }
+
+    fn contradiction(value: &Value) -> Option<Contradiction> {
+        Comparison::contradiction(value.get("of")?).map(|it| it.below("of"))
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let of = at.below("of").unwrap_or(at.clone());
+        self.of.check(names, &of, None);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+fn build(kind: &HeatMap, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let grid = table::compare(&kind.of, context.results)?;
+    let (rows, columns) = (order(&grid.rows, true), order(&grid.columns, false));
+    let named = |heading: &Heading| spec.labels.get(&heading.name).unwrap_or(&heading.label).clone();
+    let names =
+        |headings: &[Heading], order: &[usize]| order.iter().map(|at| named(&headings[*at])).collect();
+    let of_cells = |of: &dyn Fn(usize, usize) -> String| -> Vec<Vec<String>> {
+        rows.iter()
+            .map(|row| columns.iter().map(|column| of(*row, *column)).collect())
+            .collect()
+    };
+    let cells = Cells {
+        label: quantity(&grid, context.scale(spec, &kind.of.value, false).label),
+        values: rows
+            .iter()
+            .map(|row| {
+                columns
+                    .iter()
+                    .map(|column| grid.cells[*row][*column].estimate)
+                    .collect()
+            })
+            .collect(),
+        texts: of_cells(&|row, column| short(&grid, row, column)),
+    };
+    let along = |categories, label: String| Scale {
+        categories,
+        label,
+        ..Scale::default()
+    };
+    let column_axis = kind
+        .of
+        .columns
+        .as_ref()
+        .map_or(String::new(), |along| along.name().into_owned());
+    let panel = Panel {
+        series: vec![Series {
+            label: String::new(),
+            seeds: None,
+            style: Style::default(),
+            shape: Shape::Cells(cells),
+        }],
+        x: along(names(&grid.columns, &columns), column_axis.replace('_', " ")),
+        y: along(names(&grid.rows, &rows), grid.corner().replace('_', " ")),
+        ..Panel::default()
+    };
+    Ok(Chart {
+        panels: vec![panel],
+        columns: 1,
+        notes: grid.footnotes(Intervals::NotShown),
+        ..Chart::default()
+    })
+}
+
+/// What the colours are.
+fn quantity(grid: &Grid, of_metric: String) -> String {
+    match grid.quantity.relative {
+        None => of_metric,
+        Some(_) if grid.unit.is_empty() => grid.quantity.label(),
+        Some(_) => format!("{} ({})", grid.quantity.label(), grid.unit),
+    }
+}
+
+/// The headings in the order in which they are drawn, which is that of the table for names, and for numbers
+/// the order of an axis: rows from the highest down, columns from the lowest up.
+fn order(headings: &[Heading], falling: bool) -> Vec<usize> {
+    let numbers: Option<Vec<f64>> = headings.iter().map(|heading| heading.name.parse().ok()).collect();
+    let mut order: Vec<usize> = (0..headings.len()).collect();
+    if let Some(numbers) = numbers {
+        order.sort_by(|one, other| numbers[*one].total_cmp(&numbers[*other]));
+        if falling {
+            order.reverse();
+        }
+    }
+    order
+}
+
+/// The value of a cell, without its interval.
+fn short(grid: &Grid, row: usize, column: usize) -> String {
+    let estimate = grid.cells[row][column].estimate;
+    estimate.map_or_else(|| "–".into(), |value| grid.format.write(value))
+}
+
+/// Paints the cells and their values; what has no value stays white.
+pub(super) fn draw(cells: &Cells, heights: Option<Range>, frame: &Frame, marks: &mut Vec<Mark>) {
+    let Some(heights) = heights else { return };
+    for (row, values) in cells.values.iter().enumerate() {
+        for (column, value) in values.iter().enumerate() {
+            let corner = |right: f64, down: f64| frame.at(count(column) + right, count(row) + down);
+            let color = value.map(|value| surface::color(heights, value));
+            let (from, to) = (corner(-0.5, -0.5), corner(0.5, 0.5));
+            if let Some(color) = color {
+                marks.push(Mark::Fill {
+                    points: rectangle(from, to),
+                    color,
+                    opacity: 1.0,
+                });
+            }
+            let words = &cells.texts[row][column];
+            // A value that does not fit is read from the colour bar and from the figure's file.
+            if text_width(words, TEXT) + 2.0 <= (to.0 - from.0).abs() {
+                marks.push(Mark::Text {
+                    at: corner(0.0, 0.0),
+                    text: words.clone(),
+                    size: TEXT,
+                    align: HPos::Center,
+                    upright: false,
+                    color: color.map_or(INK, on),
+                });
+            }
+        }
+    }
+}
+
+/// Black or white, whichever is read better on a colour.
+fn on((red, green, blue): Rgb) -> Rgb {
+    let lightness = 0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue);
+    if lightness > 140.0 {
+        INK
+    } else {
+        (0xff, 0xff, 0xff)
+    }
+}

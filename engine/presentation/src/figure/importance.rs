@@ -1,0 +1,109 @@
+//! How much the keys of a search matter.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, count, label, problem, spaced},
+    chart::{Chart, Panel, Point, Scale, Series, Shape, Style},
+    searched::Searched,
+};
+use crate::{
+    asked::{Names, Place},
+    table::metric_of_search,
+};
+use analysis::search::importance::{FEWEST, Importance, TREES, importance};
+use contract::Error;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How much each key of a search matters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ImportanceFigure {
+    /// The search.
+    pub search: String,
+    /// How often the values of each key are exchanged.
+    #[serde(default = "twenty")]
+    #[schemars(range(min = 2, max = 1000))]
+    pub exchanges: usize,
+}
+
+fn twenty() -> usize {
+    20
+}
+
+/// A forest that explains less than this of the variance knows too little for its importances.
+const LITTLE: f64 = 0.2;
+
+impl Figure for ImportanceFigure {
+    fn example() -> &'static str {
+        "{ search: learner_rates }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        metric_of_search(&self.search, names, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        let searched = Searched::of(&self.search, context)?;
+        let found = importance(&searched.shares, &searched.values, self.exchanges, &self.search)?;
+        let too_few = || {
+            problem(&format!(
+                "it takes at least {FEWEST} settings that went to their ends and differ"
+            ))
+        };
+        Ok(chart(
+            &searched,
+            &found.ok_or_else(too_few)?,
+            self.exchanges,
+            spec,
+        ))
+    }
+}
+
+fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &FigureSpec) -> Chart {
+    let bar = |(place, (mean, deviation)): (usize, &(f64, f64))| Point {
+        x: count(place),
+        y: 100.0 * mean,
+        interval: Some((100.0 * (mean - deviation), 100.0 * (mean + deviation))),
+    };
+    let panel = Panel {
+        x: Scale {
+            categories: searched.keys().iter().map(|key| label(spec, key)).collect(),
+            ..Scale::default()
+        },
+        y: Scale {
+            label: "loss (% of variance)".into(),
+            includes: vec![0.0],
+            ..Scale::default()
+        },
+        series: vec![Series {
+            label: String::new(),
+            seeds: None,
+            style: Style::default(),
+            shape: Shape::Bars(found.keys.iter().enumerate().map(bar).collect(), 0.6),
+        }],
+        ..Panel::default()
+    };
+    Chart {
+        panels: vec![panel],
+        columns: 1,
+        notes: notes(searched, found, exchanges),
+        ..Chart::default()
+    }
+}
+
+fn notes(searched: &Searched<'_>, found: &Importance, exchanges: usize) -> Vec<String> {
+    let (settings, by) = (searched.values.len(), spaced(&searched.result.search.by));
+    let explained = 100.0 * found.explained;
+    let how = format!(
+        "A forest of {TREES} trees forecasts the {by} of settings that it has not seen ({settings} settings, in \
+         fifths); bars are what it loses \
+         when the values of a key are exchanged, mean and standard deviation over {exchanges} exchanges."
+    );
+    let what = if found.explained < LITTLE {
+        format!("It explains {explained:.0} % of the variance, too little for its importances to say much.")
+    } else {
+        format!("It explains {explained:.0} % of the variance.")
+    };
+    vec![how, what]
+}

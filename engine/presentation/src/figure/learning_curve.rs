@@ -1,0 +1,302 @@
+//! Learning curves: a line over seeds at each measurement, with the seeds themselves or a band.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, by_environment, label_with_setting, level},
+    chart::{Chart, Curve, CurveOf, RunLine, Scale, Series, Shape, Style},
+    crowd::name_the_best,
+    curve_notes,
+    over_runs::{FEW, Shown, are_uneven, at_the_ends, over, points, smoothed},
+    published,
+};
+use crate::{
+    asked::{Names, Picked, Place},
+    table::{Axis, Scope},
+};
+use analysis::published_curve::{PublishedCurve, Run};
+use contract::{Error, trial_result::TrialResult};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use statistics::{Summary, common_steps};
+
+/// A metric against training steps: as it was measured while agents learned, or as they recorded it themselves, such as
+/// a loss.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LearningCurve {
+    /// The metric.
+    pub metric: String,
+    /// What the line of an agent shows of its seeds.
+    pub line: Line,
+    /// What the band around the line shows.
+    pub band: Band,
+    /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
+    /// at most five.
+    pub seeds: SeedLines,
+    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Curves of publications, which are dotted.
+    pub published: Vec<PublishedCurve>,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed,
+    /// for drawing only; line and band are those of the averages.
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub smooth: f64,
+    /// Measurements before this step are left out, of the moving average too: what an untrained agent does
+    /// may dwarf the rest.
+    pub from_step: u64,
+}
+
+impl Default for LearningCurve {
+    fn default() -> Self {
+        Self {
+            metric: "return".into(),
+            line: Line::Mean,
+            band: Band::Auto,
+            seeds: SeedLines::Chosen(Automatic::Auto),
+            agents: Vec::new(),
+            environments: Vec::new(),
+            published: Vec::new(),
+            log_y: false,
+            smooth: 0.0,
+            from_step: 0,
+        }
+    }
+}
+
+/// What a line shows of the seeds at each step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Line {
+    /// Arithmetic mean.
+    Mean,
+    /// Median.
+    Median,
+    /// Interquartile mean: the mean without the smallest and the largest quarter.
+    Iqm,
+}
+
+/// What a band around a line shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Band {
+    /// The interval, but no band in panels where seeds are drawn because they are few.
+    Auto,
+    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or
+    /// interquartile mean.
+    Interval,
+    /// One standard deviation to each side, which may leave the range of possible values.
+    Sd,
+    /// Smallest to largest seed.
+    Range,
+    /// No band.
+    None,
+}
+
+/// Whether each seed is drawn as a thin line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum SeedLines {
+    /// As the study says.
+    Said(bool),
+    /// As the number of seeds suggests.
+    Chosen(Automatic),
+}
+
+/// The word for a choice that is left to the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Automatic {
+    /// Seeds are drawn in panels in which an agent has at most five.
+    Auto,
+}
+
+impl Figure for LearningCurve {
+    fn example() -> &'static str {
+        "{ metric: return, agents: [learner] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at);
+        names.metric(&self.metric, at, "metric", &picked);
+        published_curves(self, names, at, &picked);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+fn published_curves(kind: &LearningCurve, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) {
+    let Some(list) = at.below("published") else { return };
+    for (curve, place) in kind.published.iter().zip(list.items()) {
+        names.curve(curve, &place, picked);
+    }
+}
+
+/// One panel per environment, one line per agent and setting, and what others published.
+fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let scope = Scope::of(context.results, &kind.agents, &kind.environments);
+    let x = Scale {
+        label: "environment steps".into(),
+        ..Scale::default()
+    };
+    let y = context.scale(spec, &kind.metric, kind.log_y);
+    let mut chart = by_environment(spec, &scope, &kind.environments, (x, y), |scope| {
+        panel(kind, spec, context, scope)
+    })?;
+    for (panel, environment) in chart
+        .panels
+        .iter_mut()
+        .zip(scope.names(Axis::Environment, &kind.environments))
+    {
+        let end = last_step(&scope.at(Axis::Environment, &environment), &kind.metric);
+        panel
+            .series
+            .extend(published::series(kind, context, &environment, end)?);
+    }
+    let crowded = name_the_best(&mut chart, context.better(&kind.metric));
+    chart.notes.extend(curve_notes::sentences(kind, &chart));
+    chart.notes.extend(crowded);
+    Ok(chart)
+}
+
+fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
+    let agents = scope.names(Axis::Agent, &kind.agents);
+    let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
+    // Settings of one agent lie on a scale of colours. Those of several are told apart by dashes, so that agents keep
+    // their colours.
+    let alone = agents.iter().filter(is_swept).count() == 1;
+    let of_agent = |agent: &String| {
+        let scope = scope.at(Axis::Agent, agent);
+        let settings = scope.names(Axis::Setting, &[]);
+        let settings_of_agent = settings.len();
+        let several = settings_of_agent > 1;
+        let measured = move |(index, setting): (usize, &String)| {
+            let style = context.style_of_setting(agent, index, (settings_of_agent, alone));
+            let label = label_with_setting(spec, agent, if several { setting } else { "" });
+            Measured::of(kind, &scope.at(Axis::Setting, setting), label, style)
+        };
+        settings
+            .iter()
+            .enumerate()
+            .filter_map(measured)
+            .collect::<Vec<_>>()
+    };
+    let measured: Vec<Measured> = agents.iter().flat_map(of_agent).collect();
+    let few = measured.iter().any(|it| it.level.is_none() && it.seeds.0 <= FEW);
+    measured
+        .into_iter()
+        .map(|it| it.series(kind, Shown::of(kind, few)))
+        .collect()
+}
+
+/// What the seeds of an agent measured while it learned, or while others did.
+struct Measured {
+    label: String,
+    style: Style,
+    learns: bool,
+    runs: Vec<Run>,
+    /// Ids of their trials.
+    trials: Vec<String>,
+    /// Seeds that there are and seeds that are planned.
+    seeds: (usize, usize),
+    /// The final mean, where an agent that does not learn was measured at the end only.
+    level: Option<f64>,
+}
+
+impl Measured {
+    fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
+        let learns = scope.learns() || scope.is_imported();
+        let (trials, runs): (Vec<String>, Vec<Run>) = runs(scope, &kind.metric).into_iter().unzip();
+        let measured = Self {
+            label,
+            style,
+            learns,
+            seeds: (runs.len(), scope.planned()),
+            runs,
+            trials,
+            level: None,
+        };
+        if learns || measured.runs.iter().any(|run| run.points.len() > 1) {
+            return (!measured.runs.is_empty()).then_some(measured);
+        }
+        let finals: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
+        let summary = Summary::of(&finals)?;
+        Some(Self {
+            level: Some(summary.mean),
+            seeds: (summary.n, scope.planned()),
+            ..measured
+        })
+    }
+
+    fn series(self, kind: &LearningCurve, shown: Shown) -> Series {
+        if let Some(value) = self.level {
+            return level(self.label, self.style, self.seeds, value);
+        }
+        let with_values = |((run, trial), values): ((Run, String), common_steps::Run)| {
+            let points = points(&values);
+            let name = run.name;
+            (!values.is_empty()).then_some((values, RunLine { name, trial, points }))
+        };
+        let smoothed: Vec<common_steps::Run> =
+            self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
+        let runs = self.runs.into_iter().zip(self.trials).zip(smoothed);
+        let (values, lines): (Vec<common_steps::Run>, Vec<RunLine>) = runs.filter_map(with_values).unzip();
+        let seeds = (values.len(), self.seeds.1);
+        // The line of a single seed is that seed. Of runs that go on where their line ends the rest would be lost.
+        let asked = shown.runs || kind.seeds == SeedLines::Chosen(Automatic::Auto) && are_uneven(&values);
+        let thin = asked && values.len() > 1;
+        let (drawn, undrawn) = if thin {
+            (lines, Vec::new())
+        } else {
+            (Vec::new(), lines)
+        };
+        let curve = Curve {
+            of: if self.learns {
+                CurveOf::Learner
+            } else {
+                CurveOf::NonLearner
+            },
+            points: over(&values, kind.line, shown.band),
+            runs: drawn,
+            undrawn,
+            at_the_ends: at_the_ends(&values, kind.line),
+        };
+        Series {
+            label: self.label,
+            seeds: Some(seeds),
+            style: self.style,
+            shape: Shape::Curve(curve),
+        }
+    }
+}
+
+/// What each seed measured, at each measurement but the final one, with the id of its trial.
+fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
+    let run = |trial: &&TrialResult| {
+        let points = trial.while_learning(metric);
+        let name = format!("seed {}", trial.trial.key.seed);
+        (!points.is_empty()).then(|| (trial.trial.id.clone(), Run { name, points }))
+    };
+    scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(run)
+        .collect()
+}
+
+/// The last step at which a trial of the panel was measured, but for the final measurement.
+fn last_step(scope: &Scope<'_>, metric: &str) -> Option<u64> {
+    let last = |trial: &&TrialResult| trial.while_learning(metric).last().map(|(step, _)| *step);
+    scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(last)
+        .max()
+}

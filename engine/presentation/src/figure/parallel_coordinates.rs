@@ -1,0 +1,230 @@
+//! The settings that a search tried, a line each over its keys.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, count, label, spaced},
+    chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+    searched::Searched,
+    ticks::{self, Tick},
+};
+use crate::{
+    asked::{Names, Place},
+    table::metric_of_search,
+};
+use analysis::search::Range;
+use contract::{Error, setting::word};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// So many ticks are asked for on an axis.
+const TICKS: usize = 5;
+
+/// The settings that a search tried.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ParallelCoordinates {
+    /// The search.
+    pub search: String,
+    /// How many of the best settings are drawn; all where absent.
+    #[serde(default)]
+    #[schemars(range(min = 1))]
+    pub best: Option<usize>,
+}
+
+impl Figure for ParallelCoordinates {
+    fn example() -> &'static str {
+        "{ search: learner_rates }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        metric_of_search(&self.search, names, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        Ok(chart(&Searched::of(&self.search, context)?, self.best, spec))
+    }
+}
+
+fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Chart {
+    let drawn = ranked(searched, best);
+    let range = ends(drawn.iter().map(|at| searched.values[*at]));
+    let line = |(rank, at): (usize, &usize)| Series {
+        label: String::new(),
+        seeds: None,
+        style: Style {
+            // The best is the darkest, and is drawn last.
+            hue: Hue::Ramp(drawn.len() - 1 - rank, drawn.len().max(2)),
+            variant: 0,
+        },
+        shape: Shape::Line(points(searched, *at, range)),
+    };
+    let axes = Series {
+        label: String::new(),
+        seeds: None,
+        style: Style::default(),
+        shape: Shape::Axes(axes(searched, range)),
+    };
+    let panel = Panel {
+        x: Scale {
+            categories: names(searched, spec),
+            ..Scale::default()
+        },
+        series: drawn.iter().enumerate().map(line).chain([axes]).collect(),
+        ..Panel::default()
+    };
+    Chart {
+        panels: vec![panel],
+        columns: 1,
+        notes: vec![note(searched, drawn.len())],
+        ..Chart::default()
+    }
+}
+
+/// The settings that are drawn, the best last.
+fn ranked(searched: &Searched<'_>, best: Option<usize>) -> Vec<usize> {
+    let merit = |at: &usize| searched.result.search.goal.merit(searched.values[*at]);
+    let mut all: Vec<usize> = (0..searched.values.len()).collect();
+    all.sort_by(|one, other| merit(one).total_cmp(&merit(other)).then(one.cmp(other)));
+    all.drain(..all.len().saturating_sub(best.unwrap_or(usize::MAX)));
+    all
+}
+
+/// Where a setting lies on the axes of the keys, and then on that of the metric.
+fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Point> {
+    let value = searched.values[at];
+    let value = if high > low {
+        (value - low) / (high - low)
+    } else {
+        0.5
+    };
+    let places = searched.shares[at].iter().copied().chain([value]);
+    let point = |(x, y): (usize, f64)| Point {
+        x: count(x),
+        y,
+        interval: None,
+    };
+    places.enumerate().map(point).collect()
+}
+
+/// The names of the axes: the keys, and the metric.
+fn names(searched: &Searched<'_>, spec: &FigureSpec) -> Vec<String> {
+    let keys = searched.keys().into_iter().map(|key| label(spec, &spaced(key)));
+    keys.chain([label(spec, &spaced(&searched.result.search.by))])
+        .collect()
+}
+
+/// The ticks of the axes: the values of each key, and those of the metric between the ends that are drawn.
+fn axes(searched: &Searched<'_>, (low, high): (f64, f64)) -> Vec<Vec<Tick>> {
+    let keys = searched.result.search.keys.iter();
+    let of_metric = if high > low {
+        placed(ticks::linear(low, high, TICKS), |value| {
+            (value - low) / (high - low)
+        })
+    } else {
+        vec![Tick {
+            value: 0.5,
+            text: short(low),
+        }]
+    };
+    keys.map(|(_, range)| of_range(range))
+        .chain([of_metric])
+        .collect()
+}
+
+fn of_range(range: &Range) -> Vec<Tick> {
+    let share = |value: &Value| range.share_of(value).unwrap_or(0.0);
+    match range {
+        Range::Choice(values) => {
+            let tick = |value: &Value| Tick {
+                value: share(value),
+                text: word(value),
+            };
+            values.iter().map(tick).collect()
+        }
+        Range::Numbers(numbers) => {
+            let ticks = if numbers.log {
+                ticks::logarithmic(numbers.low, numbers.high, TICKS)
+            } else {
+                ticks::linear(numbers.low, numbers.high, TICKS)
+            };
+            let is_a_value = |tick: &Tick| !numbers.integer || tick.value.fract() == 0.0;
+            let written = |tick: Tick| Tick {
+                text: if numbers.integer {
+                    tick.text.trim_end_matches(".0").to_owned()
+                } else {
+                    tick.text
+                },
+                ..tick
+            };
+            let ticks = ticks.into_iter().filter(is_a_value).map(written);
+            placed(ticks, |value| share(&json!(value)))
+        }
+    }
+}
+
+/// Ticks at their places on an axis from 0 to 1.
+fn placed(ticks: impl IntoIterator<Item = Tick>, place: impl Fn(f64) -> f64) -> Vec<Tick> {
+    let at_place = |tick: Tick| Tick {
+        value: place(tick.value),
+        ..tick
+    };
+    ticks.into_iter().map(at_place).collect()
+}
+
+fn note(searched: &Searched<'_>, drawn: usize) -> String {
+    let rest = match searched.result.tried.len() - drawn {
+        0 => String::new(),
+        more => format!(
+            " {more} more are worse, were looked at up to a pause alone or failed, and are not drawn."
+        ),
+    };
+    format!("A line for each of {drawn} settings, the best the darkest.{rest}")
+}
+
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    })
+}
+
+/// A number with about three digits.
+fn short(value: f64) -> String {
+    crate::table::NumberFormat::fitting([value].into_iter()).write(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(low: f64, high: f64, log: bool, integer: bool) -> Range {
+        Range::Numbers(analysis::search::Numbers {
+            low,
+            high,
+            log,
+            integer,
+        })
+    }
+
+    fn texts(range: &Range) -> Vec<(String, f64)> {
+        let ticks = of_range(range).into_iter().filter(|tick| !tick.text.is_empty());
+        ticks
+            .map(|tick| (tick.text, (100.0 * tick.value).round()))
+            .collect()
+    }
+
+    fn named<const N: usize>(ticks: [(&str, f64); N]) -> Vec<(String, f64)> {
+        ticks.map(|(text, place)| (text.to_owned(), place)).into()
+    }
+
+    #[test]
+    fn axes_have_the_values_of_their_keys() {
+        let rates = named([("10⁻⁵", 0.0), ("10⁻⁴", 50.0), ("10⁻³", 100.0)]);
+        assert_eq!(texts(&numbers(1e-5, 1e-3, true, false)), rates);
+        // No layers between one and two.
+        let layers = named([("1", 0.0), ("2", 50.0), ("3", 100.0)]);
+        assert_eq!(texts(&numbers(1.0, 3.0, false, true)), layers);
+        let listed = Range::Choice(vec![json!(64), json!("minus_sqrt_d")]);
+        assert_eq!(texts(&listed), named([("64", 0.0), ("minus_sqrt_d", 100.0)]));
+    }
+}

@@ -1,0 +1,92 @@
+//! One metric against another: a point per seed.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, by_environment, label},
+    chart::{Chart, Point, Series, Shape},
+};
+use crate::{
+    asked::{Names, Place},
+    table::{Axis, Scope},
+};
+use contract::{Error, Phase, trial_result::TrialResult};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// One metric against another.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scatter {
+    /// The metric on the horizontal axis.
+    pub x: String,
+    /// The metric on the vertical axis.
+    pub y: String,
+    /// Which agents; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+}
+
+impl Figure for Scatter {
+    fn example() -> &'static str {
+        "{ x: return, y: length, agents: [learner, rule] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at);
+        names.metric(&self.x, at, "x", &picked);
+        names.metric(&self.y, at, "y", &picked);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+fn build(kind: &Scatter, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let scope = Scope::of(context.results, &kind.agents, &kind.environments);
+    let scales = (
+        context.scale(spec, &kind.x, false),
+        context.scale(spec, &kind.y, false),
+    );
+    let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
+        let agents = scope.names(Axis::Agent, &kind.agents);
+        agents
+            .iter()
+            .filter_map(|agent| cloud(kind, spec, context, &scope.at(Axis::Agent, agent), agent))
+            .collect()
+    })?;
+    chart.notes.push("One point per seed.".into());
+    Ok(chart)
+}
+
+fn cloud(
+    kind: &Scatter,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    scope: &Scope<'_>,
+    agent: &str,
+) -> Option<Series> {
+    let point = |trial: &&TrialResult| {
+        let mean = |metric: &str| trial.mean(Phase::Final, metric);
+        Some(Point {
+            x: mean(&kind.x)?,
+            y: mean(&kind.y)?,
+            interval: None,
+        })
+    };
+    let points: Vec<Point> = scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(point)
+        .collect();
+    let seeds = Some((scope.finals(&kind.y).len(), scope.planned()));
+    let style = context.style(agent);
+    (!points.is_empty()).then(|| Series {
+        label: label(spec, agent),
+        seeds,
+        style,
+        shape: Shape::Points(points),
+    })
+}

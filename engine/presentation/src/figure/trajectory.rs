@@ -1,0 +1,315 @@
+//! Trajectories: one recorded episode, a row of panels per channel, a column per agent.
+
+use super::{
+    Figure, FigureSpec,
+    build::{Context, label, problem},
+    chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+};
+use crate::{
+    asked::{Names, Place},
+    table::{Axis, Scope},
+};
+use contract::{Error, Phase, trial_result::TrialResult};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Step-by-step values of one recorded episode.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Trajectory {
+    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`,
+    /// `voltage_2`, ... One row of panels each.
+    pub channels: Vec<String>,
+    /// Trace channels that are drawn behind `channels`, wide and grey: the first behind the first, and so on.
+    pub references: Vec<String>,
+    /// Which agents, one column of panels each.
+    pub agents: Vec<String>,
+    /// Which environment; the first where absent.
+    pub environment: Option<String>,
+    /// Which seed; the first where absent.
+    pub seed: Option<u64>,
+    /// Which recorded episode, from 0.
+    pub episode: u64,
+    /// How many episodes from there are drawn one after the other; one where absent.
+    #[schemars(range(min = 1, max = 1000))]
+    pub episodes: Option<u64>,
+    /// The first and the last step that are drawn, counted over all drawn episodes; all where absent.
+    pub steps: Option<[u64; 2]>,
+    /// A horizontal line at this value in the first row of panels.
+    pub threshold: Option<f64>,
+}
+
+impl Figure for Trajectory {
+    fn example() -> &'static str {
+        "{ channels: [height], agents: [learner, rule], environment: short }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at).of_one_environment();
+        names.channels(at, "channels", 1, usize::MAX, &picked);
+        names.channels(at, "references", 0, self.channels.len(), &picked);
+        names.seed(self.seed, at);
+        if let Some([first, last]) = self.steps.filter(|[first, last]| first > last) {
+            let message = format!("step {first} comes after step {last}");
+            names.say(at.value("steps"), message, "write the smaller one first");
+        }
+    }
+
+    fn is_recorded(&self) -> bool {
+        false
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+/// Panels of one episode; all of a row share the vertical axis, all the horizontal one.
+fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let trials = trials(kind, context);
+    let has_trace = |trial: &&TrialResult| {
+        kind.channels
+            .iter()
+            .any(|channel| !lines(kind, trial, channel).is_empty())
+    };
+    let trials: Vec<&TrialResult> = trials.into_iter().filter(has_trace).collect();
+    if trials.is_empty() {
+        return Err(problem("no trial has recorded a trace of these channels"));
+    }
+    let mut panels = Vec::new();
+    for (row, channel) in kind.channels.iter().enumerate() {
+        let mut of_row: Vec<Panel> = trials
+            .iter()
+            .map(|trial| panel(kind, spec, context, channel, trial))
+            .collect();
+        if let Some(reference) = kind.references.get(row) {
+            for (panel, trial) in of_row.iter_mut().zip(&trials) {
+                panel.series.splice(0..0, behind(kind, spec, reference, trial));
+            }
+        }
+        for (column, panel) in of_row.iter_mut().enumerate().filter(|_| row == 0) {
+            panel.title = label(spec, &trials[column].trial.cell.agent);
+            panel.series.extend(kind.threshold.map(threshold));
+        }
+        panels.extend(of_row);
+    }
+    name_once(&mut panels);
+    let trial = &trials[0].trial;
+    let which = match kind.episodes.unwrap_or(1) {
+        1 => format!("Episode {}", kind.episode),
+        several => format!("Episodes {} to {}", kind.episode, kind.episode + several - 1),
+    };
+    let note = format!(
+        "{which} of seed {} in {}.",
+        trial.key.seed,
+        label(spec, &trial.cell.environment)
+    );
+    Ok(Chart {
+        panels,
+        columns: trials.len(),
+        shared_x: true,
+        shared_y: true,
+        notes: vec![note],
+        ..Chart::default()
+    })
+}
+
+fn trials<'a>(kind: &Trajectory, context: Context<'a>) -> Vec<&'a TrialResult> {
+    let environments: Vec<String> = kind.environment.iter().cloned().collect();
+    let scope = Scope::of(context.results, &kind.agents, &environments);
+    let environment = scope
+        .names(Axis::Environment, &[])
+        .into_iter()
+        .next()
+        .unwrap_or_default();
+    let scope = scope.at(Axis::Environment, &environment);
+    let seed = kind
+        .seed
+        .or_else(|| scope.trials.iter().map(|trial| trial.trial.key.seed).min());
+    let of_agent = |agent: &String| {
+        let trials = scope.at(Axis::Agent, agent).trials;
+        trials
+            .into_iter()
+            .find(|trial| Some(trial.trial.key.seed) == seed && trial.is_ok())
+    };
+    scope
+        .names(Axis::Agent, &kind.agents)
+        .iter()
+        .filter_map(of_agent)
+        .collect()
+}
+
+fn panel(
+    kind: &Trajectory,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    channel: &str,
+    trial: &TrialResult,
+) -> Panel {
+    let lines = lines(kind, trial, channel);
+    let count = lines.len();
+    let series = |(index, (name, points)): (usize, (String, Vec<Point>))| {
+        let alone = Style {
+            variant: 0,
+            ..context.style(&trial.trial.cell.agent)
+        };
+        let style = if count == 1 {
+            alone
+        } else {
+            Style {
+                hue: Hue::Ramp(index, count),
+                variant: index,
+            }
+        };
+        let label = if count == 1 {
+            String::new()
+        } else {
+            label(spec, &name).replace('_', " ")
+        };
+        Series {
+            label,
+            seeds: None,
+            style,
+            shape: Shape::Line(points),
+        }
+    };
+    Panel {
+        title: String::new(),
+        x: Scale {
+            label: "decision".into(),
+            ..Scale::default()
+        },
+        y: context.scale(spec, channel, false),
+        series: lines.into_iter().enumerate().map(series).collect(),
+    }
+}
+
+/// A reference channel as grey lines. All of them look alike, so that the legend has the words that they share.
+fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResult) -> Vec<Series> {
+    let shared = shared_words(&kind.references);
+    let series = |(name, points): (String, Vec<Point>)| Series {
+        label: shared
+            .clone()
+            .unwrap_or_else(|| label(spec, &name))
+            .replace('_', " "),
+        seeds: None,
+        style: Style {
+            hue: Hue::Behind,
+            variant: 0,
+        },
+        shape: Shape::Line(points),
+    };
+    lines(kind, trial, channel).into_iter().map(series).collect()
+}
+
+/// What several names begin with, in whole words; `None` for one name, and where they share no word.
+fn shared_words(names: &[String]) -> Option<String> {
+    let (first, others) = names.split_first()?;
+    let words: Vec<&str> = first.split('_').collect();
+    let begins = |name: &String, n: usize| name.split('_').take(n).eq(words[..n].iter().copied());
+    let shares = |n: &usize| others.iter().all(|name| begins(name, *n));
+    let n = (1..=words.len()).take_while(shares).last()?;
+    (!others.is_empty()).then(|| words[..n].join("_"))
+}
+
+/// The lines of a channel: the channel itself, or all `channel_1`, `channel_2`, ..., in numerical order, for
+/// each seat.
+fn lines(kind: &Trajectory, trial: &TrialResult, channel: &str) -> Vec<(String, Vec<Point>)> {
+    let number = |name: &str| name.strip_prefix(channel)?.strip_prefix('_')?.parse::<u32>().ok();
+    let mut names: Vec<(u32, &String)> = trial
+        .names
+        .iter()
+        .filter_map(|name| Some((number(name)?, name)))
+        .collect();
+    names.sort();
+    if let Some(name) = trial.names.iter().find(|name| *name == channel) {
+        names = vec![(0, name)];
+    }
+    names
+        .into_iter()
+        .flat_map(|(_, name)| seats(kind, trial, name))
+        .collect()
+}
+
+fn seats(kind: &Trajectory, trial: &TrialResult, name: &str) -> Vec<(String, Vec<Point>)> {
+    let mut seats: BTreeMap<u16, Vec<Point>> = BTreeMap::new();
+    let last = kind.episode + kind.episodes.unwrap_or(1).max(1) - 1;
+    let drawn = || {
+        let rows = trial.select(Phase::Trace, name);
+        rows.filter(|row| (kind.episode..=last).contains(&row.episode))
+    };
+    // An episode begins where the one before it ended.
+    let mut lengths: BTreeMap<u64, u64> = BTreeMap::new();
+    for row in drawn() {
+        let length = lengths.entry(row.episode).or_default();
+        *length = (*length).max(row.step);
+    }
+    let [first_step, last_step] = kind.steps.unwrap_or([0, u64::MAX]);
+    for row in drawn() {
+        let before: u64 = lengths.range(..row.episode).map(|(_, length)| length).sum();
+        if !(first_step..=last_step).contains(&(before + row.step)) {
+            continue;
+        }
+        #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+        seats.entry(row.seat).or_default().push(Point {
+            x: (before + row.step) as f64,
+            y: row.value,
+            interval: None,
+        });
+    }
+    let several = seats.len() > 1;
+    let name = |seat: u16| {
+        if several {
+            format!("{name}, seat {}", seat + 1)
+        } else {
+            name.into()
+        }
+    };
+    seats
+        .into_iter()
+        .map(|(seat, points)| (name(seat), points))
+        .collect()
+}
+
+fn threshold(value: f64) -> Series {
+    let style = Style {
+        hue: Hue::Grey,
+        variant: 1,
+    };
+    Series {
+        label: format!("threshold {value}"),
+        seeds: None,
+        style,
+        shape: Shape::Level(value),
+    }
+}
+
+/// Rows that number the same things share one set of names in the legend: `1`, `2`, ... where the words
+/// before them differ.
+fn name_once(panels: &mut [Panel]) {
+    let word = |label: &str| label.rsplit_once(' ').map(|(word, _)| word.to_owned());
+    let numbered = |series: &&Series| matches!(series.style.hue, Hue::Ramp(..));
+    let words: std::collections::BTreeSet<_> = panels
+        .iter()
+        .flat_map(|panel| {
+            panel
+                .series
+                .iter()
+                .filter(numbered)
+                .map(|series| word(&series.label))
+        })
+        .collect();
+    if words.len() < 2 {
+        return;
+    }
+    for series in panels
+        .iter_mut()
+        .flat_map(|panel| &mut panel.series)
+        .filter(|series| matches!(series.style.hue, Hue::Ramp(..)))
+    {
+        if let Some((_, number)) = series.label.rsplit_once(' ') {
+            series.label = format!("no. {number}");
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! The settings that a search tried, from the best to the worst.
+
+use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
+use crate::asked::{Names, Place};
+use analysis::results::{Results, SearchResult, TriedSetting};
+use contract::Error;
+use document::diagnostic::suggest;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The column of what the chosen setting comes to on seeds that the search has not seen.
+const FRESH: &str = "fresh";
+
+/// The best settings of a search, one row each, and beside the chosen one its value on seeds that the search has not
+/// seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BestSettings {
+    /// The search.
+    pub search: String,
+    /// How many settings are shown.
+    #[serde(default = "five")]
+    #[schemars(range(min = 1, max = 10_000))]
+    pub best: usize,
+    /// Digits after the decimal point; as many as tell values apart where absent.
+    #[serde(default)]
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Names to print instead of the study's own.
+    #[serde(default)]
+    pub labels: BTreeMap<String, String>,
+}
+
+fn five() -> usize {
+    5
+}
+
+impl Table for BestSettings {
+    fn example() -> &'static str {
+        "{ search: learner_rates, best: 3 }"
+    }
+
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        _: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
+        let Some(by) = metric_of_search(&self.search, names, at) else {
+            return (Vec::new(), Vec::new());
+        };
+        names.labels(at, &[], std::slice::from_ref(&by));
+        (Vec::new(), vec![by])
+    }
+
+    fn build(&self, results: &Results) -> Result<Grid, Error> {
+        let found = results.searches.iter().find(|it| it.search.name == self.search);
+        let found = found.ok_or_else(|| problem(&format!("there is no search `{}`", self.search)))?;
+        Ok(self.grid(found, results))
+    }
+
+    fn metric_of_unit(&self) -> Option<&str> {
+        None
+    }
+}
+
+/// The metric of a search; says so where no search has the name.
+pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'_>) -> Option<String> {
+    let known = names.world.searches.clone();
+    let found = known.iter().find(|(name, _)| name == search);
+    if found.is_none() {
+        let help = suggest(search, known.iter().map(|(name, _)| name.as_str()));
+        names.say(at.value("search"), format!("no search is named `{search}`"), help);
+    }
+    found.map(|(_, by)| by.clone())
+}
+
+impl BestSettings {
+    /// The table of a search where nothing else is said of it.
+    #[must_use]
+    pub fn of(search: &str) -> Self {
+        Self {
+            search: search.into(),
+            best: five(),
+            decimals: None,
+            labels: BTreeMap::new(),
+        }
+    }
+
+    fn grid(&self, it: &SearchResult, results: &Results) -> Grid {
+        let label = |name: &str| {
+            self.labels
+                .get(name)
+                .map_or(name, String::as_str)
+                .replace('_', " ")
+        };
+        let ended = it.ranked();
+        let shown = &ended[..self.best.min(ended.len())];
+        let heading = |tried: &&TriedSetting| Heading {
+            name: tried.setting.clone(),
+            label: tried.setting.clone(),
+        };
+        let by = label(&it.search.by);
+        let column = |name: &str, label: String| Heading {
+            name: name.into(),
+            label,
+        };
+        let mut columns = vec![column(&it.search.by, format!("{by} in the search"))];
+        let fresh = fresh(it, results);
+        columns.extend(
+            fresh
+                .as_ref()
+                .map(|_| column(FRESH, format!("{by} on fresh seeds"))),
+        );
+        let cells = |tried: &&TriedSetting| {
+            let is_chosen = it
+                .chosen
+                .is_some_and(|place| std::ptr::eq(&raw const it.tried[place], *tried));
+            let beside = fresh
+                .as_ref()
+                .map(|fresh| if is_chosen { fresh.clone() } else { Cell::default() });
+            std::iter::once(cell(tried, it, results)).chain(beside).collect()
+        };
+        Grid {
+            quantity: Quantity::plain(format!("{by}, {} settings were tried", ended.len())),
+            row_axis: "setting".into(),
+            rows: shown.iter().map(heading).collect(),
+            columns,
+            cells: shown.iter().map(cells).collect(),
+            format: self.decimals.map_or_else(|| fitting(shown), NumberFormat::Fixed),
+            notes: vec![
+                "In the search values are means over its own seeds; the best of many looks better there than it is, so \
+                 its value on fresh seeds counts."
+                    .into(),
+            ],
+            ..Grid::default()
+        }
+    }
+}
+
+/// As many digits as tell the settings apart.
+fn fitting(shown: &[&TriedSetting]) -> NumberFormat {
+    NumberFormat::fitting(shown.iter().filter_map(|tried| tried.value()))
+}
+
+/// The chosen setting on seeds that the search has not seen; `None` before it is chosen.
+fn fresh(it: &SearchResult, results: &Results) -> Option<Cell> {
+    let trials = it.fresh_trials(&results.trials);
+    let scope = Scope { trials };
+    let cell = Cell {
+        planned: scope.planned(),
+        failed: scope.failed(),
+        ..Cell::resting_on(&scope.trials, results)
+    };
+    (!scope.trials.is_empty()).then(|| cell.with_mean(scope.finals(&it.search.by)))
+}
+
+fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {
+    let cell = Cell {
+        planned: it.search.seeds.len(),
+        failed: tried.failed,
+        ..Cell::resting_on(&[], results)
+    };
+    cell.with_mean(tried.values.clone())
+}

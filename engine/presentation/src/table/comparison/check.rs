@@ -1,0 +1,203 @@
+//! Comparisons against what trials record: metrics, agents, what the rows and columns are.
+
+use super::{AS_GIVEN, Along, Axis, Comparison, Form, Taken};
+use crate::asked::{Names, Picked, Place, quoted};
+use contract::standard_metrics::SUCCESS;
+use document::diagnostic::suggest;
+
+/// Checks a comparison; returns the names of its rows and columns.
+pub(super) fn comparison(
+    spec: &Comparison,
+    names: &mut Names<'_>,
+    place: &Place<'_>,
+) -> (Vec<String>, Vec<String>) {
+    let picked = names.pick(place);
+    names.metric(&spec.value, place, "value", &picked);
+    match &spec.relative_to {
+        Some(other) => reference(other, &spec.value, names, place, &picked),
+        None if is_relative(spec) => without_reference(names, place),
+        None => {}
+    }
+    if let Some(pair) = spec.steps().windows(2).find(|pair| pair[0] >= pair[1]) {
+        let message = format!("steps must rise, {} follows {}", pair[1], pair[0]);
+        names.say(place.value("at_steps"), message, "");
+    }
+    of_success(spec, names, place, &picked);
+    axes(spec, names, place);
+    let rows = names_of(&spec.rows, names, &picked);
+    let columns = columns(spec, names, &picked);
+    names.labels(place, &rows, &columns);
+    (rows, columns)
+}
+
+/// True where a comparison is written relative to an agent.
+pub(super) fn is_relative(spec: &Comparison) -> bool {
+    matches!(
+        spec.form,
+        Some(Form::Difference | Form::Ratio | Form::PercentChange)
+    )
+}
+
+/// Says that the agent to compare with is missing.
+pub(super) fn without_reference(names: &mut Names<'_>, place: &Place<'_>) {
+    let message = "`relative_to` is missing: this compares agents with one of them";
+    let help = format!("agents: {}", quoted(&names.world.agents));
+    names.say((place.key, place.at.clone()), message, help);
+}
+
+/// Checks the agent that others are compared with: it has trials here, and they record the metric.
+fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
+    let Some(index) = names.world.agents.iter().position(|known| known == name) else {
+        let help = suggest(name, names.world.agents.iter().map(String::as_str));
+        return names.say(
+            place.value("relative_to"),
+            format!("no agent is named `{name}`"),
+            help,
+        );
+    };
+    let recorded = names.recorded(&Picked {
+        agents: vec![index],
+        environments: picked.environments.clone(),
+    });
+    if recorded.is_empty() {
+        let message = format!("no trial feeds the agent `{name}` here");
+        names.say(
+            place.value("relative_to"),
+            message,
+            "`exclude` leaves out its combinations with these environments",
+        );
+    } else if !recorded.contains(metric) && names.recorded(picked).contains(metric) {
+        let message = format!("`{name}` does not record `{metric}`, so nothing can be compared with it");
+        names.say(place.value("relative_to"), message, "");
+    }
+}
+
+/// Success is judged at the end, and only where the study says what it is.
+fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
+    if spec.given_success && !names.recorded(picked).contains(SUCCESS) {
+        let message = "`given_success` needs a section `success`: the study does not say what a success is";
+        names.say(
+            place.value("given_success"),
+            message,
+            "write `success: { metric: METRIC, above: VALUE }`",
+        );
+    }
+    if spec.value != SUCCESS {
+        return;
+    }
+    if spec.given_success {
+        names.say(
+            place.value("given_success"),
+            "the share of successes among successes is 1",
+            "remove one of the two",
+        );
+    }
+    let while_learning = match &spec.taken {
+        Taken::Final => None,
+        Taken::RootMeanSquare => Some("root_mean_square"),
+        Taken::Last(_) => Some("last"),
+        Taken::StepsUntilAbove { .. } => Some("steps_until_above"),
+        Taken::AtSteps { .. } => Some("at_steps"),
+    };
+    if let Some(key) = while_learning {
+        let message = "`success` is judged by the final measurement, and by none during learning";
+        names.say(place.value(key), message, format!("remove `{key}`"));
+    }
+    if matches!(spec.resolved_form(), Form::Ratio | Form::PercentChange) {
+        let message = "a seed's `success` is 0 or 1, so that its ratio to another one means nothing";
+        names.say(
+            place.value("as"),
+            message,
+            "write `as: difference`, or compare the shares in a claim",
+        );
+    }
+}
+
+/// Rows and columns are two things, and settings are there only with a sweep.
+fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
+    if spec.columns.as_ref() == Some(&spec.rows) {
+        let help = "choose another of `agent`, `environment`, `setting`";
+        names.say(place.value("columns"), "rows and columns are the same", help);
+    }
+    let has_sweep = names.world.settings.iter().any(|setting| !setting.is_empty());
+    for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
+        if let Some(word) = along
+            .and_then(Along::key)
+            .filter(|word| !names.world.swept_values.contains_key(*word))
+        {
+            let axes = Axis::ALL.map(Axis::name).into_iter();
+            let known = axes.chain(names.world.swept.iter().map(String::as_str));
+            let message = format!("`{key}` is `{word}`, which no sweep varies");
+            let help = suggest(word, known);
+            names.say(place.value(key), message, help);
+        }
+        if along == Some(&Axis::Setting.into()) && !has_sweep {
+            names.say(
+                place.value(key),
+                format!("`{key}` are settings, but the study has no `sweep`"),
+                "",
+            );
+        }
+    }
+}
+
+fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+    let axis = match along {
+        Along::Key(key) => return names.world.swept_values.get(key).cloned().unwrap_or_default(),
+        Along::Axis(axis) => axis,
+    };
+    match axis {
+        Axis::Agent => picked
+            .agents
+            .iter()
+            .map(|index| names.world.agents[*index].clone())
+            .collect(),
+        Axis::Environment => picked
+            .environments
+            .iter()
+            .map(|index| names.world.environments[*index].clone())
+            .collect(),
+        Axis::Setting => settings_of(names, picked),
+    }
+}
+
+/// The settings of some agents, in order, and before them that of an agent that no sweep varies; none where it varies
+/// none of them.
+fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
+    let is_of = |key: &String, agent: &String| {
+        key.strip_prefix(agent.as_str())
+            .is_some_and(|rest| rest.starts_with('.'))
+    };
+    let agents = &names.world.agents;
+    let keys = || names.world.swept.iter().filter(|key| key.contains('.'));
+    let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
+    let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
+    if !picked.agents.iter().any(varies) {
+        return Vec::new();
+    }
+    let settings = names.world.settings.iter().filter(|setting| !setting.is_empty());
+    let fixed = !picked.agents.iter().all(varies);
+    let first = fixed.then(|| AS_GIVEN.to_owned());
+    first
+        .into_iter()
+        .chain(settings.map(ToString::to_string))
+        .collect()
+}
+
+/// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that
+/// varies and is no row.
+fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+    if !spec.steps().is_empty() {
+        return spec.steps().iter().map(u64::to_string).collect();
+    }
+    if let Some(along) = &spec.columns {
+        return names_of(along, names, picked);
+    }
+    let rest = Axis::ALL
+        .into_iter()
+        .map(Along::from)
+        .filter(|along| *along != spec.rows);
+    rest.map(|along| names_of(&along, names, picked))
+        .find(|names| names.len() > 1)
+        .unwrap_or_default()
+}

@@ -1,0 +1,308 @@
+//! Tables: what a study asks for, and how it is computed from the results.
+
+mod aggregate;
+mod best_settings;
+mod cause;
+mod comma_separated;
+mod comparison;
+mod cross_play;
+mod footnotes;
+mod grid;
+mod html;
+mod latex;
+mod markdown;
+mod metrics;
+mod missing;
+pub(crate) mod normalised_scores;
+mod number_format;
+pub mod prose;
+mod published;
+mod rank_correlation;
+mod seeds;
+mod terminal;
+#[cfg(test)]
+mod tests;
+
+pub use aggregate::{Aggregate, SUITE_MEAN};
+pub use best_settings::BestSettings;
+pub(crate) use best_settings::metric_of_search;
+pub use cause::Cause;
+pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
+pub use comparison::{Along, AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
+pub use cross_play::{CrossPlayTable, MEAN};
+pub use footnotes::Intervals;
+pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
+pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
+pub use html::{escape as escape_html, html, published_and_verdict, word as verdict_word};
+pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
+pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
+pub use metrics::Metrics;
+pub use missing::{Missing, NoValue};
+pub use normalised_scores::{Bound, Normalise, ScoreScale};
+pub use number_format::NumberFormat;
+pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
+pub use rank_correlation::RankCorrelation;
+pub use seeds::Scope;
+pub use terminal::align;
+pub use terminal::{terminal, terminal_in_short, wrap};
+
+use crate::{
+    asked::{Names, Place},
+    kinds::{Contradiction, kinds},
+};
+use analysis::{published_curve::PublishedCurve, results::Results};
+use contract::Error;
+use published::Judging;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+kinds! {
+    /// What a table shows.
+    TableKind: Table {
+        "improvement" => Improvement(Improvement),
+            "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
+             otherwise.";
+        "comparison" => Comparison(Comparison),
+            "A metric of agents and environments side by side.";
+        "cross_play" => CrossPlay(CrossPlayTable),
+            "A metric of a play, by who plays one role along the rows and who another along the columns, \
+             with both means.";
+        "aggregate" => Aggregate(Aggregate),
+            "Aggregates of normalised scores over several environments, one row per agent.";
+        "rank_correlation" => RankCorrelation(RankCorrelation),
+            "How well environments rank agents and settings as one of them (`against`) does, by a metric.";
+        "metrics" => Metrics(Metrics),
+            "Several metrics of agents in one environment, one row each, and how agents rank them.";
+        "best_settings" => BestSettings(BestSettings),
+            "The settings that a search tried, the best ones first.";
+    }
+}
+
+/// What every kind of table can do.
+pub(crate) trait Table {
+    /// A use of it.
+    fn example() -> &'static str
+    where
+        Self: Sized;
+
+    /// Options that exclude each other.
+    fn contradiction(_: &Value) -> Option<Contradiction>
+    where
+        Self: Sized,
+    {
+        None
+    }
+
+    /// Checks every name in it against what trials record, and what it says of the values that are published
+    /// beside it. Gives back the names of its rows and columns.
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        published: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>);
+
+    /// Computes rows, columns and cells, without published values.
+    ///
+    /// # Errors
+    /// [`Error::Render`] where the results hold nothing of what it shows.
+    fn build(&self, results: &Results) -> Result<Grid, Error>;
+
+    /// Agents that a row's single published value does not speak of.
+    fn baselines(&self, _: &Results) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Which values of a column are better, where the kind of table says it.
+    fn better(&self, _column: &str) -> Option<Direction> {
+        None
+    }
+
+    /// The metric whose unit the numbers have.
+    fn metric_of_unit(&self) -> Option<&str> {
+        None
+    }
+
+    /// What the values are, where they are no means over seeds, so that nothing published can be judged by them.
+    fn no_means(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// True where the values are shares of seeds with success.
+    fn shows_shares(&self) -> bool {
+        false
+    }
+
+    /// Over how many measurements up to each column, a step, published curves are compared; `None` where
+    /// columns are no steps or rows no agents.
+    fn measurements_by_step(&self) -> Option<u64> {
+        None
+    }
+}
+
+/// One table of a study.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TableSpec {
+    /// What the table shows, in one sentence.
+    #[serde(default)]
+    pub caption: String,
+    /// What it is made of: exactly one kind.
+    #[serde(flatten)]
+    pub kind: TableKind,
+    /// Published values by row, or by row and column.
+    #[serde(default)]
+    pub published: BTreeMap<String, Published>,
+    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
+    /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub published_curves: Vec<PublishedCurve>,
+    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of
+    /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
+    #[serde(default)]
+    pub margin: Option<Margin>,
+    /// What was chosen with the published values in view; agreement with them then says nothing, and their
+    /// verdict is CALIBRATED.
+    #[serde(default)]
+    pub calibrated_on: Option<String>,
+    /// What the published values belong to, where it is another system than the one here: they are printed
+    /// and not judged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of_another_system: Option<String>,
+    /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
+    #[serde(default)]
+    pub exploratory: bool,
+    /// What was tried to find out why values differ from the published ones: a paragraph, or one for each
+    /// row. It is printed where a value differs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<Cause>,
+    /// Sentences under the table: departures, sources.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// How the LaTeX file is set: what is bold, how intervals are written, what becomes of a wide table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latex: Option<LatexLayout>,
+}
+
+impl TableSpec {
+    /// A table of this kind, with nothing published and nothing to say of it.
+    #[must_use]
+    pub fn of(kind: impl Into<TableKind>) -> Self {
+        Self {
+            caption: String::new(),
+            kind: kind.into(),
+            published: BTreeMap::new(),
+            published_curves: Vec::new(),
+            margin: None,
+            calibrated_on: None,
+            of_another_system: None,
+            exploratory: false,
+            cause: None,
+            notes: Vec::new(),
+            latex: None,
+        }
+    }
+
+    /// True where something was chosen with one of the published values in view.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        self.calibrated_on.is_some() || self.published.values().any(Published::is_calibrated)
+    }
+}
+
+impl TableKind {
+    /// Checks every name in it; gives back the names of its rows and columns.
+    pub(crate) fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        published: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
+        self.it().check(names, at, published)
+    }
+
+    /// Which values of a column are better, where the kind of table says it.
+    #[must_use]
+    pub fn better(&self, column: &str) -> Option<Direction> {
+        self.it().better(column)
+    }
+
+    /// The metric whose unit the numbers have; `None` where they have another one or none.
+    #[must_use]
+    pub fn metric_of_unit(&self) -> Option<&str> {
+        self.it().metric_of_unit()
+    }
+
+    /// What the values are, where they are no means over seeds.
+    pub(crate) fn no_means(&self) -> Option<&'static str> {
+        self.it().no_means()
+    }
+
+    /// True where the values are shares of seeds with success.
+    #[must_use]
+    pub fn shows_shares(&self) -> bool {
+        self.it().shows_shares()
+    }
+
+    /// Over how many measurements up to each column published curves are compared; `None` where they cannot
+    /// be.
+    #[must_use]
+    pub fn measurements_by_step(&self) -> Option<u64> {
+        self.it().measurements_by_step()
+    }
+}
+
+/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
+///
+/// # Errors
+/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what
+/// it shows.
+pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
+    let kind = spec.kind.it();
+    let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
+    grid.caption.clone_from(&spec.caption);
+    grid.notes.extend(spec.notes.iter().cloned());
+    if let Some(system) = &spec.of_another_system {
+        grid.notes.push(format!(
+            "Published values are of another system and are not judged: {system}."
+        ));
+    }
+    grid.margin.clone_from(&spec.margin);
+    grid.exploratory = spec.exploratory;
+    grid.latex.clone_from(&spec.latex);
+    let said = spec.latex.as_ref().and_then(|layout| layout.better);
+    grid.better = grid
+        .columns
+        .iter()
+        .map(|column| kind.better(&column.name).or(said))
+        .collect();
+    grid.cause.clone_from(&spec.cause);
+    let judging = Judging {
+        margin: spec.margin.as_ref(),
+        calibrated_on: spec.calibrated_on.as_deref(),
+        of_another_system: spec.of_another_system.is_some(),
+        baselines: &baselines,
+    };
+    let last = usize::try_from(kind.measurements_by_step().unwrap_or(1)).unwrap_or(usize::MAX);
+    for curve in &spec.published_curves {
+        let note = judging.publish_curve(&mut grid, curve, last)?;
+        grid.notes.push(note);
+    }
+    for (row, published) in &spec.published {
+        if !judging.publish(&mut grid, row, published) {
+            grid.notes.push(format!(
+                "Published values of `{row}` have no place in this table."
+            ));
+        }
+    }
+    Ok(grid)
+}
+
+fn problem(problem: &str) -> Error {
+    Error::Render {
+        what: "table".into(),
+        problem: problem.into(),
+    }
+}

@@ -1,0 +1,185 @@
+//! What scores are normalised by, against what trials record: environments, agents, settings that would be
+//! pooled.
+
+use super::{Bound, Normalise};
+use crate::asked::{Names, Picked, Place, quoted};
+use document::diagnostic::suggest;
+use std::collections::BTreeMap;
+
+/// What pools normalised scores, for messages.
+pub(crate) struct Pooled {
+    /// What it is, as in `an aggregate`.
+    pub(crate) what: &'static str,
+    /// What shows settings one by one.
+    pub(crate) instead: &'static str,
+}
+
+/// Checks what stands for 0 and 1 in every environment, that no settings are mixed, and that listed agents
+/// have trials everywhere.
+pub(crate) fn normalised(
+    normalise: &Normalise,
+    pooled: &Pooled,
+    names: &mut Names<'_>,
+    place: &Place<'_>,
+    picked: &Picked,
+) {
+    suite(pooled, names, place, picked);
+    match normalise {
+        Normalise::Agents { low, high } => two_agents(names, low, high, place, picked),
+        Normalise::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
+    }
+}
+
+fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
+    if names.world.settings.iter().any(|setting| !setting.is_empty()) {
+        let message = format!(
+            "{} pools seeds and environments, and would pool the settings of `sweep` with them",
+            pooled.what
+        );
+        names.say((place.key, place.at.clone()), message, pooled.instead);
+    }
+    for item in place.below("agents").map_or(&[][..], |list| list.node.items()) {
+        let index = item
+            .as_str()
+            .and_then(|name| names.world.agents.iter().position(|known| known == name));
+        if let Some(missing) = index.and_then(|index| first_without(names, index, picked)) {
+            let message = format!(
+                "the agent `{}` has no trial in `{missing}`",
+                item.as_str().unwrap_or_default()
+            );
+            names.say(
+                (item.span, format!("{}.agents", place.at)),
+                message,
+                "list only agents that play all environments",
+            );
+        }
+    }
+}
+
+/// The first environment in which an agent has no trial.
+fn first_without(names: &Names<'_>, agent: usize, picked: &Picked) -> Option<String> {
+    let without = |environment: &&usize| !names.world.recorded.contains_key(&(**environment, agent));
+    picked
+        .environments
+        .iter()
+        .find(without)
+        .map(|index| names.world.environments[*index].clone())
+}
+
+/// Checks an agent that the others are measured by: it has a trial in every environment.
+pub(crate) fn plays_everywhere(
+    names: &mut Names<'_>,
+    name: &str,
+    key: &str,
+    place: &Place<'_>,
+    picked: &Picked,
+) {
+    let Some(index) = names.world.agents.iter().position(|known| known == name) else {
+        let help = suggest(name, names.world.agents.iter().map(String::as_str));
+        return names.say(place.value(key), format!("no agent is named `{name}`"), help);
+    };
+    if let Some(missing) = first_without(names, index, picked) {
+        let message =
+            format!("the agent `{name}` has no trial in `{missing}`, so nothing can be measured by it there");
+        names.say(
+            place.value(key),
+            message,
+            "choose `environments` in which it plays",
+        );
+    }
+}
+
+fn two_agents(names: &mut Names<'_>, low: &str, high: &str, place: &Place<'_>, picked: &Picked) {
+    let Some(inner) = place.below("normalise") else {
+        return;
+    };
+    plays_everywhere(names, low, "low", &inner, picked);
+    if low == high {
+        return names.say(
+            inner.value("high"),
+            format!("`{low}` cannot stand for both 0 and 1"),
+            "choose two agents",
+        );
+    }
+    plays_everywhere(names, high, "high", &inner, picked);
+}
+
+fn by_environment(
+    names: &mut Names<'_>,
+    bounds: &BTreeMap<String, [Bound; 2]>,
+    place: &Place<'_>,
+    picked: &Picked,
+) {
+    let Some(inner) = place.below("normalise") else {
+        return;
+    };
+    for (name, ends) in bounds {
+        let environment = names.world.environments.iter().position(|known| known == name);
+        if let Some(environment) = environment {
+            two_ends(names, ends, &inner, (name, environment));
+        } else {
+            let span = inner.node.entry(name).map_or(inner.key, |entry| entry.key_span);
+            let help = suggest(name, names.world.environments.iter().map(String::as_str));
+            names.say(
+                (span, format!("{}.{name}", inner.at)),
+                format!("no environment is named `{name}`"),
+                help,
+            );
+        }
+    }
+    let without: Vec<String> = picked
+        .environments
+        .iter()
+        .map(|index| names.world.environments[*index].clone())
+        .filter(|name| !bounds.contains_key(name))
+        .collect();
+    if !without.is_empty() {
+        let message = format!(
+            "`normalise` does not say what 0 and 1 stand for in {}",
+            quoted(&without)
+        );
+        names.say(
+            (inner.key, inner.at.clone()),
+            message,
+            format!("write `{}: [LOW, HIGH]`", without[0]),
+        );
+    }
+}
+
+/// Floor and ceiling of one environment: they differ, and agents among them play there.
+fn two_ends(names: &mut Names<'_>, ends: &[Bound; 2], inner: &Place<'_>, (name, environment): (&str, usize)) {
+    let [low, high] = ends;
+    if low == high {
+        let low = match low {
+            Bound::Number(number) => number.to_string(),
+            Bound::Agent(agent) => format!("`{agent}`"),
+        };
+        return names.say(
+            inner.value(name),
+            format!("{low} cannot stand for both 0 and 1"),
+            "write the score of a floor and that of a ceiling, `[LOW, HIGH]`",
+        );
+    }
+    let world = names.world;
+    let items = inner.below(name).map_or(&[][..], |list| list.node.items());
+    for item in items
+        .iter()
+        .filter(|item| ends.iter().any(|end| end.agent() == item.as_str()))
+    {
+        let at = format!("{}.{name}", inner.at);
+        let agents = &world.agents;
+        if let Some(agent) = names.known(item, "agent", agents, &at)
+            && !names.world.recorded.contains_key(&(environment, agent))
+        {
+            let message = format!(
+                "the agent `{}` has no trial in `{name}`",
+                names.world.agents[agent]
+            );
+            names.say(
+                (item.span, at),
+                message,
+                "name one that plays there, or write a number",
+            );
+        }
+    }
+}
