@@ -15,7 +15,7 @@ use contract::{
     trial::Trial,
     trial_end::{EndState, TrialEnd},
 };
-use engine::spec;
+
 use execution::store::{Store, TrialFile};
 use std::{
     collections::BTreeMap,
@@ -115,7 +115,7 @@ const PACKED_AT_ONCE: usize = 20_000;
 /// Ends every trial of a study; `packed` is the folder in which packs are asked for.
 fn fill(study: &Path, root: &Path, packed: Option<&Path>) -> usize {
     let registry = plugins::registry();
-    let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
+    let study = study::load(study, &registry, &study::Options::default()).unwrap();
     let (store, plan) = (Store::at(root), study.plan());
     match packed {
         None => plan.trials.iter().for_each(|trial| acknowledge(&store, trial)),

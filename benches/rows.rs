@@ -9,7 +9,7 @@ use contract::{
     Phase, Recorder, metrics_file,
     trial_end::{EndState, TrialEnd},
 };
-use engine::spec;
+
 use execution::store::{Store, TrialFile};
 use rand::Rng as _;
 use std::{collections::BTreeMap, path::Path};
@@ -57,7 +57,7 @@ fn study(seeds: &str) -> String {
 /// Acknowledges every trial of a study with its rows, without the flushes that a run pays for.
 fn fill(study: &Path, root: &Path, rows: u64) -> usize {
     let registry = plugins::registry();
-    let study = spec::load(study, &registry, &spec::Options::default())
+    let study = study::load(study, &registry, &study::Options::default())
         .unwrap_or_else(|problems| panic!("{problems:?}"));
     let (store, plan) = (Store::at(root), study.plan());
     let mut rng = contract::random::stream(&["rows"]);

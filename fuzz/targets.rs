@@ -5,7 +5,6 @@
 use analysis::claim;
 use contract::{Registry, recorder::Phase, trial::Trial};
 use document::diagnostic::render_first;
-use engine::spec::{self, Options, Study};
 use execution::store::{
     Store, TrialFile,
     metric_log::{self, LogEnd},
@@ -16,6 +15,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{LazyLock, Mutex},
 };
+use study::{Options, Study};
 
 /// Every target by its name, which is that of its folder of examples.
 pub const ALL: [(&str, fn(&[u8])); 5] = [
@@ -41,7 +41,7 @@ pub fn study(bytes: &[u8]) {
             message.len()
         ),
         Ok(study) => {
-            let resolved = spec::resolved_yaml(&study, Path::new("")).expect("what was read can be written");
+            let resolved = study::resolved_yaml(&study, Path::new("")).expect("what was read can be written");
             let again = read(&resolved).unwrap_or_else(|message| panic!("{message}\n{resolved}"));
             assert_eq!(ids(&study), ids(&again), "{resolved}");
         }
@@ -63,7 +63,7 @@ fn read(text: &str) -> Result<Study, String> {
     let registry = REGISTRY.lock().expect("nobody panicked with it");
     // Nothing lies in this folder, so that a study names no file of this machine by chance.
     let nowhere = Path::new("/nowhere");
-    spec::load_text(text, "study.yaml", nowhere, &registry, &Options::default())
+    study::load_text(text, "study.yaml", nowhere, &registry, &Options::default())
         .map_err(|problems| render_first(&problems))
 }
 

@@ -8,7 +8,7 @@ use crate::{
     program::{Bench, repository, trial_files},
 };
 use document::diagnostic::render;
-use engine::{describe::markdown, spec};
+use engine::describe::markdown;
 use numerics::{
     network::{Activation, Mlp, device},
     policy_file::{Head, Policy, Ports},
@@ -193,11 +193,11 @@ fn whole_studies_of_the_book_pass_check() {
             .filter(|block| block.contains("\nprotocol:"))
         {
             for profile in [None, Some("smoke".to_owned())] {
-                let options = spec::Options {
+                let options = study::Options {
                     profile,
-                    ..spec::Options::default()
+                    ..study::Options::default()
                 };
-                let checked = spec::load_text(study, "study.yaml", Path::new(""), &registry, &options);
+                let checked = study::load_text(study, "study.yaml", Path::new(""), &registry, &options);
                 if let Err(found) = checked {
                     panic!("{}\n{}", path.display(), render(&found, false));
                 }

@@ -6,16 +6,14 @@ use crate::{
 };
 use contract::{Registry, registry::About};
 use document::diagnostic::render;
-use engine::{
-    describe::{self, Asked, Group, Subject, text},
-    spec::{self, Options},
-};
+use engine::describe::{self, Asked, Group, Subject, text};
 use plugins::registry;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
 };
+use study::Options;
 
 const NOTHING_BUILT: Asked = Asked {
     fits: false,
@@ -126,7 +124,7 @@ fn study(examples: &[&str], rule: &str, protocol: &str) -> String {
 }
 
 fn passes(registry: &Registry, text: &str) {
-    let checked = spec::load_text(text, "example.yaml", Path::new(""), registry, &Options::default());
+    let checked = study::load_text(text, "example.yaml", Path::new(""), registry, &Options::default());
     if let Err(found) = checked {
         panic!("{text}\n{}", render(&found, false));
     }

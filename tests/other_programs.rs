@@ -139,7 +139,7 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
             .map(PathBuf::from),
     );
     let registry = registry();
-    let load = |path: &Path| engine::spec::load(path, &registry, &engine::spec::Options::default()).unwrap();
+    let load = |path: &Path| study::load(path, &registry, &study::Options::default()).unwrap();
     let ids = |path: &Path| {
         load(path)
             .plan()

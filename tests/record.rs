@@ -2,7 +2,7 @@
 //! folders, so that each is held to a folder that it must refuse.
 
 use crate::results::{builds, folders, read};
-use engine::report::{Passed, Verdicts};
+use report::{Passed, Verdicts};
 use std::path::{Path, PathBuf};
 
 /// What a report says of a program of which no commit holds all files.

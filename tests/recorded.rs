@@ -4,7 +4,7 @@ use crate::{
     program::Bench,
     results::{folders, place, read},
 };
-use engine::report::Verdicts;
+use report::Verdicts;
 use std::{
     collections::BTreeMap,
     fs,
@@ -253,7 +253,7 @@ fn copy(from: &Path, to: &Path) {
 /// What is judged in a folder, and how.
 fn words(folder: &Path) -> Vec<[String; 3]> {
     let verdicts: Verdicts = serde_json::from_str(&read(folder, "verdicts.json")).unwrap();
-    let words = |it: engine::report::Passed| {
+    let words = |it: report::Passed| {
         let together = it.together.unwrap_or_default();
         [it.about, it.verdict, together]
     };

@@ -74,7 +74,7 @@ fn played(name: &str, keys: &Value, seed: u64) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.yaml");
     std::fs::write(&path, keys.to_string()).unwrap();
-    let part = engine::spec::load_config(name, &entry.about, Some(&path)).unwrap_or_else(|problems| {
+    let part = study::load_config(name, &entry.about, Some(&path)).unwrap_or_else(|problems| {
         panic!("{name}: {}", document::diagnostic::render(&problems, false));
     });
     let mut environment = (entry.build)(&part.config).unwrap();

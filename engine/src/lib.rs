@@ -14,14 +14,7 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod cli;
-pub mod compare;
 pub mod describe;
-pub mod export;
 pub mod first_study;
-pub mod imported;
-pub mod plan;
-pub mod record;
-pub mod report;
 pub mod rollout;
-pub mod spec;
 pub mod watch;

@@ -8,7 +8,7 @@ use contract::{
     trial::Part,
 };
 use document::diagnostic;
-use engine::spec;
+
 use pyo3::prelude::*;
 use serde_json::Value;
 use std::{path::Path, sync::LazyLock};
@@ -49,14 +49,14 @@ impl Configured {
 
 fn read(name: &str, about: &About, keys: Option<&str>, file: Option<&Path>) -> Result<Part, Refusal> {
     let part = match keys {
-        Some(keys) => spec::read_config(
+        Some(keys) => study::read_config(
             name,
             about,
             &format!("the config of `{name}`"),
             keys,
             Path::new(""),
         ),
-        None => spec::load_config(name, about, file),
+        None => study::load_config(name, about, file),
     };
     part.map_err(|problems| Refusal::Config(diagnostic::render_first(&problems)))
 }

@@ -1,6 +1,6 @@
 //! What was asked for and is not there: names after `--only`, and stores.
 
-use super::{complain, study::Planned};
+use super::{complain, planned::Planned};
 use document::diagnostic;
 use execution::world::fs;
 use std::{collections::BTreeSet, path::Path};

@@ -1,19 +1,18 @@
 //! `compare`: two sets of results side by side.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, NOTHING_SELECTED, OK, Selection, folders, run, say, settings,
-    study,
-};
-use crate::{
-    compare::{Compared, Named, Side, markdown, parse_study, text},
-    report::{Contents, Verdicts},
-    spec,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, NOTHING_SELECTED, OK, Selection, folders, planned, run, say,
+    settings,
 };
 use clap::Args;
 use contract::{Error, Registry};
 use execution::{
     store::{self, Store, write_durably},
     world::{fs, process::Command},
+};
+use report::{
+    Contents, Verdicts,
+    compare::{Compared, Named, Side, markdown, parse_study, text},
 };
 use std::path::{Path, PathBuf};
 
@@ -143,7 +142,7 @@ impl Asked<'_> {
             only: Vec::new(),
         };
         let store = Store::at(&self.store);
-        let planned = study::load_with_looks(self.registry, &selection, &store)?;
+        let planned = planned::load_with_looks(self.registry, &selection, &store)?;
         let [one] = planned.as_slice() else {
             return Err(refused(format!("`{}` holds no study", self.path.display())));
         };
@@ -157,7 +156,7 @@ impl Asked<'_> {
         } else {
             self.path.parent().unwrap_or(Path::new(""))
         };
-        let resolved = parse_study(&self.path, &spec::resolved_yaml(&one.study, beside)?)?;
+        let resolved = parse_study(&self.path, &study::resolved_yaml(&one.study, beside)?)?;
         let named = Named {
             from: format!("{} in {}", self.path.display(), self.store.display()),
             study: one.study.name.clone(),

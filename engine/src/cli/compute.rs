@@ -3,10 +3,10 @@
 use super::{
     Common, Failure, INCOMPLETE, LimitOptions, OK, Selection, TRIALS_FAILED, complain,
     fitting::Machines,
+    planned::{self, Planned},
     prepare::{Ends, failed_in_words},
     progress::Progress,
     settings::Settings,
-    study::{self, Planned},
 };
 use contract::{
     Registry,
@@ -86,7 +86,7 @@ impl Compute<'_> {
         let missing: BTreeSet<&str> = tasks.iter().map(|task| task.trial.id.as_str()).collect();
         let runs = |one: &&Planned| one.plan.trials.iter().any(|it| missing.contains(it.id.as_str()));
         for one in planned.iter().filter(runs) {
-            study::try_out(self.registry, one)?;
+            planned::try_out(self.registry, one)?;
         }
         complain(&format!(
             "running {}{} on {}; the store is `{}`",

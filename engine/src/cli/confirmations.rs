@@ -1,9 +1,10 @@
 //! Confirmations of studies: planned and computed behind their study as studies of their own, and shown in its report.
 
-use super::{ReportOptions, Selection, folders, run, study::Planned};
-use crate::{plan::Wanted, report::Contents, spec::Study};
+use super::{ReportOptions, Selection, folders, planned::Planned, run};
 use contract::{Registry, trial::CellName, trial_result::TrialResult};
+use report::Contents;
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
+use study::{Study, plan::Wanted};
 
 /// The studies, each with its confirmations behind it.
 pub(super) fn planned(studies: Vec<Planned>, registry: &Registry) -> Vec<Planned> {

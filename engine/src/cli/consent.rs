@@ -4,8 +4,7 @@
 //! the command, in a file of that person, outside of every project and store: neither can say it for them. So is
 //! the list of folders whose programs are trusted.
 
-use super::{BAD_SPEC, Failure, complain, study::Planned};
-use crate::plan::Plan;
+use super::{BAD_SPEC, Failure, complain, planned::Planned};
 use clap::Args;
 use contract::{
     Error, Interface, Registry, random,
@@ -23,6 +22,7 @@ use std::{
     io::{BufRead, IsTerminal},
     path::{Path, PathBuf},
 };
+use study::plan::Plan;
 
 /// The name of the folder of a person's own files of this program.
 const OWN: &str = "regimen";

@@ -1,16 +1,16 @@
 //! About how long what is missing will take.
 
 use super::{
-    study::{Planned, total_steps},
+    planned::{Planned, total_steps},
     waiting::Waiting,
 };
-use crate::plan::{self, Estimate};
 use contract::{
     Registry,
     trial_end::{TrialEnd, is_missing},
 };
 use document::count::{count, duration};
 use execution::store::StoredCell;
+use study::plan::{self, Estimate};
 
 /// An estimate for the trials that are missing and not blocked, from stored ones.
 pub(super) fn estimate(

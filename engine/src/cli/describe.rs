@@ -1,10 +1,7 @@
 //! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
-use crate::{
-    describe::{self, Asked, FORMAT, Group, text},
-    spec,
-};
+use crate::describe::{self, Asked, FORMAT, Group, text};
 use contract::Registry;
 use serde_json::{Value, json};
 
@@ -71,6 +68,6 @@ fn groups(registry: &Registry) -> Value {
 
 /// Prints the JSON Schema of a study, for editors.
 pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
-    say(&format!("{:#}", spec::for_editors(spec::json_schema(registry))));
+    say(&format!("{:#}", study::for_editors(study::json_schema(registry))));
     Ok(OK)
 }

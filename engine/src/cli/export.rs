@@ -2,13 +2,9 @@
 
 use super::{
     BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, confirmations,
-    export_dataset, export_policy, folders, run, say, searches, settings,
-    study::{self, Planned},
-};
-use crate::{
-    export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
-    report::Manifest,
-    spec,
+    export_dataset, export_policy, folders,
+    planned::{self, Planned},
+    run, say, searches, settings,
 };
 use clap::Args;
 use contract::{Error, Registry, trial_end::EndState, trial_result::TrialResult};
@@ -16,6 +12,10 @@ use document::count::count;
 use execution::{
     store::{self, Store, write_durably},
     world::{fs, process},
+};
+use report::{
+    Manifest,
+    export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
 };
 use std::{
     collections::BTreeSet,
@@ -72,13 +72,13 @@ fn of_study(
     common: &Common,
 ) -> Result<u8, Failure> {
     let store = settings::read(common)?.open()?;
-    let planned = study::load_with_looks(registry, &options.selection, &store)?;
+    let planned = planned::load_with_looks(registry, &options.selection, &store)?;
     let [one] = &*confirmations::joined(planned) else {
         return Err(refused(
             "name one study: a folder holds the numbers of one".into(),
         ));
     };
-    study::say_imported(one, "are not exported");
+    planned::say_imported(one, "are not exported");
     let results = load(one, &store);
     if !results.iter().any(TrialResult::is_ok) {
         return Err(Failure {
@@ -117,7 +117,7 @@ fn of_study(
     ));
     let states = results.iter().map(|result| Some(result.end.as_ref()?.state));
     // A trial at its pause is as far as its study asks for.
-    let code = study::code_of(states.filter(|state| *state != Some(EndState::Paused)));
+    let code = planned::code_of(states.filter(|state| *state != Some(EndState::Paused)));
     Ok(code.max(searches::code(one)))
 }
 
@@ -248,7 +248,7 @@ impl Packing<'_> {
             let about = "what the study includes, as it was written";
             self.add(&format!("included/{number}/{name}"), &read(path)?, about, None)?;
         }
-        let resolved = spec::resolved_yaml(&one.study, self.folder)?;
+        let resolved = study::resolved_yaml(&one.study, self.folder)?;
         self.add(
             "resolved.yaml",
             resolved.as_bytes(),

@@ -5,7 +5,6 @@ use super::{
     export::{Whole, refused},
     one_trial, say, settings,
 };
-use crate::export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files};
 use contract::{
     Error, ProductKind, Registry,
     product::{SAVED_FILE, Taken},
@@ -15,6 +14,7 @@ use execution::{
     store::{Store, TrialFile, write_durably},
     world::fs,
 };
+use report::export::{PolicySubject, Subject, describe_run, folder_of_run, onnx_files};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 

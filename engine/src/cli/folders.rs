@@ -1,16 +1,14 @@
 //! Folders of results: each belongs to one study file, and to one way to ask for it.
 
-use super::{BAD_SPEC, Failure, ReportOptions, Selection, complain, study::Planned};
-use crate::{
-    report::{Manifest, Replaced},
-    spec::{along, way},
-};
+use super::{BAD_SPEC, Failure, ReportOptions, Selection, complain, planned::Planned};
 use contract::Error;
 use execution::world::{fs, process};
+use report::{Manifest, Replaced};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},
 };
+use study::{along, way};
 
 /// The folder of studies whose own folders are those of their results, too.
 const EXPERIMENTS: &str = "experiments";

@@ -1,6 +1,6 @@
 //! `run --executor ssh`: reaches the hosts before anything runs, and refuses what they could not run.
 
-use super::{BAD_SPEC, Failure, INCOMPLETE, complain, compute::Compute, study::Planned};
+use super::{BAD_SPEC, Failure, INCOMPLETE, complain, compute::Compute, planned::Planned};
 use contract::build;
 use execution::{executor::Access, scheduler::hosts::Found, world::fs};
 

@@ -1,24 +1,22 @@
 //! `import`: looks into files of other programs and writes the entry that a study names them with.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, complain, export::Whole, say};
-use crate::{
-    imported::{
-        Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
-        columns, read,
-    },
-    spec::{name_from, section_yaml},
-};
 use clap::Args;
 use contract::Error;
 use execution::{
     store::{self, write_durably},
     world::fs,
 };
+use imported::{
+    Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
+    columns, read,
+};
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},
 };
+use study::{name_from, section_yaml};
 
 /// What is imported, and how it is read.
 #[derive(Debug, Clone, Args)]

@@ -4,12 +4,7 @@
 //! What a combination gets is a function of the stored results alone, so that running, resuming, reporting
 //! and running elsewhere come to the same trials.
 
-use super::{complain, study::Planned};
-use crate::{
-    plan::Wanted,
-    report::{ClaimLine, Contents, Open},
-    spec::Study,
-};
+use super::{complain, planned::Planned};
 use analysis::results::Results;
 use contract::{
     Error, Registry,
@@ -19,12 +14,14 @@ use contract::{
 use document::count::{count, either};
 use execution::store::{self, Fixed, SeenVerdicts, Store};
 use presentation::{claim_spec::Relevance, table::Grid};
+use report::{ClaimLine, Contents, Open};
 use serde_json::json;
 use statistics::{Reference, Verdict};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
 };
+use study::{Study, plan::Wanted};
 
 /// Gives combinations the seeds that the stored results ask for, look by look. True where one has more than
 /// before.

@@ -22,6 +22,7 @@ mod new;
 mod one_trial;
 mod overview;
 mod pack;
+mod planned;
 mod prepare;
 mod profiles;
 mod progress;
@@ -36,7 +37,6 @@ mod searches;
 mod settings;
 mod shell;
 mod stages;
-mod study;
 mod submit;
 mod submitted;
 mod summaries;
@@ -498,7 +498,7 @@ fn parse(registry: &Registry) -> Command {
 fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failure> {
     match verb {
         Verb::Check(options) => rehearse::check(registry, &options, common),
-        Verb::Plan(selection) => study::plan(registry, &selection, common),
+        Verb::Plan(selection) => planned::plan(registry, &selection, common),
         Verb::Run {
             selection,
             options,
@@ -508,7 +508,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
             run::run(registry, &selection, &options, &report, common)
         }),
         Verb::Status { selection, summaries } => summaries.after(registry, &selection, common, || {
-            study::status(registry, &selection, common)
+            planned::status(registry, &selection, common)
         }),
         Verb::Watch(options) => watch::watch(registry, &options, common),
         Verb::Report {
@@ -530,7 +530,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
         Verb::Worker(options) => worker(registry, &options, common),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
-        Verb::Resolve(selection) => study::resolve(registry, &selection),
+        Verb::Resolve(selection) => planned::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options, common),
         Verb::List { group } => describe::list(registry, group, common),
         Verb::Describe { name, why } => describe::describe(registry, name.as_deref(), why, common),
@@ -609,7 +609,7 @@ fn say(text: &str) {
 fn say_summary(text: &str) {
     let text = plain_text::printable(text.trim_end_matches('\n'));
     if colour_on(&std::io::stdout()) {
-        put(&crate::report::tinted(&text));
+        put(&report::tinted(&text));
     } else {
         put(&text);
     }

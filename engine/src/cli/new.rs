@@ -1,10 +1,7 @@
 //! `new`: writes a first study.
 
 use super::{BAD_SPEC, Failure, OK, complain, consent::Consent, say};
-use crate::{
-    first_study,
-    spec::{self, Options},
-};
+use crate::first_study;
 use clap::Args;
 use contract::{
     Registry,
@@ -20,6 +17,7 @@ use std::{
     path::{Path, PathBuf},
     time::Duration,
 };
+use study::Options;
 
 /// What the study is made of.
 #[derive(Debug, Args)]
@@ -122,7 +120,7 @@ fn passes(registry: &Registry, name: &str, text: &str) -> Result<(), Failure> {
             profile,
             ..Options::default()
         };
-        let study = spec::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
+        let study = study::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
         study.map_err(|found| {
             let found = render(&found, false);
             refused(format!("the study that was made does not pass `check`:\n{found}"))

@@ -3,9 +3,9 @@
 use super::{
     BAD_SPEC, Common, Failure, Format, OK, complain,
     compute::listen_for_signals,
+    planned::Planned,
     say,
     settings::{self, Settings},
-    study::Planned,
 };
 use clap::Args;
 use document::count::{count, either};

@@ -1,7 +1,7 @@
 //! Before trials run: what is damaged is set aside, and what is to be tried again is marked, so that both are
 //! missing for this command and for every later one.
 
-use super::{Failure, complain, compute::Compute, study::Planned};
+use super::{Failure, complain, compute::Compute, planned::Planned};
 use contract::{
     Error,
     trial::Trial,

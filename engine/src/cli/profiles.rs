@@ -1,12 +1,9 @@
 //! Looks up which profiles of a study were ever run here.
 
-use super::{Selection, study::Planned};
-use crate::{
-    report::{ProfileState, ProfileTrials},
-    spec,
-};
+use super::{Selection, planned::Planned};
 use contract::{Registry, trial::Trial, trial_end::EndState};
 use execution::store::Store;
+use report::{ProfileState, ProfileTrials};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -71,11 +68,11 @@ impl Ends {
 }
 
 fn planned(registry: &Registry, one: &Planned, profile: Option<String>, store: &Store) -> Option<Ends> {
-    let options = spec::Options {
+    let options = study::Options {
         profile,
-        ..spec::Options::default()
+        ..study::Options::default()
     };
-    let trials = spec::load(&one.path, registry, &options).ok()?.plan().trials;
+    let trials = study::load(&one.path, registry, &options).ok()?.plan().trials;
     // What is damaged was complained of when the report's own trials were read, or is no concern of this
     // report.
     let states = store.stored_of(&trials, |it| it.end.state).all;

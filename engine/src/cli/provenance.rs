@@ -1,9 +1,9 @@
 //! Where numbers come from: programs, plugins, machine.
 
-use super::study::Planned;
-use crate::report::Provenance;
+use super::planned::Planned;
 use contract::{Build, Registry};
 use execution::world::fs;
+use report::Provenance;
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},

@@ -3,21 +3,21 @@
 
 use super::{
     BAD_SPEC, Common, Failure, NOTHING_SELECTED, OK, ReportOptions, Selection, complain, confirmations,
-    folders, looks, overview, provenance,
+    folders, looks, overview,
+    planned::{self, Planned},
+    provenance,
     reports::{self, Gathered, RESOLVED},
     run,
-    study::{self, Planned},
-};
-use crate::{
-    compare::{changed_keys, parse_study},
-    record::{self, Record, Source, forget_success},
-    report::{Contents, Manifest, Provenance, Round, StudyInfo},
-    spec,
 };
 use analysis::results::Results;
 use contract::{Error, Registry, trial_end::EndState, trial_result::TrialResult};
 use document::diagnostic;
 use execution::{store::Announcements, world::fs};
+use report::{
+    Contents, Manifest, Provenance, Round, StudyInfo,
+    compare::{changed_keys, parse_study},
+    record::{self, Record, Source, forget_success},
+};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -91,8 +91,8 @@ fn find(
         code: BAD_SPEC,
         text: diagnostic::render_first(&problems),
     };
-    let mut options = study::options(selection, None);
-    let name = spec::name_in(path, registry, &options).map_err(refused)?;
+    let mut options = planned::options(selection, None);
+    let name = study::name_in(path, registry, &options).map_err(refused)?;
     let folder = folders::folder_of(path, &name, selection, reporting);
     if !fs::is_folder(&folder) {
         complain(&format!(
@@ -117,7 +117,7 @@ fn find(
     let recalled = Announcements::of(announced.path());
     record.announced.iter().for_each(|(id, it)| recalled.keep(id, it));
     options.announced = Some(recalled);
-    let mut one = study::load_one(registry, path, selection, options).map_err(refused)?;
+    let mut one = planned::load_one(registry, path, selection, options).map_err(refused)?;
     if one.study.design.is_some() {
         one.replan(registry, record.seeds());
     }
@@ -238,7 +238,7 @@ fn gathered(
     record.provenance = provenance.clone();
     record.announced.extend(one.study.announced.clone());
     let states = results.trials.iter().map(|it| Some(it.end.as_ref()?.state));
-    let code = study::code_of(states.collect::<Vec<Option<EndState>>>());
+    let code = planned::code_of(states.collect::<Vec<Option<EndState>>>());
     Ok(Gathered {
         study,
         results,
@@ -284,7 +284,7 @@ fn changed_settings(one: &Planned, manifest: &Manifest, folder: &Path) -> Result
         path: path.clone(),
         problem: "holds no text".into(),
     })?;
-    let now = spec::resolved_yaml(&one.study, folder)?;
+    let now = study::resolved_yaml(&one.study, folder)?;
     Ok(changed_keys(
         &parse_study(&path, &text)?,
         &parse_study(&path, &now)?,

@@ -3,7 +3,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, LimitOptions, OK, Selection, TRIALS_FAILED, compute::Compute, consent,
-    say, settings, study, study::Planned,
+    planned, planned::Planned, say, settings,
 };
 use analysis::results::RepeatCheck;
 use clap::Args;
@@ -43,7 +43,7 @@ pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common
         let text = "error: `--rehearse` prints text: leave out `--format json`".into();
         return Err(Failure { code: BAD_SPEC, text });
     }
-    match study::check(registry, &options.selection, common)? {
+    match planned::check(registry, &options.selection, common)? {
         OK if options.rehearse => rehearse(registry, options, common),
         code => Ok(code),
     }
@@ -52,7 +52,7 @@ pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common
 /// Rehearses the programs of studies that hold; 100 where one of them does not come to its first measurement.
 fn rehearse(registry: &Registry, options: &CheckOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let planned = study::load(registry, &options.selection, None)?;
+    let planned = planned::load(registry, &options.selection, None)?;
     let trials = planned.iter().flat_map(|one| first_of_each(registry, one));
     let programs = consent::of_trials(
         registry,

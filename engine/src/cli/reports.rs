@@ -2,21 +2,19 @@
 
 use super::{
     Common, DIFFERS, Failure, Format, NOT_MADE, OK, ReportOptions, Selection, complain, confirmations,
-    folders, looks, overview, profiles, provenance, run, say, say_summary, searches, settings,
-    study::{self, Planned},
-};
-use crate::{
-    record::{self, Asks, Cell, Record, Searched},
-    report::{
-        self, Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
-    },
-    spec,
+    folders, looks, overview,
+    planned::{self, Planned},
+    profiles, provenance, run, say, say_summary, searches, settings,
 };
 use analysis::results::Results;
 use contract::{Build, Error, Registry, trial_end::EndState};
 use execution::{
     store::{SeenVerdicts, Store, write_durably},
     world::fs,
+};
+use report::{
+    Contents, Counts, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
+    record::{self, Asks, Cell, Record, Searched},
 };
 use serde_json::{Value, json};
 use std::{
@@ -36,7 +34,7 @@ pub(super) fn report(
 ) -> Result<u8, Failure> {
     let store = settings::read(common)?.open()?;
     let mut code = OK;
-    let planned = study::load_with_looks(registry, selection, &store)?;
+    let planned = planned::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
     searches::told(&planned, &run::again(selection, common));
     for study in confirmations::by_study(&planned) {
@@ -290,7 +288,7 @@ fn code_of_report(one: &Planned, states: &[Option<EndState>], results: &Results)
         .trials
         .iter()
         .map(|result| Some(result.end.as_ref()?.state));
-    study::code_of(states.iter().copied().chain(ends)).max(searches::code(one))
+    planned::code_of(states.iter().copied().chain(ends)).max(searches::code(one))
 }
 
 /// Says that nothing of a study is there, so that its earlier report stays as it was.
@@ -317,7 +315,7 @@ fn write_beside(
 ) -> Result<(), Failure> {
     let (resolved, evaluations) = (dir.join(RESOLVED), dir.join(record::EVALUATIONS));
     if gathered.study.changed_settings.is_empty() {
-        write_durably(&resolved, spec::resolved_yaml(&one.study, dir)?.as_bytes())?;
+        write_durably(&resolved, study::resolved_yaml(&one.study, dir)?.as_bytes())?;
     }
     if !gathered.is_recorded {
         let bytes = record::encode(&evaluations, &gathered.results, &asks(one))?;

@@ -1,10 +1,7 @@
 //! `regimen rollout`: one environment, given actions, an agent or a stored trial, one CSV file.
 
 use super::{BAD_SPEC, Common, Failure, OK, complain, one_trial, settings};
-use crate::{
-    rollout::{self, Actions},
-    spec,
-};
+use crate::rollout::{self, Actions};
 use clap::Args;
 use contract::{
     Agent, Environment, Registry,
@@ -233,7 +230,7 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
 }
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
-    let part = spec::load_config(name, about, path).map_err(|problems| Failure {
+    let part = study::load_config(name, about, path).map_err(|problems| Failure {
         code: BAD_SPEC,
         text: diagnostic::render_first(&problems),
     })?;

@@ -4,13 +4,10 @@ use super::{
     BAD_SPEC, Common, Failure, INCOMPLETE, OK, ReportOptions, RunOptions, Selection, TRIALS_FAILED,
     WorkerOptions, complain,
     compute::Compute,
-    confirmations, folders, hosts, looks, overview, pack, rehearse, reports, searches, settings, stages,
-    study::{self, Planned},
+    confirmations, folders, hosts, looks, overview, pack,
+    planned::{self, Planned},
+    rehearse, reports, searches, settings, stages,
     submit::{self, Asked},
-};
-use crate::{
-    report::{self, StudyInfo},
-    spec::Study,
 };
 use analysis::{
     results::{Results, SearchResult},
@@ -28,12 +25,14 @@ use execution::{
     executor::{self, Way},
     store::Store,
 };
+use report::StudyInfo;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
     io::IsTerminal as _,
     sync::Arc,
 };
+use study::Study;
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -44,13 +43,13 @@ pub(super) fn run(
     common: &Common,
 ) -> Result<u8, Failure> {
     if options.dry_run {
-        return study::plan(registry, selection, common);
+        return planned::plan(registry, selection, common);
     }
     let settings = settings::read(common)?;
     let (store, workers) = (settings.open()?, options.jobs.unwrap_or(settings.workers));
-    let mut planned = study::load_with_looks(registry, selection, &store)?;
+    let mut planned = planned::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
-    study::warn(&planned);
+    planned::warn(&planned);
     options.consent.ask(registry, &planned, &store)?;
     let mut how = Compute {
         registry,
@@ -203,7 +202,7 @@ pub(super) fn worker(registry: &Registry, options: &WorkerOptions, common: &Comm
     let selection = &options.selection;
     let (part, parts) = options.index.as_deref().map_or(Ok((0, 1)), parse_index)?;
     let store = settings.open()?;
-    let mut planned = study::load_with_looks(registry, selection, &store)?;
+    let mut planned = planned::load_with_looks(registry, selection, &store)?;
     options.consent.ask(registry, &planned, &store)?;
     let how = Compute {
         registry,

@@ -1,8 +1,8 @@
 //! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
 //! running elsewhere come to the same settings.
 
-use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, run, study::Planned};
-use crate::spec;
+use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, planned::Planned, run};
+
 use analysis::{
     results::{SearchResult, Sight},
     search::{Next, Progress},
@@ -26,7 +26,7 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
         one.searched = results.searches;
         let next = |it: &SearchResult| (it.search.name.clone(), progress(it));
         let searches = one.searched.iter().map(next).collect();
-        let options = spec::Options {
+        let options = study::Options {
             searches,
             ..one.options.clone()
         };
@@ -35,7 +35,7 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
             return Ok(grown);
         }
         grown = true;
-        one.study = spec::load(&one.path, registry, &options).map_err(|problems| Failure {
+        one.study = study::load(&one.path, registry, &options).map_err(|problems| Failure {
             code: BAD_SPEC,
             text: diagnostic::render_first(&problems),
         })?;

@@ -1,8 +1,8 @@
 //! The graph of a study: its entries, and what each takes from others.
 
-use super::study::Planned;
-use crate::report::{Stage, Take};
+use super::planned::Planned;
 use contract::trial::{Purpose, Trial};
+use report::{Stage, Take};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The entries of a study in the order of the plan; none where no trial takes from another one.

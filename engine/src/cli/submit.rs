@@ -6,10 +6,10 @@ use super::{
     compute::{Compute, has_paused, listen_for_signals},
     consent::{self, Consent},
     fitting::Machines,
+    planned::{self, Planned},
     prepare::Ends,
     progress::Progress,
     say, settings,
-    study::{self, Planned},
 };
 use clap::{
     Args,
@@ -235,7 +235,7 @@ impl Asked<'_> {
         let ends: Ends = self
             .planned
             .iter()
-            .map(|one| study::ends(&Store::at(&store), &one.plan.trials))
+            .map(|one| planned::ends(&Store::at(&store), &one.plan.trials))
             .collect();
         let tasks = self.how.tasks(self.planned, &ends, |_| true);
         self.refuse_unfit(&*executor, &tasks)?;
@@ -270,7 +270,7 @@ pub(super) fn submit(
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = settings.open()?;
-    let planned = study::load_with_looks(registry, selection, &store)?;
+    let planned = planned::load_with_looks(registry, selection, &store)?;
     if !options.dry_run {
         options.consent.ask(registry, &planned, &store)?;
     }
@@ -327,7 +327,7 @@ fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
 /// `cancel`: ends what was submitted for the trials of these studies.
 pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let store = absolute(&settings::read(common)?.store)?;
-    let planned = study::load_with_looks(registry, selection, &Store::at(&store))?;
+    let planned = planned::load_with_looks(registry, selection, &Store::at(&store))?;
     set_aside_damaged(&store)?;
     let cancelled = executor::cancel(&store, &ids(&planned), &Stop::default(), &mut complain)?;
     cancelled

@@ -1,14 +1,14 @@
 //! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as
 //! JSON.
 
-use super::{Common, Failure, Selection, settings, study};
-use crate::report::{Outcome, junit, outcomes_as_json};
+use super::{Common, Failure, Selection, planned, settings};
 use clap::Args;
 use contract::Registry;
 use execution::{
     store::{Store, write_durably},
     world::{clock, fs},
 };
+use report::{Outcome, junit, outcomes_as_json};
 use std::{path::PathBuf, time::Instant};
 
 /// Which files to write.
@@ -56,7 +56,7 @@ impl Summaries {
         }
         let wall_s = clock::since(started).as_secs_f64();
         let store = settings::read(common)?.open()?;
-        let outcomes: Vec<Outcome> = study::load_with_looks(registry, selection, &store)?
+        let outcomes: Vec<Outcome> = planned::load_with_looks(registry, selection, &store)?
             .into_iter()
             .map(|one| outcome(one, &store))
             .collect();
@@ -70,8 +70,8 @@ impl Summaries {
     }
 }
 
-fn outcome(one: study::Planned, store: &Store) -> Outcome {
-    let ends = study::ends(store, &one.plan.trials);
+fn outcome(one: planned::Planned, store: &Store) -> Outcome {
+    let ends = planned::ends(store, &one.plan.trials);
     Outcome {
         study: one.plan.study,
         trials: one.plan.trials.into_iter().zip(ends).collect(),

@@ -6,9 +6,8 @@ use super::{
     compute::Compute,
     consent::{self, Consent},
     one_trial::named,
-    say, settings, study,
+    planned, say, settings,
 };
-use crate::plan::Plan;
 use clap::Args;
 use contract::{Error, Registry, resources::Needs, trial::Trial, trial_end::EndState};
 use document::count::count;
@@ -23,6 +22,7 @@ use std::{
     path::PathBuf,
     sync::Arc,
 };
+use study::plan::Plan;
 
 /// Version of the receipt's form.
 const SCHEMA: u32 = 1;
@@ -155,10 +155,10 @@ fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
     let mut found = Found::default();
     let mut absent: BTreeMap<String, Arc<Trial>> = BTreeMap::new();
     let mut seen = BTreeSet::new();
-    for one in study::load_with_looks(how.registry, how.asked.0, store)? {
+    for one in planned::load_with_looks(how.registry, how.asked.0, store)? {
         let limits = Arc::new(how.limits_of(&one.study.limits));
         found.studies.push(one.study.name.clone());
-        study::say_imported(&one, "cannot be computed again here");
+        planned::say_imported(&one, "cannot be computed again here");
         for trial in &one.paused {
             if seen.insert(trial.id.clone()) {
                 found.look_at_pause(trial, &limits, store)?;
@@ -462,7 +462,7 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
         title: String::new(),
         trials: members.iter().map(|member| Arc::clone(&member.trial)).collect(),
     };
-    let costs = study::costs(how.registry, &plan);
+    let costs = planned::costs(how.registry, &plan);
     let task = |(member, cost): (&&'a Candidate, u64)| Task {
         trial: &member.trial,
         cost,

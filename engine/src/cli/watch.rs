@@ -3,8 +3,8 @@
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, OK, Selection, complain,
     compute::listen_for_signals,
+    planned::{self, Planned},
     run, say, settings,
-    study::{self, Planned},
 };
 use crate::watch::{Choice, View, Watched, Watcher, draw, page, plain};
 use analysis::search::Goal;
@@ -65,7 +65,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
-    let planned = study::load_with_looks(registry, &options.selection, &store)?;
+    let planned = planned::load_with_looks(registry, &options.selection, &store)?;
     let preferred = options
         .metric
         .iter()
@@ -160,7 +160,7 @@ impl Watching<'_> {
     fn look(&mut self) -> View {
         let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();
         if self.looks > 0 && self.looks.is_multiple_of(LOOKS_PER_PLAN) && self.planned.iter().any(grows) {
-            let again = study::load_with_looks(self.registry, &self.options.selection, &self.store);
+            let again = planned::load_with_looks(self.registry, &self.options.selection, &self.store);
             self.planned = again.unwrap_or_else(|_| std::mem::take(&mut self.planned));
         }
         self.looks += 1;

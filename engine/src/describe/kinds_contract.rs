@@ -2,10 +2,7 @@
 //! can be built.
 
 use super::Kind;
-use crate::{
-    describe::{Asked, find, text},
-    spec::{self, Options, Study},
-};
+use crate::describe::{Asked, find, text};
 use analysis::{
     results::{Results, SearchResult},
     search::Progress,
@@ -23,6 +20,7 @@ use presentation::{
 };
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
+use study::{Options, Study};
 use testing::toys::toys;
 
 const HEAD: &str = "study: walk
@@ -69,7 +67,7 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
         searches: BTreeMap::from([("learner_rates".into(), progress)]),
         ..Options::default()
     };
-    spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &options)
+    study::load_text(&text, "study.yaml", Path::new(""), &toys(), &options)
 }
 
 /// Kinds that show what trials leave, not what they record, and name no metric.
@@ -145,7 +143,7 @@ fn names_are_used_once_and_say_what_is_shown() {
 
 #[test]
 fn every_kind_is_described_with_the_keys_of_its_schema() {
-    let schema = spec::json_schema(&toys());
+    let schema = study::json_schema(&toys());
     for (section, kind) in all() {
         let path = [section, "any name", kind.name].map(String::from);
         let property = View::new(&schema, &schema).descend(&path).unwrap();

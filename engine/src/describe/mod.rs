@@ -16,12 +16,12 @@ mod sections;
 mod tests;
 pub mod text;
 
-use crate::spec::fit;
-pub use crate::spec::fit::{Asked, Unfit};
 pub use group::Group;
 pub use interface::{Channels, SeatFacts, SpaceFacts};
 pub use key::{Form, Key};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
+use study::fit;
+pub use study::fit::{Asked, Unfit};
 
 use analysis::claim::{Aggregate, forms};
 use contract::{Better, Metric, PerEpisode, Preset, ProductKind, Registry};

@@ -8,7 +8,7 @@ use super::{
     key::{self, Form},
     text::as_yaml,
 };
-use crate::spec;
+
 use contract::{
     Agent, Metric, ProductKind, Protocol, Registry, cast,
     protocol::given_to_learn,
@@ -173,7 +173,7 @@ fn leaves(agent: &dyn Agent) -> Vec<String> {
 fn protocols(registry: &Registry, entry: &AgentEntry) -> Vec<String> {
     let suits = |protocol: &ProtocolEntry| {
         let built = with_products(protocol).map(|(built, _)| built);
-        built.is_some_and(|built| built.experience() > 0 && spec::can_learn(entry, built))
+        built.is_some_and(|built| built.experience() > 0 && study::can_learn(entry, built))
     };
     let all = registry
         .protocols

@@ -7,7 +7,7 @@ use super::{
     group::Group,
     key::{self, Form},
 };
-use crate::spec;
+
 use analysis::claim::{
     Aggregate,
     forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
@@ -275,7 +275,7 @@ claims: [learner.return > elsewhere.return in short]",
 
 /// Sections with their descriptions, in the order of their names.
 pub(super) fn entries(registry: &Registry) -> Vec<(String, String)> {
-    let schema = spec::json_schema(registry);
+    let schema = study::json_schema(registry);
     let view = View::new(&schema, &schema);
     let about = |name: &str| {
         view.property(name)
@@ -289,7 +289,7 @@ pub(super) fn entries(registry: &Registry) -> Vec<(String, String)> {
 
 /// A section: its keys, the kinds or plugins that may stand in it, and examples.
 pub(super) fn subject(registry: &Registry, name: &str) -> Option<Subject> {
-    let schema = spec::json_schema(registry);
+    let schema = study::json_schema(registry);
     let view = View::new(&schema, &schema);
     let section = view.property(name)?;
     let required = schema["required"]
@@ -377,7 +377,7 @@ fn claim_forms() -> Vec<Form> {
 
 /// The ways to make the values of a swept key, by name.
 pub(super) fn samplers() -> Vec<(String, Form)> {
-    let schema = spec::json_schema(&Registry::default());
+    let schema = study::json_schema(&Registry::default());
     let view = View::new(&schema, &schema);
     let generator = view.property("sweep").and_then(|sweep| sweep.property(""));
     let places = generator.map_or_else(Vec::new, |generator| generator.alternatives());

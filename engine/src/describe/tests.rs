@@ -1,9 +1,9 @@
 //! What is described of toy plugins, and that every example of a section passes `check`.
 
 use super::*;
-use crate::spec::{self, Options};
 use document::diagnostic::render;
 use serde_json::json;
+use study::Options;
 use testing::toys::toys;
 
 const SECTIONS: [(&str, &str); 7] = [
@@ -62,7 +62,7 @@ fn passes(example: &str) {
     std::fs::write(folder.path().join("common.yaml"), "limits: { retries: 1 }").unwrap();
     let confirmed = study_with("seeds: 5\nclaims: [learner.return > rule.return]");
     std::fs::write(folder.path().join("first-look.yaml"), confirmed).unwrap();
-    let study = spec::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
+    let study = study::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
     if let Err(found) = study {
         panic!("{text}\n{}", render(&found, false));
     }

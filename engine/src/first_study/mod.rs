@@ -7,10 +7,7 @@ mod text;
 
 pub use error::FirstStudyError;
 
-use crate::{
-    describe::Asked,
-    spec::{self, Options, fit},
-};
+use crate::describe::Asked;
 use budget::{Budget, searching, training};
 use contract::{
     Protocol, Registry,
@@ -21,6 +18,7 @@ use document::{
     schema_check::{SLUG, mismatch},
 };
 use std::path::Path;
+use study::{Options, fit};
 use text::Pair;
 
 /// An agent that learns nothing from so many transitions is no first example.
@@ -238,7 +236,7 @@ impl<'a> Place<'a> {
             let protocol = self.protocol(name);
             protocol.is_some_and(|protocol| {
                 protocol.accepts(&built.interface(), built.metrics()).is_ok()
-                    && spec::can_learn(entry, protocol)
+                    && study::can_learn(entry, protocol)
             })
         })
         .map(|(_, budget)| budget(first_update))
@@ -258,7 +256,7 @@ impl Pair {
             profile: profile.map(Into::into),
             ..Options::default()
         };
-        let study = spec::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
+        let study = study::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
         study.map(drop).map_err(|found| FirstStudyError::Refused {
             agent: self.learner.clone(),
             environment: self.environment.clone(),

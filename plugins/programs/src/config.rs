@@ -1,8 +1,8 @@
 //! The keys of a program in a study.
 
 use contract::{DataFile, Metric, own_training::Measured, resources::Needs};
-use engine::imported::{Step, SumOf};
 use execution::guard::StopSignal;
+use imported::{Step, SumOf};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -3,7 +3,7 @@
 //! Of each such line what is declared is noted in a file of JSON lines, which is then read as any other. Values that no
 //! reader would take for numbers are no values of a metric, as in a line `loss=see below`.
 
-use engine::imported::of_line;
+use imported::of_line;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 

@@ -10,7 +10,7 @@ use crate::{
 };
 use contract::{Error, own_training::Curve};
 use document::reach::Reach;
-use engine::imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read};
+use imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,

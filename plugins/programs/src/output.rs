@@ -6,7 +6,7 @@
 
 use crate::lines::{AT, Filter, Lines};
 use contract::Error;
-use engine::imported::BEGINS_AGAIN;
+use imported::BEGINS_AGAIN;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeSet, VecDeque},

@@ -2,7 +2,7 @@
 
 use contract::{Error, Seat, Space, first_largest};
 use document::reach::Reach;
-use engine::imported::matching;
+use imported::matching;
 use numerics::onnx::{Graph, Network};
 use std::{
     fs,

@@ -199,6 +199,7 @@ impl Picked {
 /// A mapping of the study with its place.
 #[derive(Clone)]
 pub struct Place<'a> {
+    /// The mapping.
     pub node: &'a Node,
     /// Where its key stands.
     pub key: Span,
@@ -207,6 +208,8 @@ pub struct Place<'a> {
 }
 
 impl<'a> Place<'a> {
+    /// The value of an entry whose dotted path is known.
+    #[must_use]
     pub fn of(entry: &'a Entry, at: String) -> Self {
         Self {
             node: &entry.value,
@@ -215,6 +218,8 @@ impl<'a> Place<'a> {
         }
     }
 
+    /// The mapping under a key; `None` where it is not given.
+    #[must_use]
     pub fn below(&self, key: &str) -> Option<Place<'a>> {
         self.node
             .entry(key)
@@ -245,6 +250,7 @@ impl<'a> Place<'a> {
 /// What trials record, for tables, figures and claims to be held against, and what was found wrong with
 /// these.
 pub struct Names<'a> {
+    /// The names that are known.
     pub world: &'a Catalogue,
     sources: &'a Sources,
     /// Rows and columns of the tables by name; none where a table cannot be read.
@@ -365,6 +371,8 @@ impl Names<'_> {
         }
     }
 
+    /// Names of what traces of these environments hold.
+    #[must_use]
     pub fn traced(&self, picked: &Picked) -> BTreeSet<String> {
         picked
             .environments
@@ -375,6 +383,8 @@ impl Names<'_> {
             .collect()
     }
 
+    /// Metrics that some trial of these agents and environments records.
+    #[must_use]
     pub fn recorded(&self, picked: &Picked) -> BTreeSet<String> {
         let pairs = picked
             .environments
@@ -387,6 +397,7 @@ impl Names<'_> {
             .collect()
     }
 
+    /// Says where a metric is missing, or is one that none of these trials records.
     pub fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
         if name.is_empty() {
             return self.say(
@@ -401,6 +412,7 @@ impl Names<'_> {
         }
     }
 
+    /// Says that no trial records a metric, and what is recorded.
     pub fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
         let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
         let known = list
@@ -503,6 +515,7 @@ impl Names<'_> {
         indices
     }
 
+    /// The index of a name among those that are known; says where it is none of them.
     pub fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
         let name = item.as_str()?;
         let index = known.iter().position(|it| it == name);
@@ -518,6 +531,8 @@ impl Names<'_> {
     }
 }
 
+/// Names in backticks, with commas.
+#[must_use]
 pub fn quoted(names: &[String]) -> String {
     names
         .iter()

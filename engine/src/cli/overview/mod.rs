@@ -4,20 +4,18 @@
 mod blocks;
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, ReportOptions, Selection, folders, say,
-    study::Planned,
-};
-use crate::{
-    report::{self, IndexEntry, Manifest, Verdicts},
-    spec::{along, way},
+    BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, ReportOptions, Selection, folders,
+    planned::Planned, say,
 };
 use blocks::Block;
 use contract::Error;
 use execution::{store::write_durably, world::fs};
+use report::{IndexEntry, Manifest, Verdicts};
 use std::{
     io,
     path::{Path, PathBuf},
 };
+use study::{along, way};
 
 /// The file of a folder of results in which its verdicts stand.
 const VERDICTS: &str = "verdicts.json";

@@ -9,7 +9,7 @@ use crate::{
     output::{STREAMS, noted},
     workplace::{NOTES, Workplace},
 };
-use engine::imported::{SumOf, columns};
+use imported::{SumOf, columns};
 use std::path::{Path, PathBuf};
 
 /// Columns with steps, those that count most first.

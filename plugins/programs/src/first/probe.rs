@@ -12,7 +12,7 @@ use crate::{
 };
 use contract::{DataFile, Error, resources::Share};
 use document::reach::Reach;
-use engine::imported::matching;
+use imported::matching;
 use std::{path::Path, time::Duration};
 
 /// How long a program may take to say its options.

@@ -1,0 +1,334 @@
+//! Two sets of results side by side: which values moved, which verdicts changed, and which settings differ.
+//!
+//! Everything is a pure function of two [`Side`]s, in the order of their tables' and keys' names, so that the same
+//! results give the same text.
+
+mod difference;
+mod render;
+mod settings;
+mod side;
+
+pub use difference::{Basis, Difference, Fate, LEVEL};
+pub use render::{markdown, text};
+pub use settings::{changed_keys, flat};
+pub use side::{Measured, Place, Side, parse_study};
+
+use crate::Passed;
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What two sides differ in.
+#[derive(Debug, Clone, Serialize)]
+pub struct Compared {
+    /// The first side, the earlier one as a rule.
+    pub a: Named,
+    /// The second side.
+    pub b: Named,
+    /// How many cells there are of each fate.
+    pub counts: Counts,
+    /// Cells that both sides have a value of.
+    pub cells: Vec<Pair>,
+    /// Verdicts on published values that changed.
+    pub verdicts: Vec<Changed>,
+    /// Verdicts on claims that changed; a claim is found by its words, not by its number.
+    pub claims: Vec<Changed>,
+    /// Cells, verdicts and claims that one side has alone.
+    pub only: Vec<Lonely>,
+    /// Keys of the resolved studies that differ.
+    pub settings: Vec<Setting>,
+}
+
+/// Which results a side is.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Named {
+    /// Where they were read.
+    pub from: String,
+    /// Name of the study.
+    pub study: String,
+    /// Options of the command line that they were made with.
+    pub options: Vec<String>,
+}
+
+/// How many cells there are of each fate, and what else was compared.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// With the same bits for every seed.
+    pub same: usize,
+    /// With 0 inside the interval of the difference.
+    pub within: usize,
+    /// With 0 outside of it.
+    pub moved: usize,
+    /// With other values and no interval.
+    pub undecided: usize,
+    /// Verdicts and claims that both sides have.
+    pub judged: usize,
+}
+
+/// A cell that both sides have.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pair {
+    /// Where it stands.
+    #[serde(flatten)]
+    pub place: Place,
+    /// Its values in the first side.
+    pub a: Measured,
+    /// Its values in the second side.
+    pub b: Measured,
+    /// The second less the first.
+    #[serde(flatten)]
+    pub difference: Difference,
+}
+
+/// A verdict that is another one now.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Changed {
+    /// What it is about.
+    pub about: String,
+    /// Its word in the first side, with that of all together where it is another.
+    pub a: String,
+    /// Its word in the second side.
+    pub b: String,
+}
+
+/// What one side has alone.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Lonely {
+    /// `a` or `b`.
+    pub side: &'static str,
+    /// `cell`, `verdict` or `claim`.
+    pub kind: &'static str,
+    /// What it is.
+    pub what: String,
+}
+
+/// A key of the resolved study that differs; a side without the key has no value.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Setting {
+    /// The dotted key.
+    pub key: String,
+    /// Its value in the first side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub a: Option<Value>,
+    /// Its value in the second side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub b: Option<Value>,
+}
+
+impl Compared {
+    /// Holds `b` against `a`.
+    #[must_use]
+    pub fn of(a: &Side, b: &Side) -> Self {
+        let cells = pairs(a, b);
+        let mut only = lonely_cells(a, b);
+        let mut judged = 0;
+        let [verdicts, claims] = [("verdict", false), ("claim", true)].map(|(kind, of_claims)| {
+            let [a, b] = [a, b].map(|side| words(&side.verdicts, of_claims));
+            judged += a.keys().filter(|about| b.contains_key(*about)).count();
+            changed(kind, &a, &b, &mut only)
+        });
+        Self {
+            a: a.named.clone(),
+            b: b.named.clone(),
+            counts: Counts {
+                judged,
+                ..Counts::of(&cells)
+            },
+            cells,
+            verdicts,
+            claims,
+            only,
+            settings: settings::differing(&a.settings, &b.settings),
+        }
+    }
+
+    /// True where the sides have nothing in common that could be compared.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.cells.is_empty() && self.counts.judged == 0
+    }
+
+    /// True where a value moved beyond its interval or a verdict changed.
+    #[must_use]
+    pub fn differs(&self) -> bool {
+        self.counts.moved + self.verdicts.len() + self.claims.len() > 0
+    }
+}
+
+impl Counts {
+    fn of(cells: &[Pair]) -> Self {
+        let count = |fate| cells.iter().filter(|pair| pair.difference.fate == fate).count();
+        Self {
+            same: count(Fate::Same),
+            within: count(Fate::Within),
+            moved: count(Fate::Moved),
+            undecided: count(Fate::Undecided),
+            judged: 0,
+        }
+    }
+}
+
+fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
+    let both = |(place, first): (&Place, &Measured)| {
+        let second = b.cells.get(place)?;
+        Some(Pair {
+            place: place.clone(),
+            difference: Difference::of(first, second)?,
+            a: first.clone(),
+            b: second.clone(),
+        })
+    };
+    a.cells.iter().filter_map(both).collect()
+}
+
+/// Cells of which one side alone has a value.
+fn lonely_cells(a: &Side, b: &Side) -> Vec<Lonely> {
+    let valued = |side: &Side| {
+        let cells = side.cells.iter().filter(|(_, cell)| cell.value.is_some());
+        cells.map(|(place, _)| place.to_string()).collect::<BTreeSet<_>>()
+    };
+    let (of_a, of_b) = (valued(a), valued(b));
+    let alone = |side, own: &BTreeSet<String>, others: &BTreeSet<String>| {
+        let lonely = |what: &String| Lonely {
+            side,
+            kind: "cell",
+            what: what.clone(),
+        };
+        own.difference(others).map(lonely).collect::<Vec<_>>()
+    };
+    [alone("a", &of_a, &of_b), alone("b", &of_b, &of_a)].concat()
+}
+
+/// Verdicts by what they are about. Where a study says the same twice, the second has a number behind it.
+fn words(verdicts: &[Passed], of_claims: bool) -> BTreeMap<String, String> {
+    let mut words = BTreeMap::new();
+    for passed in verdicts {
+        let claim = claim(&passed.about);
+        if claim.is_some() != of_claims {
+            continue;
+        }
+        let about = claim.unwrap_or(&passed.about);
+        let together = passed.together.iter().map(|word| format!(" (Holm: {word})"));
+        let word: String = std::iter::once(passed.verdict.clone()).chain(together).collect();
+        let name = (1..).map(|n| {
+            if n == 1 {
+                about.to_owned()
+            } else {
+                format!("{about} ({n})")
+            }
+        });
+        let free = name.into_iter().find(|name| !words.contains_key(name));
+        words.insert(free.unwrap_or_default(), word);
+    }
+    words
+}
+
+/// The words of a claim behind its number; `None` for a verdict on a published value.
+fn claim(about: &str) -> Option<&str> {
+    let (number, words) = about.strip_prefix("claim ")?.split_once(": ")?;
+    number.bytes().all(|byte| byte.is_ascii_digit()).then_some(words)
+}
+
+fn changed(
+    kind: &'static str,
+    a: &BTreeMap<String, String>,
+    b: &BTreeMap<String, String>,
+    only: &mut Vec<Lonely>,
+) -> Vec<Changed> {
+    for (side, own, other) in [("a", a, b), ("b", b, a)] {
+        let alone = own.keys().filter(|about| !other.contains_key(*about));
+        only.extend(alone.map(|about| Lonely {
+            side,
+            kind,
+            what: about.clone(),
+        }));
+    }
+    let both = a
+        .iter()
+        .filter_map(|(about, first)| Some((about, first, b.get(about)?)));
+    both.filter(|(_, first, second)| first != second)
+        .map(|(about, first, second)| Changed {
+            about: about.clone(),
+            a: first.clone(),
+            b: second.clone(),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn passed(about: &str, verdict: &str) -> Passed {
+        Passed {
+            about: about.into(),
+            verdict: verdict.into(),
+            ..Passed::default()
+        }
+    }
+
+    fn side(verdicts: Vec<Passed>) -> Side {
+        Side {
+            verdicts,
+            ..Side::default()
+        }
+    }
+
+    #[test]
+    fn claims_are_found_by_their_words_and_values_by_their_places() {
+        let a = side(vec![
+            passed("table: x", "INCONCLUSIVE"),
+            passed("claim 1: p > q", "SUPPORTED"),
+            passed("claim 2: r > s", "SUPPORTED"),
+        ]);
+        let b = side(vec![
+            passed("table: x", "REPRODUCED"),
+            passed("claim 1: new > q", "SUPPORTED"),
+            passed("claim 2: p > q", "SUPPORTED"),
+            passed("claim 3: r > s", "REFUTED"),
+        ]);
+        let compared = Compared::of(&a, &b);
+        let change = |about: &str, a: &str, b: &str| Changed {
+            about: about.into(),
+            a: a.into(),
+            b: b.into(),
+        };
+        assert_eq!(
+            compared.verdicts,
+            [change("table: x", "INCONCLUSIVE", "REPRODUCED")]
+        );
+        assert_eq!(compared.claims, [change("r > s", "SUPPORTED", "REFUTED")]);
+        assert_eq!(compared.only.len(), 1);
+        assert_eq!(
+            (compared.only[0].side, compared.only[0].what.as_str()),
+            ("b", "new > q")
+        );
+        assert!(compared.differs());
+    }
+
+    #[test]
+    fn a_claim_that_is_made_twice_is_compared_twice() {
+        let twice = |second: &str| {
+            side(vec![
+                passed("claim 1: p", "SUPPORTED"),
+                passed("claim 2: p", second),
+            ])
+        };
+        let compared = Compared::of(&twice("SUPPORTED"), &twice("REFUTED"));
+        assert_eq!(compared.claims.len(), 1);
+        assert_eq!(compared.claims[0].about, "p (2)");
+        assert!(!Compared::of(&twice("REFUTED"), &twice("REFUTED")).differs());
+    }
+
+    #[test]
+    fn the_verdict_of_all_together_counts_as_well() {
+        let holm = |word: Option<&str>| {
+            side(vec![Passed {
+                together: word.map(Into::into),
+                ..passed("t: x", "REPRODUCED")
+            }])
+        };
+        let compared = Compared::of(&holm(None), &holm(Some("INCONCLUSIVE")));
+        assert_eq!(compared.verdicts[0].b, "REPRODUCED (Holm: INCONCLUSIVE)");
+    }
+}

@@ -1,0 +1,355 @@
+//! What seeds leave open, over all studies, and about what it would take to decide it: where another hour of
+//! computing says most.
+
+use super::{
+    Passed, Verdicts,
+    sheet::{Entry, NONE, Sheet, Tone},
+};
+use analysis::{claim::ClaimOutcome, results::Results};
+use contract::{trial::CellName, trial_result::TrialResult};
+use document::count::duration;
+use serde::{Deserialize, Serialize};
+use std::{
+    cmp::Ordering,
+    collections::{BTreeMap, BTreeSet},
+};
+
+/// About what would decide an open verdict with a power of 80 %, on seeds that nobody has seen, if mean and spread
+/// stay as they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Effort {
+    /// Seeds in all, none of those that there are among them.
+    pub seeds: u32,
+    /// Wall-clock time of their trials in seconds, one after another, with what these take from others; rounded to
+    /// tenths.
+    pub trial_time_s: f64,
+}
+
+/// A verdict that is judged and open, with its study.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StillOpen {
+    /// Name of the study.
+    pub study: String,
+    /// What it is about, as in `claim 2: dsac.success >= 0.8 in four_cells`.
+    pub about: String,
+    /// The word of the verdict.
+    pub verdict: String,
+    /// What would decide it; `None` where no affordable number of seeds would, or a design has looks left.
+    pub would_decide: Option<Effort>,
+}
+
+impl StillOpen {
+    fn of(study: &Verdicts, passed: &Passed) -> Self {
+        Self {
+            study: study.study.clone(),
+            about: passed.about.clone(),
+            verdict: passed.verdict.clone(),
+            would_decide: passed.would_decide,
+        }
+    }
+}
+
+impl Effort {
+    /// So many seeds of these combinations.
+    pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
+        let seconds = f64::from(seeds) * seconds_per_seed(rests_on, results);
+        Self {
+            seeds,
+            trial_time_s: (10.0 * seconds).round() / 10.0,
+        }
+    }
+}
+
+/// Everything that is judged and open in these studies, what is cheapest to decide first.
+#[must_use]
+pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<StillOpen> {
+    let of_study = |study: &'a Verdicts| {
+        let open = study
+            .verdicts
+            .iter()
+            .filter(|it| it.is_judged() && !it.is_decided());
+        open.map(|passed| StillOpen::of(study, passed))
+    };
+    let mut open: Vec<StillOpen> = studies.into_iter().flat_map(of_study).collect();
+    open.sort_by(|one, other| cheaper(one.would_decide, other.would_decide));
+    open
+}
+
+/// Less time first; what no number of seeds is known to decide last.
+fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
+    let seconds = |effort: Option<Effort>| effort.map_or(f64::INFINITY, |it| it.trial_time_s);
+    seconds(one).total_cmp(&seconds(other))
+}
+
+/// How many values and claims are judged, and how many of them are decided.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Decided {
+    /// Those that are judged.
+    pub judged: usize,
+    /// Those that are decided.
+    pub decided: usize,
+    /// Those of them that rest on several rounds of seeds.
+    pub confirmed: usize,
+    /// Those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    pub equivalent: usize,
+}
+
+impl Decided {
+    /// Of all these studies.
+    #[must_use]
+    pub fn of<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Self {
+        let verdicts = studies.into_iter().flat_map(|study| &study.verdicts);
+        let judged: Vec<&Passed> = verdicts.filter(|it| it.is_judged()).collect();
+        let decided: Vec<&Passed> = judged.iter().copied().filter(|it| it.is_decided()).collect();
+        let is_equivalent = |it: &&&Passed| it.verdict == ClaimOutcome::Equivalent.word();
+        Self {
+            judged: judged.len(),
+            decided: decided.len(),
+            confirmed: decided.iter().filter(|it| it.rounds.len() > 1).count(),
+            equivalent: decided.iter().filter(is_equivalent).count(),
+        }
+    }
+
+    /// In one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
+    #[must_use]
+    pub fn in_words(self) -> String {
+        let Self {
+            judged,
+            decided,
+            confirmed,
+            equivalent,
+        } = self;
+        let alike = match equivalent {
+            0 => String::new(),
+            some => format!("; EQUIVALENT are {some} of them"),
+        };
+        let later = match confirmed {
+            0 => String::new(),
+            some => format!(", {some} of them by several rounds of seeds"),
+        };
+        match judged {
+            0 => "Nothing is judged.".into(),
+            _ => {
+                let percent = 100 * decided / judged;
+                format!(
+                    "{decided} of {judged} values and claims that are judged are decided ({percent} %){later}{alike}."
+                )
+            }
+        }
+    }
+}
+
+/// The same for people, as a table; `None` where nothing is open.
+pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
+    let row = |it: &StillOpen| {
+        let effort = it.would_decide;
+        let [seeds, time] = match effort {
+            Some(effort) => [effort.seeds.to_string(), duration(effort.trial_time_s)],
+            None => [NONE, NONE].map(Into::into),
+        };
+        let about = Entry::of(Tone::Code, it.about.clone());
+        vec![
+            Entry::plain(it.study.clone()),
+            about,
+            Entry::plain(seeds),
+            Entry::plain(time),
+        ]
+    };
+    (!open.is_empty()).then(|| Sheet {
+        head: ["study", "open", "fresh seeds", "their trials"].map(String::from).into(),
+        words: 2,
+        rows: open.iter().map(row).collect(),
+        notes: vec![
+            "So many seeds that nobody has seen (a round of `confirm`) would decide with a probability of 80 %, if mean and \
+             spread stay as they are; – where no affordable number would, where a design has looks left, and \
+             where that is not known. Fewer that are added to those of a study would do, too, were they not added \
+             because of what was seen. Times are those of trials, each on one core, with what they take from others; \
+             one seed may serve several lines."
+                .into(),
+        ],
+        ..Sheet::default()
+    })
+}
+
+/// What is open as a table in Markdown, with what would decide it; empty where nothing is.
+#[must_use]
+pub fn open_as_markdown(open: &[StillOpen]) -> String {
+    sheet(open).map_or_else(String::new, |sheet| sheet.markdown())
+}
+
+/// Time of all ended trials of these combinations and of those that they take from, each once, by the number of
+/// their seeds.
+fn seconds_per_seed(rests_on: &BTreeSet<CellName>, results: &Results) -> f64 {
+    let own: Vec<&TrialResult> = results
+        .trials
+        .iter()
+        .filter(|trial| rests_on.contains(&trial.cell()) && trial.end.is_some())
+        .collect();
+    let seeds: BTreeSet<u64> = own.iter().map(|trial| trial.trial.key.seed).collect();
+    let seconds: f64 = with_sources(own, results).values().sum();
+    #[allow(clippy::cast_precision_loss, reason = "a study has at most a million seeds")]
+    let seeds = seeds.len().max(1) as f64;
+    seconds / seeds
+}
+
+/// Seconds by id, of these trials and of all that they take from.
+fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTreeMap<&'a str, f64> {
+    let all = [&results.prepared, &results.tried, &results.trials];
+    let by_id: BTreeMap<&str, &TrialResult> = all
+        .into_iter()
+        .flatten()
+        .map(|it| (it.trial.id.as_str(), it))
+        .collect();
+    let mut seconds = BTreeMap::new();
+    let mut left = trials;
+    while let Some(trial) = left.pop() {
+        let took = trial.end.as_ref().map_or(0.0, |end| end.wall_s);
+        if seconds.insert(trial.trial.id.as_str(), took).is_none() {
+            let sources = trial.trial.key.sources();
+            left.extend(sources.iter().filter_map(|id| by_id.get(id.as_str()).copied()));
+        }
+    }
+    seconds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Alone, Passed};
+    use contract::{
+        product::{ProductKind, Taken},
+        trial::Purpose,
+    };
+    use testing::synthetic::trial;
+
+    fn passed(about: &str, verdict: &str, effort: Option<(u32, f64)>) -> Passed {
+        Passed {
+            about: about.into(),
+            verdict: verdict.into(),
+            would_decide: effort.map(|(seeds, trial_time_s)| Effort { seeds, trial_time_s }),
+            ..Passed::default()
+        }
+    }
+
+    fn study(name: &str, verdicts: &[Passed]) -> Verdicts {
+        Verdicts {
+            study: name.into(),
+            judged: verdicts.len(),
+            decided: verdicts.iter().filter(|it| it.is_decided()).count(),
+            verdicts: verdicts.to_vec(),
+            ..Verdicts::default()
+        }
+    }
+
+    #[test]
+    fn what_is_cheapest_to_decide_stands_first_and_what_nothing_decides_last() {
+        let exploratory = Passed {
+            exploratory: true,
+            ..passed("claim 4", "INCONCLUSIVE", Some((1, 0.1)))
+        };
+        let studies = [
+            study(
+                "one",
+                &[
+                    passed("claim 1", "INCONCLUSIVE", None),
+                    passed("claim 2", "INCONCLUSIVE", Some((40, 90.0))),
+                    passed("claim 3", "SUPPORTED", None),
+                ],
+            ),
+            study(
+                "two",
+                &[passed("t: a", "INCONCLUSIVE", Some((3, 5400.0))), exploratory],
+            ),
+        ];
+        let open = still_open(&studies);
+        let names: Vec<(&str, &str)> = open
+            .iter()
+            .map(|it| (it.study.as_str(), it.about.as_str()))
+            .collect();
+        assert_eq!(names, [("one", "claim 2"), ("two", "t: a"), ("one", "claim 1")]);
+        let text = open_as_markdown(&open);
+        for line in [
+            "| study | open | fresh seeds | their trials |",
+            "| one | `claim 2` | 40 | 2 min |",
+            "| two | `t: a` | 3 | 1.5 h |",
+            "| one | `claim 1` | – | – |",
+        ] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
+        assert_eq!(open_as_markdown(&[]), "");
+    }
+
+    #[test]
+    fn the_share_of_what_is_decided_is_of_what_is_judged() {
+        let verdicts = ["SUPPORTED", "REFUTED", "INCONCLUSIVE"].map(|word| passed("claim", word, None));
+        let studies = [study("one", &verdicts), study("two", &[])];
+        assert_eq!(
+            Decided::of(&studies).in_words(),
+            "2 of 3 values and claims that are judged are decided (66 %)."
+        );
+        assert_eq!(Decided::of(&studies[1..]).in_words(), "Nothing is judged.");
+    }
+
+    #[test]
+    fn what_is_decided_as_alike_is_told_apart() {
+        let verdicts = ["SUPPORTED", "EQUIVALENT", "INCONCLUSIVE"].map(|word| passed("claim", word, None));
+        assert_eq!(
+            Decided::of(&[study("one", &verdicts)]).in_words(),
+            "2 of 3 values and claims that are judged are decided (66 %); EQUIVALENT are 1 of them."
+        );
+    }
+
+    #[test]
+    fn verdicts_of_several_rounds_are_told() {
+        let rounds = vec![Alone::default(), Alone::default()];
+        let both = Passed {
+            rounds,
+            ..passed("claim 1: a > b", "SUPPORTED", None)
+        };
+        let studies = [study("one", &[both, passed("claim 2: b > c", "REFUTED", None)])];
+        assert_eq!(
+            Decided::of(&studies).in_words(),
+            "2 of 2 values and claims that are judged are decided (100 %), 1 of them by several rounds of seeds."
+        );
+    }
+
+    #[test]
+    fn a_seed_costs_its_trials_and_what_they_take_from_each_once() {
+        let mut teacher = trial("school", "teacher", "", 0, &Vec::new());
+        teacher.trial_mut().cell_mut().purpose = Purpose::Prepared;
+        teacher.end.as_mut().unwrap().wall_s = 10.0;
+        let mut trials = vec![teacher];
+        for seed in 0..2 {
+            for agent in ["pupil", "other", "third"] {
+                trials.push(trial("work", agent, "", seed, &Vec::new()));
+            }
+        }
+        let taken = Taken {
+            trial: "school-teacher-0".into(),
+            kind: ProductKind::Policy,
+        };
+        for pupil in trials.iter_mut().filter(|it| it.trial.cell.agent == "pupil") {
+            let mut part = (*pupil.trial.key.environment).clone();
+            part.products.insert("/from".into(), taken.clone());
+            pupil.trial_mut().key.environment = part.into();
+        }
+        let results = Results::of(trials);
+        let name = |agent: &str| ("work".into(), agent.into(), String::new());
+        let both: BTreeSet<CellName> = [name("pupil"), name("other")].into();
+        // Two seeds: two trials of a second each, and ten seconds that both share.
+        assert_eq!(
+            Effort::of(4, &both, &results),
+            Effort {
+                seeds: 4,
+                trial_time_s: 28.0
+            }
+        );
+        let other: BTreeSet<CellName> = [name("other")].into();
+        assert_eq!(Effort::of(3, &other, &results).trial_time_s, 3.0);
+        // What has not run costs nothing that is known.
+        assert_eq!(
+            Effort::of(3, &[name("nobody")].into(), &results).trial_time_s,
+            0.0
+        );
+    }
+}

@@ -1,0 +1,210 @@
+//! The record of a study's results: what lies in its folder of results so that its report can be made again, and
+//! judged by other rules, without the store.
+//!
+//! | file | what |
+//! |---|---|
+//! | `evaluations.parquet` | measurements as means over their episodes (`evaluations`) |
+//! | `record.json` | everything else that a report says of trials: this module and `cells` |
+//! | `manifest.json` | hashes of both; nothing is read that does not have its hash |
+//!
+//! Tables, claims, published values and texts are none of it: they are those of the study file when a report is made.
+
+mod cells;
+mod evaluations;
+
+use analysis::search::Progress;
+pub use cells::{Cell, Ended, Part, Source, forget_success};
+pub use evaluations::{Asks, Block, Blocks, decode, encode};
+
+use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
+use analysis::{
+    results::{SearchResult, Told, TriedSetting},
+    search::Search,
+};
+use contract::{
+    Error,
+    trial::{CellName, Trial},
+};
+use execution::store::{SeenVerdicts, write_durably};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::{collections::BTreeMap, path::Path};
+
+/// The file of a folder of results.
+pub const FILE: &str = "record.json";
+/// The file with the measurements.
+pub const EVALUATIONS: &str = "evaluations.parquet";
+/// Version of the form.
+const SCHEMA: u32 = 1;
+
+/// A record, without its measurements.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// Version of the form.
+    pub schema: u32,
+    /// Name of the study.
+    pub study: String,
+    /// The trials that ended, by environment, agent and setting.
+    pub cells: Vec<Cell>,
+    /// Facts on all trials together.
+    pub told: Told,
+    /// What made the results.
+    pub provenance: Provenance,
+    /// The profiles of the study when a report was made from the store.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub profiles: Vec<ProfileState>,
+    /// When the trials ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended: Option<Period>,
+    /// The results of searches, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub searches: BTreeMap<String, Searched>,
+    /// The verdicts that were seen, by what was judged: by table and cell, or claim and place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen: Option<SeenVerdicts>,
+    /// Facts on figures that cannot be drawn from the record.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub figures: BTreeMap<String, FigureFacts>,
+    /// Announcements of environments that are not the program's own, by id.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub announced: BTreeMap<String, Value>,
+    /// Values of trials at the end that stand in no row of the measurements.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub measured: Vec<Measured>,
+}
+
+/// A value of a trial at the end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Measured {
+    /// Environment of the trial.
+    pub environment: String,
+    /// Its agent.
+    pub agent: String,
+    /// Its setting.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub setting: String,
+    /// Its seed.
+    pub seed: u64,
+    /// The metric, as in `rms(error)`.
+    pub metric: String,
+    /// The value.
+    pub value: f64,
+}
+
+/// A search with everything that a report says of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Searched {
+    /// How far it is: this makes the plan.
+    pub progress: Progress,
+    /// The settings that it tried.
+    pub tried: Vec<TriedSetting>,
+}
+
+impl Searched {
+    /// The same as a result of the search.
+    #[must_use]
+    pub fn result(&self, search: &Search) -> SearchResult {
+        SearchResult {
+            search: search.clone(),
+            tried: self.tried.clone(),
+            chosen: self.progress.chosen,
+        }
+    }
+}
+
+impl Record {
+    /// An empty one of the current form.
+    #[must_use]
+    pub fn of(study: &str) -> Self {
+        Self {
+            schema: SCHEMA,
+            study: study.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Reads the record of a folder, held against the folder's manifest.
+    ///
+    /// # Errors
+    /// [`Error::Record`] where it is not as its report wrote it, [`Error::Newer`] where it is of a later program.
+    pub fn read(folder: &Path, manifest: &Manifest) -> Result<Self, Error> {
+        Self::parse(&manifest.checked(folder, FILE)?, &folder.join(FILE))
+    }
+
+    fn parse(bytes: &[u8], path: &Path) -> Result<Self, Error> {
+        #[derive(Deserialize)]
+        struct Version {
+            schema: u32,
+        }
+        let wrong = |source: serde_json::Error| Error::Record {
+            path: path.into(),
+            problem: format!("holds no record: {source}"),
+        };
+        let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
+        if version.schema > SCHEMA {
+            return Err(Error::Newer {
+                path: path.into(),
+                problem: format!("version {} of its form", version.schema),
+            });
+        }
+        serde_json::from_slice(bytes).map_err(wrong)
+    }
+
+    /// Writes it into a folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), Error> {
+        let path = folder.join(FILE);
+        let text = serde_json::to_string(self)
+            .map_err(std::io::Error::from)
+            .map_err(Error::file("write", &path))?;
+        write_durably(&path, (text + "\n").as_bytes())
+    }
+
+    /// How far the searches are, by name.
+    #[must_use]
+    pub fn progress(&self) -> BTreeMap<String, Progress> {
+        let searches = self.searches.iter();
+        searches
+            .map(|(name, searched)| (name.clone(), searched.progress.clone()))
+            .collect()
+    }
+
+    /// How many seeds each combination and meeting has, or was planned to have.
+    #[must_use]
+    pub fn seeds(&self) -> BTreeMap<CellName, u32> {
+        let shown = self.cells.iter().filter(|cell| cell.part == Part::Shown);
+        shown.map(|cell| (cell.name(), cell.seeds())).collect()
+    }
+
+    /// True where it says itself how long the trials of a combination took, and not on the mean.
+    #[must_use]
+    pub fn has_times(&self, trial: &Trial) -> bool {
+        let cell = self.cells.iter().find(|cell| {
+            cell.environment == trial.cell.environment
+                && cell.agent == trial.cell.agent
+                && cell.setting == trial.cell.setting
+        });
+        cell.is_some_and(|cell| cell.mean_wall_s.is_none())
+    }
+
+    /// Plugins that were of another version when the trials ran, as in `environment battery 1, now 2`.
+    #[must_use]
+    pub fn earlier_versions(&self, now: &[(String, u32)]) -> Vec<String> {
+        let was: BTreeMap<&str, u32> = self
+            .provenance
+            .plugins
+            .iter()
+            .map(|(name, version)| (name.as_str(), *version))
+            .collect();
+        let differs = |(name, version): &(String, u32)| {
+            let earlier = was.get(name.as_str()).filter(|earlier| *earlier != version)?;
+            Some(format!("{name} {earlier}, now {version}"))
+        };
+        now.iter().filter_map(differs).collect()
+    }
+}

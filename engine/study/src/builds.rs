@@ -1,0 +1,657 @@
+//! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the
+//! built environment and protocol know what trials record.
+
+use super::fit;
+use super::{
+    cell::{Cell, Cells},
+    cells::Sections,
+    config::locate,
+    facts::Facts,
+    known::{self, Form, Resolved},
+    path::Target,
+    specimens::Specimens,
+};
+use contract::{
+    Agent, Error, Interface, Metric, Protocol, UseOfDatasets,
+    own_training::{Assignment, MEASURED, Measured},
+    panics, protocol, random,
+    recorder::MOST_METRICS,
+    registry::AgentEntry,
+    setting::word,
+    standard_metrics::{
+        EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
+    },
+    trial::with_names,
+};
+use document::diagnostic::{Diagnostic, in_order, say_once};
+use execution::patience;
+use presentation::catalogue::Catalogue;
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+
+/// Agents are built for each named pair, and for this many further settings; building networks takes time.
+const MOST_SETTINGS_BUILT: usize = 200;
+/// When an agent may learn that is not built, or is refused.
+const FROM_THE_FIRST_STEP: u64 = 1;
+
+/// What is known of a built protocol.
+struct Measures {
+    metrics: Vec<Metric>,
+    of_environment: bool,
+    gives_examples: bool,
+    gives_datasets: bool,
+    asks_for_designs: bool,
+    experience: u64,
+    steps: u64,
+    protocol: Box<dyn Protocol>,
+}
+
+impl Measures {
+    fn of(protocol: Box<dyn Protocol>) -> Self {
+        Self {
+            metrics: protocol.metrics(),
+            of_environment: protocol.records_environment_metrics(),
+            gives_examples: protocol.gives_examples(),
+            gives_datasets: protocol.gives_datasets(),
+            asks_for_designs: protocol.asks_for_designs(),
+            experience: protocol.experience(),
+            steps: protocol.total_steps(),
+            protocol,
+        }
+    }
+
+    /// The thing that a protocol gives and the agent cannot learn from; `None` where it can learn from it, or does not
+    /// learn.
+    fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
+        match entry.datasets {
+            _ if entry.designs && !self.asks_for_designs && self.experience > 0 => Some(Given::NoDemand),
+            _ if !learns => None,
+            _ if self.gives_examples && !entry.learns_from_examples => Some(Given::Examples),
+            _ if self.experience == 0 => None,
+            UseOfDatasets::Never if self.gives_datasets => Some(Given::DecisionsOfOthers),
+            UseOfDatasets::Only if !self.gives_datasets => Some(Given::NoDataset),
+            _ => None,
+        }
+    }
+}
+
+/// True where an agent can learn from what a protocol gives, or need not.
+pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
+    Measures::of(protocol)
+        .gives_another(entry, entry.learns)
+        .is_none()
+}
+
+/// What a protocol gives to an agent that cannot learn from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Given {
+    Examples,
+    DecisionsOfOthers,
+    NoDataset,
+    NoDemand,
+    Training,
+}
+
+/// Builds the cells' parts.
+///
+/// # Errors
+/// What plugins refuse, at the key that they name.
+pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Catalogue, Vec<Diagnostic>> {
+    let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
+    let mut world = Catalogue {
+        environments: names(&sections.written.environments),
+        agents: names(&sections.written.agents),
+        seeds: seeds.to_vec(),
+        searches: sections
+            .searches
+            .iter()
+            .map(|it| (it.search.name.clone(), it.search.by.clone()))
+            .collect(),
+        settings: cells.settings(),
+        ..Catalogue::default()
+    };
+    for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
+        // Settings write a key with its last word, or as a whole where that is not unique.
+        let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
+        for name in [last, key.text.clone()] {
+            if !world.swept.contains(&name) {
+                let values = key.values.iter().map(|value| word(&value.to_value()));
+                world.swept_values.insert(name.clone(), values.collect());
+                world.swept.push(name);
+            }
+        }
+    }
+    let mut builder = Builder {
+        sections,
+        cells,
+        specimens: Specimens::default(),
+        environments: BTreeMap::new(),
+        protocols: BTreeMap::new(),
+        agents: BTreeMap::new(),
+        recorded: BTreeSet::new(),
+        accepted: BTreeSet::new(),
+        extra: 0,
+        warned: BTreeSet::new(),
+        doubts: Vec::new(),
+        is_recalled: false,
+        announced: BTreeMap::new(),
+    };
+    let mut found = Vec::new();
+    for cell in cells.iter() {
+        if let Err(error) = builder.cell(&cell, &mut world) {
+            say_once(&mut found, *error);
+        }
+    }
+    for searched in sections.searches {
+        if let Err(error) = builder.members_fit(searched) {
+            found.push(*error);
+        }
+    }
+    (world.is_recalled, world.announced) = (builder.is_recalled, builder.announced);
+    world.warnings.append(&mut builder.doubts);
+    world.warnings = in_order(world.warnings);
+    if found.is_empty() { Ok(world) } else { Err(found) }
+}
+
+/// What is given for the environment and the agent of a cell, which tells its agent from others.
+fn given(cell: &Cell) -> [known::Given; 2] {
+    [0, 1].map(|part| cell.parts[part].given.clone())
+}
+
+/// The ids of the environment and the protocol of a cell.
+fn ids(cell: &Cell) -> [String; 2] {
+    [0, 2].map(|part| cell.parts[part].id().to_owned())
+}
+
+/// Notes the metrics and traces of the trials of a pair; `of_protocol` and `of_agent` are those of these two.
+fn note(
+    pair: (usize, usize),
+    facts: &Facts,
+    measures: &Measures,
+    [of_protocol, of_agent]: [&[Metric]; 2],
+    world: &mut Catalogue,
+) {
+    let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
+    let of_interface = measures.protocol.metrics_of_interface(&facts.interface);
+    let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
+    let per_decision = decides.then(time_per_decision_metric);
+    let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
+    world.record(
+        pair,
+        of_protocol
+            .iter()
+            .chain(&of_interface)
+            .chain(&of_environment)
+            .chain(of_agent)
+            .chain(&added),
+    );
+    world
+        .left
+        .entry(pair)
+        .or_default()
+        .extend(measures.protocol.leaves());
+    let traced = world.traced.entry(pair.0).or_default();
+    traced.extend(facts.traced.iter().cloned());
+    world.units.extend(facts.units.clone());
+    // A protocol that measures no episodes of an environment traces what it measures.
+    traced.extend(
+        measures
+            .metrics
+            .iter()
+            .filter(|_| !measures.of_environment)
+            .map(|metric| metric.name.clone()),
+    );
+}
+
+pub(super) struct Builder<'a> {
+    pub(super) sections: &'a Sections<'a>,
+    pub(super) cells: &'a Cells,
+    pub(super) specimens: Specimens,
+    /// By id; `None` where the build failed and was reported.
+    pub(super) environments: BTreeMap<String, Option<Arc<Facts>>>,
+    protocols: BTreeMap<String, Option<Measures>>,
+    /// What a built agent asks for before it learns, by what is given for environment and agent.
+    agents: BTreeMap<[known::Given; 2], u64>,
+    /// Environments and agents, each with the ids of environment and protocol that were noted.
+    recorded: BTreeSet<((usize, usize), [String; 2])>,
+    /// Environments and protocols that were asked whether they fit, by id.
+    accepted: BTreeSet<[String; 2]>,
+    extra: usize,
+    /// What warnings say: agent, steps before it learns, steps of the protocol.
+    warned: BTreeSet<(Target, u64, u64)>,
+    /// What environments return that is not as they declare it.
+    pub(super) doubts: Vec<Diagnostic>,
+    pub(super) is_recalled: bool,
+    /// What those that were tried out announced, by id.
+    pub(super) announced: BTreeMap<String, Value>,
+}
+
+/// What is refused, at its place.
+pub(super) type Outcome<T> = Result<T, Box<Diagnostic>>;
+
+/// What a plugin builds; one that panics refuses.
+pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
+}
+
+impl<'a> Builder<'a> {
+    fn cell(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
+        // What a source is refused for is said where the source is.
+        if !self.sources_are_there(cell)? {
+            return Ok(());
+        }
+        self.environment(cell)?;
+        self.protocol(cell, world)?;
+        let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
+        let Some(facts) = self.accepted(cell)? else {
+            return Ok(());
+        };
+        self.extra += usize::from(!first);
+        self.build_once(cell, &facts.interface, first, world)?;
+        self.goes_on_well(cell, &facts.interface)?;
+        if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell).filter(|it| !it.trains_itself)) {
+            let config = &cell.parts[1].part.config;
+            let learns = entry.learns_with(config);
+            let updates = || learns.then(|| [updates_metric(), time_per_update_metric()]);
+            let of_agent = || {
+                let metrics = entry.metrics_with(config);
+                metrics.into_iter().chain(updates().into_iter().flatten())
+            };
+            self.note(cell, pair, || of_agent().collect(), world)?;
+        }
+        self.warn_of_short_training(cell, world);
+        Ok(())
+    }
+
+    /// What the registry has of the cell's agent; `None` for a policy of another trial.
+    pub(super) fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
+        let sections = self.sections;
+        sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
+    }
+
+    /// What is known of the cell's environment, once its protocol has accepted that and gives the agent what it learns
+    /// from; `None` where one of the two could not be built, which was said.
+    fn accepted(&mut self, cell: &Cell) -> Outcome<Option<Arc<Facts>>> {
+        let [_, agent, protocol] = &cell.parts;
+        let (Some(facts), Some(Some(measures))) = (self.facts(cell), self.protocols.get(protocol.id()))
+        else {
+            return Ok(None);
+        };
+        let lets_train = self.sections.registry.protocols[protocol.part.plugin.as_str()]
+            .own_training
+            .is_some();
+        let given = |entry: &AgentEntry| match entry.trains_itself {
+            true => (!lets_train).then_some(Given::Training),
+            false => measures.gives_another(entry, entry.learns_with(&agent.part.config)),
+        };
+        if let Some(why) = self.entry(cell).and_then(given) {
+            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
+        }
+        if self.accepted.insert(ids(cell)) {
+            let accepts = measures.protocol.accepts(&facts.interface, &facts.metrics);
+            accepts.map_err(|error| Box::new(self.refused(protocol, &error)))?;
+        }
+        Ok(Some(facts))
+    }
+
+    /// Builds an agent in an environment, unless it was or too many settings of its pair were.
+    fn build_once(
+        &mut self,
+        cell: &Cell,
+        interface: &Interface,
+        first: bool,
+        world: &mut Catalogue,
+    ) -> Outcome<()> {
+        let given = given(cell);
+        self.learns_as_written(cell)?;
+        if self.agents.contains_key(&given) || !first && self.extra > MOST_SETTINGS_BUILT {
+            return Ok(());
+        }
+        self.agents.insert(given.clone(), FROM_THE_FIRST_STEP);
+        if self.was_tried(cell) {
+            return Ok(());
+        }
+        let limits = self.sections.limits;
+        let mut built = patience::under(limits, || self.agent(cell, interface))?;
+        patience::under(limits, || self.try_out(cell, &mut *built))?;
+        if self.entry(cell).is_some_and(|it| it.trains_itself) {
+            return self.note_own_training(cell, &mut *built, world);
+        }
+        let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
+        self.agents.insert(given, learns_after);
+        if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
+            self.note(cell, pair, || built.decision_metrics(), world)?;
+        }
+        Ok(())
+    }
+
+    /// Holds an agent that trains itself against its environment, and notes what it records.
+    fn note_own_training(
+        &mut self,
+        cell: &Cell,
+        built: &mut dyn Agent,
+        world: &mut Catalogue,
+    ) -> Outcome<()> {
+        let agent = &cell.parts[1];
+        let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
+        let begun = self.config(cell, 0).and_then(|config| {
+            let assignment = Assignment {
+                environment: with_names(&config, (entry.names)(&config)),
+                ..Assignment::default()
+            };
+            built
+                .own_training()
+                .map_or(Ok(Vec::new()), |training| training.command(&assignment))
+        });
+        begun.map_err(|error| Box::new(self.refused(agent, &error)))?;
+        if self.warned.insert((agent.given.target, FROM_THE_FIRST_STEP, 0)) {
+            let doubts = built
+                .own_training()
+                .map_or(Vec::new(), |training| training.doubts());
+            let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
+            world.warnings.extend(doubts);
+        }
+        let measured = built.own_training().and_then(|training| training.measured());
+        let recorded = built.records();
+        let refused = self.measured_otherwise(cell, measured);
+        if let Some(error) = refused.or_else(|| self.is_taken(cell, &recorded)) {
+            return Err(Box::new(self.refused(agent, &error)));
+        }
+        let Some(pair) = cell.pair() else { return Ok(()) };
+        self.note(cell, pair, || recorded, world)
+    }
+
+    /// An agent that trains itself cannot be measured as it says.
+    fn measured_otherwise(&self, cell: &Cell, measured: Option<Measured>) -> Option<Error> {
+        let facts = self.facts(cell)?;
+        let seats = facts.interface.seats.len();
+        let problem = if cell.parts[2].given.form != Form::Own(measured) {
+            "it is said in the agent itself: no sweep, search or override can change it".to_owned()
+        } else if measured.is_some() && seats == 0 {
+            "nothing can be measured in an environment that is only named: leave it out, so that the program says its \
+             own numbers"
+                .to_owned()
+        } else if measured.is_some() && seats != 1 {
+            format!("a program is measured where one agent acts, and this environment has seats for {seats}")
+        } else {
+            return None;
+        };
+        Some(Error::config(MEASURED, problem))
+    }
+
+    /// A metric with the name of one that means something else for the agents that the protocol trains: where an
+    /// environment has seats, both may stand in a table.
+    fn is_taken(&self, cell: &Cell, recorded: &[Metric]) -> Option<Error> {
+        let facts = self.facts(cell)?;
+        let measures = self.protocols.get(cell.parts[2].id())?.as_ref()?;
+        let mut known = measures.metrics.iter().chain(&facts.metrics);
+        let taken = known.find(|known| recorded.iter().any(|it| it.name == known.name))?;
+        let problem = format!(
+            "`{}` is measured of the other agents of this environment, and another thing than a program says of \
+             itself: take another name, as `own_{}`",
+            taken.name, taken.name
+        );
+        (!facts.interface.seats.is_empty()).then(|| Error::config("metrics", problem))
+    }
+
+    /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
+    fn warn_of_short_training(&mut self, cell: &Cell, world: &mut Catalogue) {
+        let [_, agent, protocol] = &cell.parts;
+        let learns_after = self.agents.get(&given(cell)).copied();
+        let learns_after = learns_after.unwrap_or(FROM_THE_FIRST_STEP);
+        let Some(Some(measures)) = self.protocols.get(protocol.id()) else {
+            return;
+        };
+        if measures.protocol.compares_untrained() {
+            return;
+        }
+        let (steps, experience) = (measures.steps, measures.experience);
+        let learns = self
+            .entry(cell)
+            .is_some_and(|it| it.learns_with(&agent.part.config));
+        let is_useless = learns && learns_after > experience;
+        if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
+            world
+                .warnings
+                .push(self.learns_nothing(agent, learns_after, steps));
+        }
+    }
+
+    /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
+    fn note(
+        &mut self,
+        cell: &Cell,
+        pair: (usize, usize),
+        of_agent: impl FnOnce() -> Vec<Metric>,
+        world: &mut Catalogue,
+    ) -> Outcome<()> {
+        let [environment, _, protocol] = &cell.parts;
+        let known = (self.facts(cell), self.protocols.get(protocol.id()));
+        if let (Some(facts), Some(Some(measures))) = known
+            && self.recorded.insert((pair, ids(cell)))
+        {
+            let of_agent = of_agent();
+            if cell.parts[2].given.form == Form::Own(None) {
+                world.record(pair, of_agent.iter().chain(&[wall_time_metric()]));
+                return Ok(());
+            }
+            let metrics = measures.metrics.len() + facts.metrics.len() + of_agent.len();
+            if metrics > MOST_METRICS {
+                return Err(Box::new(self.records_too_much(environment, metrics)));
+            }
+            let measured = protocol::measurement_metrics();
+            let of_protocol = match cell.parts[2].given.form {
+                // It is measured, and the protocol does not see how it trains.
+                Form::Own(_) => &measured,
+                _ => &measures.metrics,
+            };
+            note(pair, &facts, measures, [of_protocol, &of_agent], world);
+        }
+        Ok(())
+    }
+
+    fn records_too_much(&self, environment: &Resolved, metrics: usize) -> Diagnostic {
+        let named = self.sections.written.part(environment.given.target);
+        let (name, span) = named.map_or_else(Default::default, |it| (it.name.as_str(), it.name_span));
+        let message = format!(
+            "a trial of `{name}` records {metrics} metrics, but at most {MOST_METRICS} are told apart"
+        );
+        let error = self
+            .sections
+            .sources
+            .error(span, &format!("environments.{name}"), message);
+        error.help("make the environment smaller: its metrics follow from its size")
+    }
+
+    /// Builds the agent of a cell for the seats of its environment.
+    pub(super) fn agent(&mut self, cell: &Cell, interface: &Interface) -> Outcome<Box<dyn Agent>> {
+        if cell.is_policy() {
+            return self.policy(cell, interface);
+        }
+        let agent = &cell.parts[1];
+        let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
+        let built = self
+            .config(cell, 1)
+            .and_then(|config| built(|| build(&config, interface, &mut random::stream(&["check"]))));
+        built.map_err(|error| {
+            let place = cell
+                .pair()
+                .map(|pair| self.sections.written.environments[pair.0].name_span);
+            let place = place.filter(|_| matches!(error, Error::Mismatch { .. }));
+            let diagnostic = self.refused(agent, &error);
+            Box::new(match place {
+                Some(span) => diagnostic
+                    .note("with this environment", self.sections.sources.place(span))
+                    .help(self.fitting(interface)),
+                None => diagnostic,
+            })
+        })
+    }
+
+    /// The agents that can be used with what an environment shows, in words.
+    fn fitting(&self, interface: &Interface) -> String {
+        let fitting = fit::agents(self.sections.registry, interface);
+        let named = |names: Vec<String>, what: &str| {
+            let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+            (!names.is_empty()).then(|| format!("{what}: {}", names.join(", ")))
+        };
+        let of = [
+            named(fitting.learners, "agents that fit and learn"),
+            named(fitting.rules, "agents that fit and do not learn"),
+        ];
+        let of: Vec<String> = of.into_iter().flatten().collect();
+        if of.is_empty() {
+            return "no agent with its default settings fits this environment".into();
+        }
+        of.join("; ")
+    }
+
+    fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
+        let named = self.sections.written.part(agent.given.target);
+        let (name, span) =
+            named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
+        let (why, instead) = match learns_after {
+            u64::MAX => (
+                "it never learns with these settings".to_owned(),
+                "let it update, or ",
+            ),
+            _ => {
+                let why = format!(
+                    "it learns from step {learns_after} on, and the protocol ends after {steps} steps"
+                );
+                (
+                    why,
+                    "give the protocol more steps, let the agent learn from an earlier one, or ",
+                )
+            }
+        };
+        let message = format!("`{name}` makes no update: {why}");
+        let help = format!("{instead}call its results those of an agent that was not trained");
+        self.sections
+            .sources
+            .warning(span, &format!("agents.{name}"), message)
+            .help(help)
+    }
+
+    fn learns_otherwise(&self, agent: &Resolved, protocol: &str, given: Given) -> Diagnostic {
+        let (sections, target) = (self.sections, agent.given.target);
+        let (at, span) = sections
+            .plugin(target)
+            .map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+        let named = sections.written.part(target).map_or("", |named| &named.name);
+        let (why, help) = match given {
+            Given::Examples => (
+                format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
+                self.decisions_or("examples", &|entry| entry.learns_from_examples),
+            ),
+            Given::DecisionsOfOthers => (
+                format!("from its own decisions; `{protocol}` gives those of others"),
+                self.decisions_or("datasets", &|entry| entry.datasets != UseOfDatasets::Never),
+            ),
+            Given::NoDataset => (
+                format!("from datasets; `{protocol}` gives none"),
+                "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
+            ),
+            Given::Training => (
+                format!("by itself; `{protocol}` trains agents, or measures them"),
+                "the protocol `train_evaluate` lets it train, and takes in what it measures".into(),
+            ),
+            Given::NoDemand => (
+                format!("from whole designs that it proposes; `{protocol}` asks for none"),
+                "the protocol `search` asks for one design after the other".into(),
+            ),
+        };
+        sections
+            .sources
+            .error(span, &at, format!("the agent `{named}` learns {why}"))
+            .help(help)
+    }
+
+    /// What to do with an agent that learns from its own decisions, and which agents to use instead.
+    fn decisions_or(&self, given: &str, learns_from_it: &dyn Fn(&AgentEntry) -> bool) -> String {
+        let others = self
+            .sections
+            .registry
+            .agents
+            .iter()
+            .filter(|(_, entry)| entry.learns && learns_from_it(entry));
+        let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
+        let instead = if others.is_empty() {
+            String::new()
+        } else {
+            format!("; agents that learn from {given}: {}", others.join(", "))
+        };
+        format!("the protocol `train_evaluate` gives it decisions{instead}")
+    }
+
+    fn protocol(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
+        let resolved = &cell.parts[2];
+        if self.protocols.contains_key(resolved.id()) {
+            return Ok(());
+        }
+        let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
+        let built = self
+            .config(cell, 2)
+            .and_then(|config| built(|| (entry.build)(&config)));
+        let (measures, refusal) = match built {
+            Ok(protocol) => {
+                // What an override gives to some combinations is meant for them.
+                let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
+                let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
+                world.warnings.extend(doubt.map(Diagnostic::as_warning));
+                (Some(Measures::of(protocol)), None)
+            }
+            Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
+        };
+        self.protocols.insert(resolved.id().to_owned(), measures);
+        refusal.map_or(Ok(()), Err)
+    }
+
+    /// A refusal, placed at the key that the plugin names where the study gives it.
+    pub(super) fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
+        let (sections, target) = (self.sections, resolved.given.target);
+        let plugin = sections.plugin(target);
+        let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+        match error {
+            Error::Unavailable { key, problem } => {
+                let given = locate(&sections.assigned(&resolved.given), key);
+                let (span, at) = (given.unwrap_or(plugin_span), format!("{at}.{key}"));
+                let error = sections.sources.error(span, &at, problem.clone());
+                error.as_unavailable()
+            }
+            Error::Config { key, problem } => {
+                let given = locate(&sections.assigned(&resolved.given), key);
+                let span = given.unwrap_or(plugin_span);
+                let error =
+                    sections
+                        .sources
+                        .error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"));
+                let default = resolved
+                    .part
+                    .config
+                    .pointer(&format!("/{}", key.replace('.', "/")));
+                match default.filter(|_| given.is_none()) {
+                    Some(value) => error.help(format!("`{key}` is not given here; its value is {value}")),
+                    None => error,
+                }
+            }
+            Error::Mismatch { problem, .. } => {
+                let named = sections.written.part(target).map_or("", |named| &named.name);
+                let what = if matches!(target, Target::Agent(_)) {
+                    "agent"
+                } else {
+                    "part"
+                };
+                sections.sources.error(
+                    plugin_span,
+                    &at,
+                    format!("the {what} `{named}` cannot be used here: {problem}"),
+                )
+            }
+            other => sections.sources.error(plugin_span, &at, other.to_string()),
+        }
+    }
+}

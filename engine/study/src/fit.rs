@@ -1,0 +1,70 @@
+//! Which agents fit which environments: both are built with their defaults, as `check` builds what a study names.
+
+use contract::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
+use serde::Serialize;
+
+/// How much `describe` finds out by building plugins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Which agents fit an environment, and which environments fit an agent.
+    pub fits: bool,
+    /// Why the others do not.
+    pub why: bool,
+}
+
+/// What cannot be used together, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Unfit {
+    /// The agent, or the environment.
+    pub name: String,
+    /// What it lacks.
+    pub reason: String,
+}
+
+/// The environment of this name with its defaults; `None` where there is none or it refuses them.
+pub fn environment(registry: &Registry, name: &str) -> Option<Box<dyn Environment>> {
+    let entry = registry.environments.get(name)?;
+    (entry.build)(&entry.about.defaults).ok()
+}
+
+/// An agent with its defaults for the seats of an environment.
+///
+/// # Errors
+/// Why it cannot be used there.
+pub fn agent(entry: &AgentEntry, interface: &Interface) -> Result<Box<dyn Agent>, String> {
+    let built = (entry.build)(
+        &entry.about.defaults,
+        interface,
+        &mut random::stream(&["describe"]),
+    );
+    built.map_err(|error| match error {
+        Error::Mismatch { problem, .. } => problem,
+        other => other.to_string(),
+    })
+}
+
+/// The agents that fit an environment: those that learn, those that do not, and the others with their reasons.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Fitting {
+    /// Agents that fit and learn.
+    pub learners: Vec<String>,
+    /// Agents that fit and do not learn.
+    pub rules: Vec<String>,
+    /// Agents that do not fit.
+    pub unfit: Vec<Unfit>,
+}
+
+/// How the registered agents fit an interface.
+#[must_use]
+pub fn agents(registry: &Registry, interface: &Interface) -> Fitting {
+    let mut all = Fitting::default();
+    for (name, entry) in &registry.agents {
+        let name = (*name).to_owned();
+        match agent(entry, interface) {
+            Ok(_) if entry.learns => all.learners.push(name),
+            Ok(_) => all.rules.push(name),
+            Err(reason) => all.unfit.push(Unfit { name, reason }),
+        }
+    }
+    all
+}
