@@ -7,8 +7,8 @@ use crate::{
     needs,
     program::{Bench, repository, trial_files},
 };
+use cli::describe::markdown;
 use document::diagnostic::render;
-use engine::describe::markdown;
 use numerics::{
     network::{Activation, Mlp, device},
     policy_file::{Head, Policy, Ports},
@@ -211,12 +211,12 @@ fn whole_studies_of_the_book_pass_check() {
 #[test]
 fn the_exit_codes_and_the_version_of_the_book_are_the_programs() {
     let commands = fs::read_to_string(source().join("commands.md")).unwrap();
-    use engine::cli::{BAD_SPEC, DIFFERS, INCOMPLETE, NOTHING_SELECTED, OK, TRIALS_FAILED};
+    use cli::{BAD_SPEC, DIFFERS, INCOMPLETE, NOTHING_SELECTED, OK, TRIALS_FAILED};
     for code in [OK, BAD_SPEC, NOTHING_SELECTED, TRIALS_FAILED, DIFFERS, INCOMPLETE] {
         assert!(commands.contains(&format!("\n| {code} |")), "{code}");
     }
     let describe = fs::read_to_string(source().join("describe.md")).unwrap();
-    assert!(describe.contains(&format!("\"format\": {}", engine::describe::FORMAT)));
+    assert!(describe.contains(&format!("\"format\": {}", cli::describe::FORMAT)));
     let help = Bench::new().ok(&["--help"]);
     let verbs = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let verbs = verbs.filter(|line| !line.starts_with("   "));

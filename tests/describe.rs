@@ -4,9 +4,9 @@ use crate::{
     contracts::{acting, ready_made},
     program::Bench,
 };
+use cli::describe::{self, Asked, Group, Subject, text};
 use contract::{Registry, registry::About};
 use document::diagnostic::render;
-use engine::describe::{self, Asked, Group, Subject, text};
 use plugins::registry;
 use serde_json::Value;
 use std::{

@@ -1,8 +1,8 @@
 //! Simulators through `regimen rollout`, against trajectories of other programs.
 
 use crate::program::{Bench, repository, trial_files};
+use cli::rollout::{Actions, rows};
 use contract::{Phase, metrics_file, random::stream};
-use engine::rollout::{Actions, rows};
 use execution::store::Store;
 use plugins::registry;
 use std::{collections::BTreeMap, path::PathBuf};
@@ -407,7 +407,7 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
             3,
         )
         .unwrap();
-        engine::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
+        cli::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
         same("trial.csv", "expected.csv");
         if !entry.learns {
             continue;

@@ -1,20 +1,14 @@
-//! Regimen's engine: from one YAML file to trials, a store of metrics, statistics, tables, figures and a
-//! report.
+//! The engine for programs of others.
 //!
-//! Data flows one way: spec -> plan -> trials -> workers -> store -> statistics -> tables and figures ->
-//! report.
+//! A plugin needs the contract, which stands here at the root: [`Environment`], [`Agent`], [`Protocol`] and what they
+//! are made of. A program enters its plugins into a [`Registry`] and hands it to [`cli::main`].
 //!
-//! Invariants
-//! 1. The engine names no environment, agent or paper.
-//! 2. Nothing below [`trial`] reads a clock, an environment variable or global randomness.
-//! 3. A trial's numbers depend on its [`trial::TrialKey`] only: not on workers, order, machine load or
-//!    trials that it takes nothing from.
-//! 4. After `check` passes, a name, metric or key cannot be wrong.
-//! 5. Tables and figures read the store only.
-//! 6. What is on disk says what made it, and has a version.
+//! Data flows one way through the crates of the engine:
+//!
+//! ```text
+//! document -> contract -> statistics -> analysis -> presentation -> study -> report -> cli
+//!                      -> execution  -> imported -^
+//! ```
 
-pub mod cli;
-pub mod describe;
-pub mod first_study;
-pub mod rollout;
-pub mod watch;
+pub use ::cli;
+pub use contract::*;

@@ -3,7 +3,7 @@
 //! The trial can stop before every episode. Each has random streams of its own, so the number of episodes so
 //! far is all that learning needs to go on.
 
-use contract::{
+use engine::{
     Config, Error, Metric, Mode, Phase, Protocol, Registry, Transition,
     protocol::{Measurement, Position, Run, measure, measurement_metrics, observe},
 };

@@ -9,7 +9,7 @@ mod episodes;
 mod proportional;
 mod thermostat;
 
-use contract::Registry;
+use engine::Registry;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -1,7 +1,7 @@
 //! Heat in proportion to what the temperature lacks, with a gain that is given (`proportional`) or tuned
 //! (`tuner`): each episode tries a gain near the best one so far.
 
-use contract::{
+use engine::{
     Action, Agent, AgentTraits, Config, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };

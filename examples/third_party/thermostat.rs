@@ -1,6 +1,6 @@
 //! A room that loses heat, and a heater between 0 and 1.
 
-use contract::{Channel, Config, End, Environment, Error, Registry, Rng, Seat, Space, Step};
+use engine::{Channel, Config, End, Environment, Error, Registry, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

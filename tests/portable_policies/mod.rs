@@ -10,6 +10,7 @@ use crate::{
     other_programs::check,
     program::{Bench, reseal, trial_files},
 };
+use cli::rollout::trained_agent;
 use contract::{
     Agent, Environment, Mode, NoKeeper, Observation, ProductKind, Registry,
     policy_form::PortablePolicy,
@@ -17,7 +18,6 @@ use contract::{
     random::{Streams, stream},
     trial::TrialKey,
 };
-use engine::rollout::trained_agent;
 use numerics::{
     network::{Activation, Mlp, device},
     onnx::{Graph, Network},

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     crash::install();
-    engine::cli::main(registry)
+    cli::main(registry)
 }
 
 fn registry() -> contract::Registry {

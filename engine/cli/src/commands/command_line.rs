@@ -53,7 +53,7 @@ fn quoted(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::Format;
+    use crate::commands::Format;
 
     #[test]
     fn a_shown_command_says_what_the_given_one_said() {

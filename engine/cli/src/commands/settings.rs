@@ -395,7 +395,7 @@ fn wrong(problem: &str) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::Format;
+    use crate::commands::Format;
 
     fn common(machine: Option<&str>) -> Common {
         Common {
