@@ -2,103 +2,131 @@
 
 use crate::program::repository;
 
-fn manifest(folder: &str) -> String {
-    std::fs::read_to_string(repository().join(folder).join("Cargo.toml")).unwrap()
-}
+/// Every crate by its folder, with the crates of this project that it stands on. Each stands on crates above it alone.
+const ARROWS: [(&str, &[&str]); 23] = [
+    ("engine/document", &[]),
+    ("engine/contract", &["document"]),
+    ("engine/statistics", &["contract", "document"]),
+    ("engine/execution", &["contract", "document"]),
+    ("engine/analysis", &["contract", "document", "statistics"]),
+    (
+        "engine/imported",
+        &["analysis", "contract", "document", "execution", "statistics"],
+    ),
+    (
+        "engine/presentation",
+        &["analysis", "contract", "document", "statistics"],
+    ),
+    (
+        "engine/study",
+        &[
+            "analysis",
+            "contract",
+            "document",
+            "execution",
+            "imported",
+            "presentation",
+            "statistics",
+        ],
+    ),
+    (
+        "engine/report",
+        &[
+            "analysis",
+            "contract",
+            "document",
+            "execution",
+            "imported",
+            "presentation",
+            "statistics",
+            "study",
+        ],
+    ),
+    (
+        "engine/cli",
+        &[
+            "analysis",
+            "contract",
+            "document",
+            "execution",
+            "imported",
+            "presentation",
+            "report",
+            "statistics",
+            "study",
+        ],
+    ),
+    ("engine", &["cli", "contract"]),
+    // Tests alone stand on it.
+    ("engine/testing", &["analysis", "contract"]),
+    ("plugins/arithmetic", &[]),
+    ("plugins/numerics", &[]),
+    ("plugins/protocols", &["contract", "document", "statistics"]),
+    ("plugins/environments", &["contract", "document", "statistics"]),
+    ("plugins/agents", &["contract", "numerics"]),
+    ("plugins/estimators", &["contract", "environments", "numerics"]),
+    ("plugins/generators", &["contract", "numerics", "statistics"]),
+    (
+        "plugins/programs",
+        &["contract", "document", "execution", "imported", "numerics"],
+    ),
+    ("plugins/python", &["contract", "document", "execution"]),
+    (
+        ".",
+        &[
+            "agents",
+            "cli",
+            "contract",
+            "environments",
+            "estimators",
+            "execution",
+            "generators",
+            "numerics",
+            "programs",
+            "protocols",
+            "python",
+        ],
+    ),
+    // Nothing stands on the Python package, which knows them all.
+    ("plugins/wheel", &["contract", "document", "regimen", "study"]),
+];
 
-fn depends_on(folder: &str, name: &str) -> bool {
-    manifest(folder)
-        .lines()
-        .any(|line| line.split(['.', ' ', '=']).next() == Some(name))
+/// The crates of this project among the dependencies of a crate, but for those of its tests.
+fn stands_on(folder: &str) -> Vec<String> {
+    let manifest = std::fs::read_to_string(repository().join(folder).join("Cargo.toml")).unwrap();
+    let section = manifest.split("\n[dependencies]\n").nth(1).unwrap_or_default();
+    let section = section.split("\n[").next().unwrap_or_default();
+    let name = |line: &str| line.split(['.', ' ', '=']).next().map(str::to_owned);
+    let is_ours = |name: &String| {
+        let folders = ARROWS.iter().map(|(folder, _)| folder.rsplit('/').next());
+        folders.flatten().any(|it| it == name) || name == "regimen"
+    };
+    let mut found: Vec<String> = section.lines().filter_map(name).filter(is_ours).collect();
+    found.sort_unstable();
+    found
 }
 
 #[test]
-fn the_engine_and_numerics_depend_on_no_workspace_crate() {
-    for name in [
-        "engine",
-        "numerics",
-        "environments",
-        "agents",
-        "estimators",
-        "generators",
-        "programs",
-        "python",
-    ] {
-        assert!(
-            !depends_on("plugins/numerics", name),
-            "numerics depends on {name}"
-        );
-        assert!(!depends_on("engine", name), "engine depends on {name}");
+fn crates_stand_on_those_that_are_listed() {
+    for (folder, crates) in ARROWS {
+        assert_eq!(stands_on(folder), crates, "{folder}/Cargo.toml");
     }
 }
 
 #[test]
-fn agents_and_environments_do_not_know_each_other() {
-    assert!(!depends_on("plugins/agents", "environments"));
-    assert!(!depends_on("plugins/environments", "agents"));
-    // Estimators carry a model of the plant, and are nobody's part.
-    for folder in ["plugins/agents", "plugins/environments"] {
-        assert!(
-            !depends_on(folder, "estimators") && !depends_on(folder, "generators"),
-            "{folder}"
-        );
+fn the_page_on_the_architecture_has_a_row_for_every_crate() {
+    let page = std::fs::read_to_string(repository().join("ARCHITECTURE.md")).unwrap();
+    for (folder, _) in ARROWS.iter().filter(|(folder, _)| *folder != ".") {
+        assert!(page.contains(&format!("| `{folder}/` |")), "{folder}");
     }
-}
-
-/// So that whoever has no Python can leave it out.
-#[test]
-fn environments_in_python_and_the_other_plugins_do_not_know_each_other() {
-    for folder in ["numerics", "environments", "agents", "estimators", "generators"] {
-        assert!(!depends_on(&format!("plugins/{folder}"), "python"), "{folder}");
-        assert!(!depends_on("plugins/python", folder), "{folder}");
-    }
-}
-
-/// So that no simulator and no learner is needed for a trial of a program.
-#[test]
-fn programs_and_the_other_plugins_do_not_know_each_other() {
-    for folder in [
-        "numerics",
-        "environments",
-        "agents",
-        "estimators",
-        "generators",
-        "python",
-    ] {
-        assert!(!depends_on(&format!("plugins/{folder}"), "programs"), "{folder}");
-        assert!(
-            folder == "numerics" || !depends_on("plugins/programs", folder),
-            "{folder}"
-        );
-    }
-}
-
-/// So that no program needs to know of the Python package, which knows them all.
-#[test]
-fn nothing_depends_on_the_python_package() {
-    for folder in [
-        "engine",
-        "plugins/environments",
-        "plugins/agents",
-        "plugins/python",
-    ] {
-        assert!(!depends_on(folder, "pyo3"), "{folder}");
-    }
-    assert!(!manifest(".").contains("regimen-wheel"));
-}
-
-/// So that simulated systems compile without the tensors that learning needs.
-#[test]
-fn environments_do_not_depend_on_networks() {
-    assert!(!depends_on("plugins/environments", "numerics") && !depends_on("plugins/environments", "burn"));
 }
 
 #[test]
 fn one_folder_names_the_library_for_parquet() {
-    visit(&repository().join("engine/src"), &mut |path, text| {
+    visit(&repository().join("engine"), &mut |path, text| {
         let names_it = text.contains("use parquet::") || text.contains("use ::parquet::");
         assert!(
-            !names_it || path.parent().unwrap().ends_with("engine/src/parquet"),
+            !names_it || path.parent().unwrap().ends_with("engine/contract/src/parquet"),
             "{path:?}"
         );
     });
@@ -126,50 +154,52 @@ fn no_agent_is_made_of_another() {
 #[test]
 fn one_module_names_files_clocks_and_processes() {
     let mut found = Vec::new();
-    visit(&repository().join("engine/src"), &mut |path, text| {
-        let name = path.to_string_lossy().into_owned();
-        let is_test = name.ends_with("tests.rs") || name.contains("/tests/");
-        if is_test || name.contains("/world/") {
-            return;
-        }
-        let text = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
-        let imported = text
-            .split("use std::{")
-            .nth(1)
-            .and_then(|rest| rest.split("};").next());
-        let imports = imported.unwrap_or_default().split([',', '{', '}', ' ', '\n']);
-        let foreign = ["fs", "fs::File", "process::Command"];
-        found.extend(
-            imports
-                .filter(|it| foreign.contains(it) || it.starts_with("fs::"))
-                .map(|it| format!("{name}: {it}")),
+    for name in ["execution", "imported", "study", "report", "cli"] {
+        visit(
+            &repository().join("engine").join(name).join("src"),
+            &mut |path, text| {
+                found.extend(foreign_words(path, text));
+            },
         );
-        let words = [
-            "std::fs",
-            "process::Command::",
-            "std::process::id",
-            "Instant::now()",
-            "SystemTime::now()",
-            "thread::sleep",
-            "RandomState",
-            ".elapsed()",
-            ".exists()",
-            ".canonicalize()",
-            ".symlink_metadata()",
-            "path.is_file()",
-            "path.is_dir()",
-            "folder.is_dir()",
-        ];
-        found.extend(
-            words
-                .into_iter()
-                .filter(|word| text.contains(word))
-                .map(|word| format!("{name}: {word}")),
-        );
-    });
+    }
     // The bar that shows progress has a clock of its own.
-    found.retain(|it| !it.ends_with("cli/progress.rs: .elapsed()"));
+    found.retain(|it| !it.ends_with("commands/progress.rs: .elapsed()"));
     assert_eq!(found, [""; 0]);
+}
+
+/// Words of a file of code that touch files, clocks or processes past `execution::world`.
+fn foreign_words(path: &std::path::Path, text: &str) -> Vec<String> {
+    let name = path.to_string_lossy().into_owned();
+    let is_test = name.ends_with("tests.rs") || name.contains("/tests/");
+    if is_test || name.contains("/world/") {
+        return Vec::new();
+    }
+    let text = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+    let imported = text
+        .split("use std::{")
+        .nth(1)
+        .and_then(|rest| rest.split("};").next());
+    let imports = imported.unwrap_or_default().split([',', '{', '}', ' ', '\n']);
+    let foreign = ["fs", "fs::File", "process::Command"];
+    let imports = imports.filter(|it| foreign.contains(it) || it.starts_with("fs::"));
+    let words = [
+        "std::fs",
+        "process::Command::",
+        "std::process::id",
+        "Instant::now()",
+        "SystemTime::now()",
+        "thread::sleep",
+        "RandomState",
+        ".elapsed()",
+        ".exists()",
+        ".canonicalize()",
+        ".symlink_metadata()",
+        "path.is_file()",
+        "path.is_dir()",
+        "folder.is_dir()",
+    ];
+    let words = words.into_iter().filter(|word| text.contains(word));
+    imports.chain(words).map(|it| format!("{name}: {it}")).collect()
 }
 
 fn visit(folder: &std::path::Path, seen: &mut dyn FnMut(&std::path::Path, &str)) {

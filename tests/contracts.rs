@@ -20,7 +20,7 @@ pub(crate) fn ready_made(registry: &Registry) -> impl Iterator<Item = &'static s
 /// have to be named.
 pub(crate) fn acting(registry: &Registry) -> impl Iterator<Item = (&'static str, &AgentEntry)> {
     let all = registry.agents.iter().map(|(name, entry)| (*name, entry));
-    all.filter(|(_, entry)| !entry.trains_itself && entry.by_config.is_none())
+    all.filter(|(_, entry)| !entry.traits.trains_itself && entry.traits.by_config.is_none())
 }
 
 #[test]
@@ -316,13 +316,13 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
                 continue;
             };
             let updates = agent.updates();
-            assert_eq!(updates.is_some(), entry.learns, "{name}");
+            assert_eq!(updates.is_some(), entry.traits.learns, "{name}");
             assert!(
                 updates.is_none_or(|updates| updates.made == 0 && updates.first_after > 0),
                 "{name}: {updates:?}"
             );
         }
-        if entry.learns {
+        if entry.traits.learns {
             assert!(
                 learns_as_told(&registry, name),
                 "no small trial in which {name} makes an update"
@@ -337,10 +337,10 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
     let entry = &registry.agents[name];
     // An agent learns from examples, from what others gathered, or from its decisions.
     let fits = |key: &TrialKey| match key.protocol.plugin.as_str() {
-        "supervised_fit" => entry.learns_from_examples,
-        "offline_fit" => entry.datasets != UseOfDatasets::Never,
+        "supervised_fit" => entry.traits.learns_from_examples,
+        "offline_fit" => entry.traits.datasets != UseOfDatasets::Never,
         "attribution" => false,
-        _ => !entry.learns_from_examples && entry.datasets != UseOfDatasets::Only,
+        _ => !entry.traits.learns_from_examples && entry.traits.datasets != UseOfDatasets::Only,
     };
     crate::resume::keys(registry, name)
         .into_iter()

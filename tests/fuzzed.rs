@@ -1,7 +1,7 @@
 //! What strangers may hand to the program: files that once broke a reader, and the most different ones that a long
-//! search came upon. `fuzz/README.md` says how to search on.
+//! search came upon. `tests/fuzz/README.md` says how to search on.
 
-#[path = "../fuzz/targets.rs"]
+#[path = "fuzz/targets.rs"]
 mod targets;
 
 use crate::program::repository;

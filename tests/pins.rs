@@ -165,9 +165,9 @@ fn advice(pin: &Pin) -> String {
         "Raise the version of what you changed:\n\
          - environment `{}` (now {}): the number after its name in plugins/environments/src/lib.rs\n\
          - agent `{}` (now {}): the number after its name in the plugins/*/src/lib.rs that registers it\n\
-         - protocol `{}` (now {}): the number after its name in engine/src/protocol/{4}.rs\n\
+         - protocol `{}` (now {}): the number after its name in plugins/protocols/src/{4}.rs\n\
          - shared code (now {} together): `VERSION` in plugins/numerics/src/lib.rs, or `NUMERICS_VERSION` in \
-         engine/src/registry.rs\n\
+         engine/contract/src/registry.rs\n\
          Then renew the pins: {COMMAND}",
         environment.0, environment.1, agent.0, agent.1, protocol.0, protocol.1, pin.numerics
     )
@@ -346,7 +346,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
             .map(|name| small(about(registry, of, name).unwrap(), name))
             .collect()
     };
-    let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].learns;
+    let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].traits.learns;
     let mut agents = candidates("agent", acting(registry).map(|(name, _)| name).collect());
     if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
         // What pins an environment shall not move with an algorithm.
@@ -374,7 +374,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
 
 /// True where an agent recorded what it records when it learns, or has nothing to record.
 fn learned(registry: &Registry, agent: &Part, rows: &str) -> bool {
-    let metrics = &registry.agents[agent.plugin.as_str()].metrics;
+    let metrics = &registry.agents[agent.plugin.as_str()].traits.metrics;
     let says = |metric: &contract::Metric| {
         rows.lines()
             .any(|line| line.split(' ').nth(4) == Some(metric.name.as_str()))

@@ -65,7 +65,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
                 numerics: registry.numerics_version,
                 device: "cpu".into(),
             };
-            if !registry.agents[agent].learns {
+            if !registry.agents[agent].traits.learns {
                 let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();
                 Arc::make_mut(&mut key.protocol).config = config.into();
             }
@@ -87,7 +87,7 @@ fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
 /// Every trial of a learning agent with an environment and a protocol in which it can learn; under `track` and `gather`
 /// nothing is learned, whatever agents record.
 fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
-    let metrics = &registry.agents[agent].metrics;
+    let metrics = &registry.agents[agent].traits.metrics;
     let learned = |outcome: &Outcome| {
         outcome
             .names
@@ -230,7 +230,7 @@ fn run_interrupted(
 fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
     let mut met = BTreeSet::new();
-    for (name, _) in acting(&registry).filter(|(_, entry)| entry.learns) {
+    for (name, _) in acting(&registry).filter(|(_, entry)| entry.traits.learns) {
         let trials = trials(&registry, name);
         assert!(
             !trials.is_empty(),
@@ -275,7 +275,7 @@ fn killed_again_and_again(registry: &Registry, (key, place): (&TrialKey, &str), 
 #[test]
 fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace() {
     let registry = registry();
-    for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.learns) {
+    for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.traits.learns) {
         for protocol in ["train_evaluate", "supervised_fit", "offline_fit"] {
             let keys = keys(&registry, name)
                 .into_iter()

@@ -397,7 +397,11 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
             &mut stream(&["other networks"]),
         )
         .unwrap();
-        assert_eq!(one.import(&store.folder(id)).unwrap(), entry.learns, "{agent}");
+        assert_eq!(
+            one.import(&store.folder(id)).unwrap(),
+            entry.traits.learns,
+            "{agent}"
+        );
         let expected = rows(
             &mut *pack,
             Actions::Agent {
@@ -409,7 +413,7 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
         .unwrap();
         cli::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
         same("trial.csv", "expected.csv");
-        if !entry.learns {
+        if !entry.traits.learns {
             continue;
         }
         bench.write("pack.yaml", "episode_limit: 40\nageing: {}\n");

@@ -88,7 +88,7 @@ fn outside_a_trial_it_prints() {
         return;
     };
     let modules = Bench::new();
-    let text = include_str!("../../wheel/regimen/_trial.py");
+    let text = include_str!("../../plugins/wheel/regimen/_trial.py");
     modules.write("regimen_trial.py", text);
     let program = "import regimen_trial; regimen_trial.trial().log(step=1, ret=2)";
     let mut command = std::process::Command::new(python);

@@ -113,20 +113,8 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// False for rules: the protocol then measures alone.
-    pub learns: bool,
-    /// What `learn` records, and what measurements record of its decisions.
-    pub metrics: Vec<Metric>,
-    /// True where it can learn from examples, without actions and rewards.
-    pub learns_from_examples: bool,
-    /// Whether it can learn from what others gathered.
-    pub datasets: UseOfDatasets,
-    /// True where it proposes whole designs, one after the other.
-    pub designs: bool,
-    /// True where it trains itself: the protocol lets it, and takes in what it measures.
-    pub trains_itself: bool,
-    /// Reads from the config the facts that other agents register.
-    pub by_config: Option<ByConfig>,
+    /// What its registration says besides its constructor.
+    pub traits: AgentTraits,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -135,14 +123,17 @@ impl AgentEntry {
     /// Whether it learns with this config.
     #[must_use]
     pub fn learns_with(&self, config: &Value) -> bool {
-        self.by_config.map_or(self.learns, |said| said(config).0)
+        let AgentTraits {
+            learns, by_config, ..
+        } = self.traits;
+        by_config.map_or(learns, |said| said(config).0)
     }
 
     /// The metrics that `learn` records with this config, and those that measurements record of its decisions.
     #[must_use]
     pub fn metrics_with(&self, config: &Value) -> Vec<Metric> {
-        self.by_config
-            .map_or_else(|| self.metrics.clone(), |said| said(config).1)
+        let own = || self.traits.metrics.clone();
+        self.traits.by_config.map_or_else(own, |said| said(config).1)
     }
 }
 
@@ -244,7 +235,7 @@ impl Registry {
     #[must_use]
     pub fn program(&self, agent: &Part) -> Option<&AgentEntry> {
         let entry = self.agents.get(agent.plugin.as_str());
-        entry.filter(|entry| entry.trains_itself)
+        entry.filter(|entry| entry.traits.trains_itself)
     }
 
     /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so
@@ -287,17 +278,12 @@ impl Registry {
         traits: AgentTraits,
         build: fn(C, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error>,
     ) {
+        let trains_itself = traits.trains_itself;
         let entry = AgentEntry {
             about: describe::<C>(version, about),
-            learns: traits.learns,
-            metrics: traits.metrics,
-            learns_from_examples: traits.learns_from_examples,
-            datasets: traits.datasets,
-            designs: traits.designs,
-            trains_itself: traits.trains_itself,
-            by_config: traits.by_config,
+            traits,
             build: Box::new(move |raw, interface, rng| {
-                if interface.seats.is_empty() && !traits.trains_itself {
+                if interface.seats.is_empty() && !trains_itself {
                     return Err(no_seats(name));
                 }
                 build(typed(raw)?, interface, rng)

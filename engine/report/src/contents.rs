@@ -19,8 +19,8 @@ use presentation::{
     claim_spec::ClaimSpec,
     figure::{self, Chart, FigureSpec},
     table::{
-        self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
-        untrained_in_words,
+        self, Axis, Grid, Heading, NumberFormat, Scope, TableSpec, changed_rule_in_words,
+        unplanned_look_in_words, untrained_in_words,
     },
 };
 use serde::Serialize;
@@ -127,7 +127,8 @@ impl Contents {
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
             chart.notes = with_agents(notes, results, Programs::OnlyLacking, |name| {
-                shows(&chart, spec.labels.get(name).map_or(name, String::as_str))
+                let label = spec.labels.get(name).map_or(name, String::as_str);
+                shows(&chart, label).then(|| label.to_owned())
             });
             if let Some(sentence) = figure::lacking(&chart) {
                 warnings.push(format!("figure `{name}`: {sentence}"));
@@ -458,12 +459,12 @@ fn with_agents(
     mut notes: Vec<String>,
     results: &Results,
     programs: Programs,
-    shown: impl Fn(&str) -> bool,
+    printed: impl Fn(&str) -> Option<String>,
 ) -> Vec<String> {
     let origins: Vec<_> = results
         .imported
         .iter()
-        .filter(|origin| shown(&origin.name))
+        .filter(|origin| printed(&origin.name).is_some())
         .collect();
     match origins.len() {
         n if n > MOST_ORIGINS => notes.push(format!(
@@ -471,7 +472,7 @@ fn with_agents(
         )),
         _ => notes.extend(origins.into_iter().map(|origin| origin.sentence.clone())),
     }
-    notes.extend(repeats_in_words(&results.repeated, programs, shown));
+    notes.extend(repeats_in_words(&results.repeated, programs, printed));
     notes
 }
 
@@ -479,6 +480,12 @@ fn with_agents(
 fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
     notes.extend(names_times(spec).then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
     notes
+}
+
+/// The label of an agent in a table; its name where it has no row or column of its own.
+fn label(headings: &[Heading], name: &str) -> String {
+    let own = headings.iter().find(|heading| heading.name == name);
+    own.map_or_else(|| name.to_owned(), |heading| heading.label.clone())
 }
 
 pub(super) fn make_table(
@@ -494,11 +501,12 @@ pub(super) fn make_table(
         .flat_map(|cell| &cell.rests_on)
         .map(|cell| cell.1.as_str())
         .collect();
+    let headings = [&grid.rows[..], &grid.columns].concat();
     grid.notes = with_agents(
         with_times(spec, std::mem::take(&mut grid.notes)),
         results,
         Programs::All,
-        |name| behind.contains(name),
+        |name| behind.contains(name).then(|| label(&headings, name)),
     );
     if let Some(metric) = spec.kind.metric_of_unit() {
         let notes = collapses::notes(&grid, metric, study, results);
@@ -794,8 +802,11 @@ fn held_in<'r>(
         };
     }
     let notes = std::mem::take(&mut verdict.notes);
-    let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
-    verdict.notes = with_agents(notes, results, Programs::OnlyLacking, is_there);
+    let named = |name: &str| {
+        let is_there = trials.iter().any(|it| it.trial.cell.agent == name);
+        is_there.then(|| name.to_owned())
+    };
+    verdict.notes = with_agents(notes, results, Programs::OnlyLacking, named);
     Held {
         verdict,
         matters,

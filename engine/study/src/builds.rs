@@ -66,10 +66,12 @@ impl Measures {
     /// The thing that a protocol gives and the agent cannot learn from; `None` where it can learn from it, or does not
     /// learn.
     fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
-        match entry.datasets {
-            _ if entry.designs && !self.asks_for_designs && self.experience > 0 => Some(Given::NoDemand),
+        match entry.traits.datasets {
+            _ if entry.traits.designs && !self.asks_for_designs && self.experience > 0 => {
+                Some(Given::NoDemand)
+            }
             _ if !learns => None,
-            _ if self.gives_examples && !entry.learns_from_examples => Some(Given::Examples),
+            _ if self.gives_examples && !entry.traits.learns_from_examples => Some(Given::Examples),
             _ if self.experience == 0 => None,
             UseOfDatasets::Never if self.gives_datasets => Some(Given::DecisionsOfOthers),
             UseOfDatasets::Only if !self.gives_datasets => Some(Given::NoDataset),
@@ -81,7 +83,7 @@ impl Measures {
 /// True where an agent can learn from what a protocol gives, or need not.
 pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
     Measures::of(protocol)
-        .gives_another(entry, entry.learns)
+        .gives_another(entry, entry.traits.learns)
         .is_none()
 }
 
@@ -252,7 +254,10 @@ impl<'a> Builder<'a> {
         self.extra += usize::from(!first);
         self.build_once(cell, &facts.interface, first, world)?;
         self.goes_on_well(cell, &facts.interface)?;
-        if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell).filter(|it| !it.trains_itself)) {
+        if let (Some(pair), Some(entry)) = (
+            cell.pair(),
+            self.entry(cell).filter(|it| !it.traits.trains_itself),
+        ) {
             let config = &cell.parts[1].part.config;
             let learns = entry.learns_with(config);
             let updates = || learns.then(|| [updates_metric(), time_per_update_metric()]);
@@ -283,7 +288,7 @@ impl<'a> Builder<'a> {
         let lets_train = self.sections.registry.protocols[protocol.part.plugin.as_str()]
             .own_training
             .is_some();
-        let given = |entry: &AgentEntry| match entry.trains_itself {
+        let given = |entry: &AgentEntry| match entry.traits.trains_itself {
             true => (!lets_train).then_some(Given::Training),
             false => measures.gives_another(entry, entry.learns_with(&agent.part.config)),
         };
@@ -317,7 +322,7 @@ impl<'a> Builder<'a> {
         let limits = self.sections.limits;
         let mut built = patience::under(limits, || self.agent(cell, interface))?;
         patience::under(limits, || self.try_out(cell, &mut *built))?;
-        if self.entry(cell).is_some_and(|it| it.trains_itself) {
+        if self.entry(cell).is_some_and(|it| it.traits.trains_itself) {
             return self.note_own_training(cell, &mut *built, world);
         }
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
@@ -545,11 +550,11 @@ impl<'a> Builder<'a> {
         let (why, help) = match given {
             Given::Examples => (
                 format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
-                self.decisions_or("examples", &|entry| entry.learns_from_examples),
+                self.decisions_or("examples", &|entry| entry.traits.learns_from_examples),
             ),
             Given::DecisionsOfOthers => (
                 format!("from its own decisions; `{protocol}` gives those of others"),
-                self.decisions_or("datasets", &|entry| entry.datasets != UseOfDatasets::Never),
+                self.decisions_or("datasets", &|entry| entry.traits.datasets != UseOfDatasets::Never),
             ),
             Given::NoDataset => (
                 format!("from datasets; `{protocol}` gives none"),
@@ -577,7 +582,7 @@ impl<'a> Builder<'a> {
             .registry
             .agents
             .iter()
-            .filter(|(_, entry)| entry.learns && learns_from_it(entry));
+            .filter(|(_, entry)| entry.traits.learns && learns_from_it(entry));
         let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
         let instead = if others.is_empty() {
             String::new()

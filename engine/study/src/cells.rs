@@ -267,8 +267,8 @@ impl Sections<'_> {
         let named = self.written.part(agent);
         named.is_some_and(|named| {
             let entry = self.registry.agents.get(named.plugin.as_str());
-            entry.is_some_and(|entry| match entry.by_config {
-                None => entry.learns,
+            entry.is_some_and(|entry| match entry.traits.by_config {
+                None => entry.traits.learns,
                 Some(_) => entry.learns_with(&named.config.to_value()),
             })
         })

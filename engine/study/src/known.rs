@@ -202,7 +202,7 @@ impl<'a> Known<'a> {
         let plugin = self.sections.written.plugin(targets[1]);
         let form = match self.sections.registry.agents.get(plugin) {
             _ if place < 2 => Form::Trained,
-            Some(entry) if entry.trains_itself => Form::Own(self.sections.measured(targets[1])),
+            Some(entry) if entry.traits.trains_itself => Form::Own(self.sections.measured(targets[1])),
             Some(_) if self.sections.learns(targets[1]) => Form::Trained,
             _ => Form::Alone,
         };

@@ -133,7 +133,7 @@ fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &Searched<'_
 fn own_training(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<bool> {
     let named = sections.written.part(Target::Agent(searched.agent))?;
     let entry = sections.registry.agents.get(named.plugin.as_str());
-    let entry = entry.filter(|entry| entry.trains_itself)?;
+    let entry = entry.filter(|entry| entry.traits.trains_itself)?;
     let config = known::agent_of(sections, searched)?;
     let nothing = Interface {
         seats: Vec::new(),

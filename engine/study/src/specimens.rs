@@ -84,7 +84,7 @@ impl Builder<'_> {
         let protocol = &self.sections.registry.protocols[cell.parts[2].part.plugin.as_str()];
         let protocol = (protocol.build)(&self.config(cell, 2).ok()?).ok()?;
         let folder = self.specimens.new_folder(index).ok()?;
-        let trains_itself = self.entry(cell).is_some_and(|entry| entry.trains_itself);
+        let trains_itself = self.entry(cell).is_some_and(|entry| entry.traits.trains_itself);
         if !cell.is_policy() && (agent.updates().is_some() || trains_itself) {
             agent.export(&folder).ok()?;
         }

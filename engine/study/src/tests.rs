@@ -7,7 +7,7 @@ use serde_json::json;
 use std::{collections::BTreeSet, sync::Arc};
 use testing::toys::toys;
 
-const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/specs");
+const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/specs");
 
 fn read(text: &str) -> Result<Study, Vec<Diagnostic>> {
     load_text(text, "study.yaml", Path::new(SPECS), &toys(), &Options::default())

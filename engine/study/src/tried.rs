@@ -16,7 +16,7 @@ impl Builder<'_> {
     /// That refusal.
     pub(super) fn learns_as_written(&self, cell: &Cell) -> Outcome<()> {
         let agent = &cell.parts[1];
-        let entry = self.entry(cell).filter(|entry| entry.by_config.is_some());
+        let entry = self.entry(cell).filter(|entry| entry.traits.by_config.is_some());
         let is_trained = cell.parts[2].given.form != Form::Alone;
         if entry.is_none_or(|entry| entry.learns_with(&agent.part.config) == is_trained) {
             return Ok(());
@@ -27,7 +27,9 @@ impl Builder<'_> {
 
     /// True where it is known that the agent of a cell was tried out well in its environment.
     pub(super) fn was_tried(&mut self, cell: &Cell) -> bool {
-        let is_foreign = self.entry(cell).is_some_and(|entry| entry.by_config.is_some());
+        let is_foreign = self
+            .entry(cell)
+            .is_some_and(|entry| entry.traits.by_config.is_some());
         let Some(known) = self.sections.announced.filter(|_| is_foreign) else {
             return false;
         };

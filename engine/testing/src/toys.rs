@@ -4,6 +4,7 @@ use contract::{
     Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, ProductKind,
     Protocol, Registry, Rng, Seat, Space, Step, Updates,
     registry::{AgentTraits, Config, Preset},
+    trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -349,5 +350,6 @@ pub fn toys() -> Registry {
         without_training,
         train,
     );
+    registry.measuring = Some(|_| Part::new("train_evaluate", 1, json!({ "steps": 0 })));
     registry
 }

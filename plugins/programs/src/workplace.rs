@@ -27,7 +27,7 @@ use std::{
 pub const NOTES: &str = ".regimen";
 
 /// The module by which a program in Python speaks as a trial, which the package `regimen` has too.
-const MODULE: &str = include_str!("../../../wheel/regimen/_trial.py");
+const MODULE: &str = include_str!("../../wheel/regimen/_trial.py");
 
 /// A working folder.
 #[derive(Debug, Clone)]

@@ -209,7 +209,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
     let mut config = (entry.about.resolve)(&protocol.1).unwrap();
-    if !registry.agents[agent].learns {
+    if !registry.agents[agent].traits.learns {
         config = (entry.without_training)(&config).unwrap();
     }
     let mut protocol = Part::new(protocol.0, 1, config);

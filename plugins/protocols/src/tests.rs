@@ -170,7 +170,7 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
     let mut protocol_config = (entry.about.resolve)(&protocol.1).unwrap();
-    if !registry.agents[agent.0].learns {
+    if !registry.agents[agent.0].traits.learns {
         protocol_config = (entry.without_training)(&protocol_config).unwrap();
     }
     TrialKey {

@@ -27,11 +27,17 @@ pub enum Programs {
     OnlyLacking,
 }
 
-/// Sentences on the programs that are shown, one for each answer.
+/// Sentences on the programs that are shown, one for each answer; `printed` gives the name under which an agent is shown,
+/// if it is.
 #[must_use]
-pub fn sentences(all: &[RepeatCheck], which: Programs, shown: impl Fn(&str) -> bool) -> Vec<String> {
-    let mut answers: BTreeMap<(u8, String), Vec<&RepeatCheck>> = BTreeMap::new();
-    for one in all.iter().filter(|it| shown(&it.agent)) {
+pub fn sentences(
+    all: &[RepeatCheck],
+    which: Programs,
+    printed: impl Fn(&str) -> Option<String>,
+) -> Vec<String> {
+    let mut answers: BTreeMap<(u8, String), Vec<(&RepeatCheck, String)>> = BTreeMap::new();
+    let shown = all.iter().filter_map(|it| Some((it, printed(&it.agent)?)));
+    for (one, name) in shown {
         let answer = match &one.repeats {
             Repeats::ToTheBit(_) if which == Programs::OnlyLacking => continue,
             Repeats::ToTheBit(_) => (0, "Repeats to the bit with the same seed".to_owned()),
@@ -39,16 +45,16 @@ pub fn sentences(all: &[RepeatCheck], which: Programs, shown: impl Fn(&str) -> b
             Repeats::Not => (2, "Does not repeat with the same seed".into()),
             Repeats::Unknown(problem) => (3, format!("Not known to repeat ({problem})")),
         };
-        answers.entry(answer).or_default().push(one);
+        answers.entry(answer).or_default().push((one, name));
     }
-    let is_everywhere = |one: &RepeatCheck, of: &[&RepeatCheck]| {
+    let is_everywhere = |one: &RepeatCheck, of: &[(&RepeatCheck, String)]| {
         let environments = all.iter().filter(|it| it.agent == one.agent).count();
-        of.iter().filter(|it| it.agent == one.agent).count() == environments
+        of.iter().filter(|(it, _)| it.agent == one.agent).count() == environments
     };
-    let sentence = |((_, words), of): (&(u8, String), &Vec<&RepeatCheck>)| {
-        let name = |one: &&RepeatCheck| match is_everywhere(one, of) {
-            true => format!("`{}`", one.agent),
-            false => format!("`{}` in `{}`", one.agent, one.environment),
+    let sentence = |((_, words), of): (&(u8, String), &Vec<(&RepeatCheck, String)>)| {
+        let name = |(one, name): &(&RepeatCheck, String)| match is_everywhere(one, of) {
+            true => format!("`{name}`"),
+            false => format!("`{name}` in `{}`", one.environment),
         };
         let names: BTreeSet<String> = of.iter().map(name).collect();
         format!("{words}: {}.", names.into_iter().collect::<Vec<_>>().join(", "))
@@ -68,12 +74,18 @@ mod tests {
             seed: 3,
             repeats,
         };
+        let named = |agent: &str| Some(agent.to_owned());
         let one = [of("a", Repeats::Not), of("b", Repeats::Not)];
+        let labelled = |_: &str| Some("My own".to_owned());
         assert_eq!(
-            sentences(&one, Programs::All, |_| true),
+            sentences(&one, Programs::All, labelled),
+            ["Does not repeat with the same seed: `My own`."]
+        );
+        assert_eq!(
+            sentences(&one, Programs::All, named),
             ["Does not repeat with the same seed: `mine`."]
         );
-        assert!(sentences(&one, Programs::All, |_| false).is_empty());
+        assert!(sentences(&one, Programs::All, |_| None).is_empty());
         let three = [
             of("a", Repeats::ToTheBit(3)),
             of("b", Repeats::Unknown("it is slow".into())),
@@ -86,7 +98,7 @@ mod tests {
             "Repeats to the bit with the same seed: `mine` in `a`, `other`.",
             "Not known to repeat (it is slow): `mine` in `b`.",
         ];
-        assert_eq!(sentences(&three, Programs::All, |_| true), said);
-        assert_eq!(sentences(&three, Programs::OnlyLacking, |_| true), said[1..]);
+        assert_eq!(sentences(&three, Programs::All, named), said);
+        assert_eq!(sentences(&three, Programs::OnlyLacking, named), said[1..]);
     }
 }

@@ -109,8 +109,12 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Sub
     let entry = registry.agents.get(name)?;
     let example = format!("agents:\n  mine: {{ {name}: {{}} }}");
     let mut subject = of_plugin(name, Group::Agents, &entry.about, example);
-    let of_learners = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
+    let of_learners = entry
+        .traits
+        .learns
+        .then(|| [updates_metric(), time_per_update_metric()]);
     let metrics: Vec<Metric> = entry
+        .traits
         .metrics
         .iter()
         .cloned()
@@ -118,7 +122,7 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Sub
         .collect();
     subject.metrics = facts(&metrics);
     let mut facts = AgentFacts {
-        learns: entry.learns,
+        learns: entry.traits.learns,
         protocols: protocols(registry, entry),
         reads_state: false,
         takes: subject.keys.iter().flat_map(|key| takes(key, "")).collect(),
@@ -178,7 +182,7 @@ fn protocols(registry: &Registry, entry: &AgentEntry) -> Vec<String> {
     let all = registry
         .protocols
         .iter()
-        .filter(|(_, protocol)| entry.learns && suits(protocol));
+        .filter(|(_, protocol)| entry.traits.learns && suits(protocol));
     all.map(|(name, _)| (*name).to_owned()).collect()
 }
 

@@ -137,6 +137,9 @@ impl<'a> Merge<'a> {
                 fate,
             });
         }
+        if self.leases.is_some() {
+            self.into.take_repeats(source);
+        }
         Ok(())
     }
 

@@ -24,6 +24,17 @@ impl Store {
         remade::keep(&self.repeats_file(id), KEY, repeats);
     }
 
+    /// Takes in what another store knows of trials that this one holds too.
+    pub(super) fn take_repeats(&self, source: &Self) {
+        let known = self.repeats();
+        let other = source.repeats().into_iter();
+        for (id, repeats) in other.filter(|(id, _)| !known.contains_key(id)) {
+            if self.file(&id).is_ok_and(|file| file.is_some()) {
+                self.keep_repeats(&id, &repeats);
+            }
+        }
+    }
+
     fn repeats_file(&self, id: &str) -> PathBuf {
         self.root.join(FOLDER).join(format!("{id}.json"))
     }
@@ -32,7 +43,31 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
+    use crate::store::{Leases, Merge, specimen};
+    use contract::{Phase, Recorder};
+    use std::{fs, time::Duration};
+
+    #[test]
+    fn merging_takes_the_answers_on_trials_that_both_hold() {
+        let dir = tempfile::tempdir().unwrap();
+        let [source, into] = ["source", "into"].map(|name| Store::at(dir.path().join(name)));
+        let (trial, mut record) = (specimen::trial(4, 0), Recorder::default());
+        record.add(Phase::Final, 10, 0, 0, "return", 1.0);
+        source.finish(&trial, &record, 1.0).unwrap();
+        let held = trial.id;
+        for id in [held.as_str(), "another"] {
+            source.keep_repeats(id, &Repeats::ToTheBit(3));
+        }
+        let mut imagined = Merge::new(&into, None).unwrap();
+        imagined.take(&source, &mut |_| {}).unwrap();
+        assert!(into.repeats().is_empty());
+        let leases = Leases::open(&into, Duration::from_secs(30)).unwrap();
+        Merge::new(&into, Some(&leases))
+            .unwrap()
+            .take(&source, &mut |_| {})
+            .unwrap();
+        assert_eq!(into.repeats(), [(held, Repeats::ToTheBit(3))].into());
+    }
 
     #[test]
     fn an_answer_is_known_until_it_is_damaged() {

@@ -1,6 +1,6 @@
 """One operation on images in PyTorch, forward and backward, one thread. Prints the median time as JSON.
 
-The operations are those of `benches/images.rs`. usage: images_torch.py LAYOUT OPERATION BATCH INPUTS OUTPUTS SIDE SECONDS, where LAYOUT
+The operations are those of `tests/benches/images.rs`. usage: images_torch.py LAYOUT OPERATION BATCH INPUTS OUTPUTS SIDE SECONDS, where LAYOUT
 is `first` (channels before height and width) or `last` (PyTorch's channels_last).
 """
 

@@ -10,7 +10,7 @@ use std::{
 };
 
 /// What the program is made of. Studies, results, texts and tests are no part of it.
-const SOURCES: [&str; 5] = ["Cargo.toml", "Cargo.lock", "build.rs", "engine", "plugins"];
+const SOURCES: [&str; 4] = ["Cargo.toml", "Cargo.lock", "engine", "plugins"];
 
 #[allow(
     clippy::print_stdout,
@@ -46,7 +46,13 @@ pub fn told(folder: &Path) -> Vec<String> {
 fn commit(folder: &Path) -> Option<String> {
     git(
         folder,
-        &["ls-files", "--error-unmatch", "--", "build.rs", "Cargo.toml"],
+        &[
+            "ls-files",
+            "--error-unmatch",
+            "--",
+            "plugins/build.rs",
+            "Cargo.toml",
+        ],
     )?;
     git(folder, &["rev-parse", "--short=12", "HEAD"])
 }

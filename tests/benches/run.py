@@ -1,7 +1,7 @@
 """Runs every speed comparison side by side, pair by pair, and prints the ratios as a Markdown table.
 
-Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r benches/peers/requirements.txt, and our
-Python package: PATH="$PWD/V/bin:$PATH" wheel/build target/wheels && V/bin/pip install target/wheels/regimen_rl-*.whl
+Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r tests/benches/peers/requirements.txt, and our
+Python package: PATH="$PWD/V/bin:$PATH" plugins/wheel/build target/wheels && V/bin/pip install target/wheels/regimen_rl-*.whl
 usage: run.py PYTHON_OF_THE_PEERS [ROUNDS] [ONLY...]
 """
 
@@ -13,13 +13,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import programs
 
 PEERS = sys.argv[1]
 ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
 ONLY = sys.argv[3:]
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+ROOT = str(Path(__file__).resolve().parents[2])
 TARGET = os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target"))
 
 
@@ -34,13 +35,13 @@ def bench(name, *words):
 
 
 def peer(script, *words, cpu=None):
-    command = [PEERS, f"{ROOT}/benches/peers/{script}", *map(str, words)]
+    command = [PEERS, f"{ROOT}/tests/benches/peers/{script}", *map(str, words)]
     return ask(["taskset", "-c", str(cpu), *command] if cpu is not None else command)
 
 
 def both(script, words):
     """Two peer processes at the same time, one for each core; the sum of their rates."""
-    command = lambda cpu: ["taskset", "-c", str(cpu), PEERS, f"{ROOT}/benches/peers/{script}", *map(str, words)]
+    command = lambda cpu: ["taskset", "-c", str(cpu), PEERS, f"{ROOT}/tests/benches/peers/{script}", *map(str, words)]
     running = [subprocess.Popen(command(cpu), stdout=subprocess.PIPE, text=True) for cpu in (0, 1)]
     answers = [json.loads(process.communicate()[0].strip().splitlines()[-1]) for process in running]
     return {"who": "two processes of " + answers[0]["who"], "updates_per_s": sum(answer["updates_per_s"] for answer in answers)}

@@ -1,6 +1,6 @@
 """One update of all seats of TDOM-AC, ROMMEO or PR2 in PyTorch, one thread. Prints the median time as JSON.
 
-The update is that of `benches/joint_learning.rs` with the agents' defaults: three seats, joint observations of 54, actions of 2, width
+The update is that of `tests/benches/joint_learning.rs` with the agents' defaults: three seats, joint observations of 54, actions of 2, width
 256, batch 256, normalised inputs, clipped gradients, the stale policy step. usage: joint_torch.py AGENT SECONDS [SAMPLES]
 """
 

@@ -1,6 +1,6 @@
 """One step of the critic and one of the generator of E2GAN's published architecture in PyTorch, one thread. Prints JSON.
 
-The step is that of `benches/adversaries.rs`. usage: adversaries_torch.py LAYOUT CHANNELS BOTTOM CELLS BATCH SECONDS, where LAYOUT is
+The step is that of `tests/benches/adversaries.rs`. usage: adversaries_torch.py LAYOUT CHANNELS BOTTOM CELLS BATCH SECONDS, where LAYOUT is
 `first` (channels before height and width) or `last` (PyTorch's channels_last).
 """
 
