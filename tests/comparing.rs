@@ -46,8 +46,13 @@ fn two_results() -> Bench {
     bench
 }
 
-fn json(bench: &Bench, arguments: &[&str]) -> Value {
-    let said = bench.ok(&[&["compare", "--format", "json"], arguments].concat());
+/// The words that hold `later` against `earlier`.
+fn against<'a>(earlier: &'a str, later: &'a str, options: &[&'a str]) -> Vec<&'a str> {
+    [&["report", later, "--against", earlier], options].concat()
+}
+
+fn json(bench: &Bench, earlier: &str, later: &str, options: &[&str]) -> Value {
+    let said = bench.ok(&[&against(earlier, later, options)[..], &["--format", "json"]].concat());
     serde_json::from_str(&said).unwrap()
 }
 
@@ -55,19 +60,18 @@ fn json(bench: &Bench, arguments: &[&str]) -> Value {
 #[test]
 fn a_revision_is_no_option() {
     let bench = two_results();
-    let told = bench.run(&["compare", "--output=x:before/results/small", "after/results"]);
+    let revision = "--output=x:before/results/small";
+    let told = bench.run(&["report", revision, "--against", "after/results"]);
     assert_eq!(told.code, 2, "{}", told.err);
-    let told = bench.run(&[
-        "compare",
-        "after/results",
-        "--",
-        "--output=x:before/results/small",
-    ]);
-    assert!(
-        told.code == 2 && told.err.contains("is no commit"),
-        "{}",
-        told.err
-    );
+    let as_value = format!("--against={revision}");
+    for words in [
+        ["report", "--against=after/results", "--", revision],
+        ["report", "after/results", &as_value, "--all"],
+    ] {
+        let told = bench.run(&words);
+        let is_refused = told.code == 2 && told.err.contains("is no commit");
+        assert!(is_refused, "{}", told.err);
+    }
     assert!(!bench.path("x").exists());
 }
 
@@ -81,7 +85,7 @@ fn seeds(path: &Path, row: &str) -> Vec<f64> {
 #[test]
 fn what_moved_changed_and_differs_is_said() {
     let bench = two_results();
-    let compared = json(&bench, &["before/results", "after/results"]);
+    let compared = json(&bench, "before/results", "after/results", &[]);
     let cells = compared["cells"].as_array().unwrap();
     assert_eq!(cells.len(), 2);
     let equal = cells.iter().find(|cell| cell["row"] == "equal").unwrap();
@@ -126,14 +130,8 @@ fn what_moved_changed_and_differs_is_said() {
 #[test]
 fn strict_leaves_with_101_where_something_moved_alone() {
     let bench = two_results();
-    let answer = bench.run(&[
-        "compare",
-        "before/results",
-        "after/results",
-        "--strict",
-        "-o",
-        "what.md",
-    ]);
+    let options = ["--strict", "--changes", "what.md"];
+    let answer = bench.run(&against("before/results", "after/results", &options));
     assert_eq!(answer.code, 101, "{}", answer.err);
     for part in [
         "Cells that moved:\n",
@@ -149,14 +147,14 @@ fn strict_leaves_with_101_where_something_moved_alone() {
         "{page}"
     );
     assert!(page.contains("## Cells that moved\n\n| table |"), "{page}");
-    let same = bench.ok(&["compare", "before/results", "before/results", "--strict"]);
+    let same = bench.ok(&against("before/results", "before/results", &["--strict"]));
     assert!(
         same.contains("2 are the same") && !same.contains("Cells that"),
         "{same}"
     );
     assert!(
         bench
-            .ok(&["compare", "before/results", "before/results", "--all"])
+            .ok(&against("before/results", "before/results", &["--all"]))
             .contains("Other cells:")
     );
 }
@@ -165,41 +163,23 @@ fn strict_leaves_with_101_where_something_moved_alone() {
 #[test]
 fn a_study_is_compared_as_its_report_is() {
     let bench = two_results();
-    let store = ["--store-a", "before/store"];
-    let same = json(
-        &bench,
-        &[&["before/small.yaml", "before/results"], &store[..]].concat(),
-    );
+    let store = ["--against-store", "before/store"];
+    let same = json(&bench, "before/small.yaml", "before/results", &store);
     assert_eq!(
         (&same["counts"]["same"], &same["counts"]["judged"]),
         (&2.into(), &1.into())
     );
     assert_eq!(same["settings"], serde_json::json!([]));
     assert_eq!(same["only"], serde_json::json!([]));
-    let folders = json(&bench, &["before/results", "after/results"]);
-    let studies = json(
-        &bench,
-        &[
-            "before/small.yaml",
-            "after/small.yaml",
-            "--store-a",
-            "before/store",
-            "--store-b",
-            "after/store",
-        ],
-    );
+    let folders = json(&bench, "before/results", "after/results", &[]);
+    let stores = ["--against-store", "before/store", "--store", "after/store"];
+    let studies = json(&bench, "before/small.yaml", "after/small.yaml", &stores);
     for part in ["cells", "verdicts", "claims", "only", "settings", "counts"] {
         assert_eq!(studies[part], folders[part], "{part}");
     }
     // A store that is not there is a mistake, which a strict comparison must not take for agreement; nothing is made.
-    let answer = bench.run(&[
-        "compare",
-        "before/small.yaml",
-        "before/results",
-        "--store",
-        "nowhere",
-        "--strict",
-    ]);
+    let options = ["--store", "nowhere", "--strict"];
+    let answer = bench.run(&against("before/small.yaml", "before/results", &options));
     assert_eq!(answer.code, 2, "{}", answer.out);
     assert!(
         answer.err.contains("there is no store at `nowhere`") && !bench.path("nowhere").exists(),
@@ -222,7 +202,7 @@ fn other_seeds_are_compared_as_other_samples() {
         "--store",
         "before/store",
     ]);
-    let compared = json(&bench, &["fewer", "before/results"]);
+    let compared = json(&bench, "fewer", "before/results", &[]);
     let random = compared["cells"]
         .as_array()
         .unwrap()
@@ -273,21 +253,21 @@ fn results_of_a_commit_are_read_from_it() {
     git(&["commit", "-q", "-m", "before"]);
     fs::remove_dir_all(&kept).unwrap();
     fs::rename(bench.path("after/results"), &kept).unwrap();
-    let compared = json(&bench, &["HEAD:kept", "kept"]);
+    let compared = json(&bench, "HEAD:kept", "kept", &[]);
     assert_eq!(
         (&compared["a"]["from"], &compared["a"]["study"]),
         (&"HEAD:kept".into(), &"small".into())
     );
     assert_eq!(compared["cells"].as_array().unwrap().len(), 2);
     assert!(compared["counts"]["moved"].as_u64() > Some(0));
-    let answer = bench.run(&["compare", "HEAD:nowhere", "kept"]);
+    let answer = bench.run(&against("HEAD:nowhere", "kept", &[]));
     assert_eq!(answer.code, 2);
     assert!(
         answer.err.contains("commit `HEAD` has no results in `nowhere`"),
         "{}",
         answer.err
     );
-    let answer = bench.run(&["compare", "no-such-commit:kept", "kept"]);
+    let answer = bench.run(&against("no-such-commit:kept", "kept", &[]));
     assert!(
         answer.code == 2 && answer.err.contains("git ls-tree"),
         "{}",
@@ -298,7 +278,7 @@ fn results_of_a_commit_are_read_from_it() {
 #[test]
 fn what_cannot_be_compared_is_refused_with_what_to_name() {
     let bench = two_results();
-    let answer = bench.run(&["compare", "nowhere", "before/results"]);
+    let answer = bench.run(&against("nowhere", "before/results", &[]));
     assert_eq!(answer.code, 2);
     assert!(
         answer
@@ -307,7 +287,7 @@ fn what_cannot_be_compared_is_refused_with_what_to_name() {
         "{}",
         answer.err
     );
-    let answer = bench.run(&["compare", "before/store", "before/results"]);
+    let answer = bench.run(&against("before/store", "before/results", &[]));
     assert_eq!(answer.code, 2);
     assert!(
         answer.err.contains("`before/store` is no folder of results"),
@@ -322,11 +302,16 @@ fn what_cannot_be_compared_is_refused_with_what_to_name() {
             .replace("  - equal.cycle_length > random.cycle_length", ""),
     );
     bench.ok(&["report", "other.yaml", "--store", "before/store", "-o", "other"]);
-    let answer = bench.run(&["compare", "other", "after/results"]);
+    let answer = bench.run(&against("other", "after/results", &[]));
     assert_eq!(answer.code, 4);
     assert!(
         answer.err.contains("have no cell, verdict or claim in common"),
         "{}",
         answer.err
     );
+    let two = bench.run(&["report", "other", "after/results", "--against", "before/results"]);
+    assert!(two.code == 2 && two.err.contains("2 are named"), "{}", two.err);
+    let folded = bench.run(&["compare", "other", "after/results", "--strict"]);
+    assert_eq!(folded.code, 2);
+    assert!(folded.err.contains("`report B --against A`"), "{}", folded.err);
 }

@@ -142,7 +142,7 @@ fn a_resolved_study_finds_the_runs_again_and_nothing_else_meets_them() {
         "global_step,charts/length\n0,10\n32,900\n64,900\n",
     );
     bench.ok(&["report", "small.yaml", "-o", "after"]);
-    let said = bench.ok(&["compare", "before", "after"]);
+    let said = bench.ok(&["report", "after", "--against", "before"]);
     assert!(said.contains("Of ") && said.contains("stayed within"), "{said}");
 }
 

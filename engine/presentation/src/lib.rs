@@ -2,10 +2,10 @@
 //! record, and built, drawn and written from results.
 
 pub mod answers;
-pub mod asked;
 pub mod catalogue;
 pub mod claim_spec;
 pub mod figure;
 pub mod kinds;
+pub mod request;
 pub mod summary;
 pub mod table;

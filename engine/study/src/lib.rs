@@ -20,13 +20,12 @@
 //! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `facts` | makes environments and tries them out, or recalls what they announced |
 //! | `tried` | tries out agents whose code is not this program's own |
-//! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
+//! | `builds`, `fit` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
-//! | `imported` | runs of other programs, which stand where agents stand |
-//! | `summary` | the sentence that sums a study up, and its placeholders |
-//! | `answers` | printed items or questions beside what was found |
+//! | `imported_runs` | runs of other programs, which stand where agents stand |
 //! | `quotes` | values of the study in its own words |
-//! | `names` | tables, figures and claims against what trials record |
+//! | `search_checks` | searches against what trials record |
+//! | `plan` | the trials of a study, what of them is new and how long it takes |
 //! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved` | a study with all defaults written out |
 //! | `confirmations` | claims that are held against further seeds |
@@ -70,27 +69,23 @@ mod tried;
 mod way;
 mod written;
 
-use analysis::search::Progress;
 pub use builds::can_learn;
 pub use confirmations::Confirmation;
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
 pub use plugin_config::{load_config, read_config};
-use presentation::{
-    answers::Answer,
-    asked,
-    catalogue::Play,
-    claim_spec::{ClaimSpec, Relevance},
-    summary::Summary,
-};
 pub use repeats::Repeats;
 pub use resolved::{resolved_yaml, section_yaml};
 pub use taking::Source;
 pub use way::{along, name_from, way};
 
-use ::imported::Imported;
-use analysis::{search::Search, training_share::PaperBudget};
 pub(crate) use cell::{Cell, Cells, Place};
+
+use ::imported::Imported;
+use analysis::{
+    search::{Progress, Search},
+    training_share::PaperBudget,
+};
 use cells::{MOST_TRIALS, Sections};
 use contract::{Metric, Registry, trial_result::Success};
 use document::{
@@ -103,7 +98,15 @@ use execution::{
     limits::{LimitError, Limits},
     store::Announcements,
 };
-use presentation::{figure::FigureSpec, table::TableSpec};
+use presentation::{
+    answers::Answer,
+    catalogue::Play,
+    claim_spec::{ClaimSpec, Relevance},
+    figure::FigureSpec,
+    request::{self, Request},
+    summary::Summary,
+    table::TableSpec,
+};
 use seeds::SeedPlan;
 use serde_json::Value;
 use statistics::spending::Design;
@@ -363,7 +366,7 @@ struct Made {
     order: Vec<usize>,
     world: presentation::catalogue::Catalogue,
     imported: Vec<Imported>,
-    asked: asked::Asked,
+    request: Request,
     confirm: Vec<Confirmation>,
     resolved: Vec<(String, resolved::Section)>,
     title: String,
@@ -391,7 +394,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
     let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
     let imported = imported_runs::resolve(root, sections, &plan, &mut world).map_err(&with)?;
-    let about_success = asked::success(root, success.as_ref(), &mut world, sources);
+    let about_success = request::success(root, success.as_ref(), &mut world, sources);
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let resolved = resolved::sections(root, sections, &plan, &world.plays);
@@ -399,18 +402,18 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         found.extend(errors);
         root.clone()
     });
-    let asked = asked::Asked::read(root, &world, sources, sections.folder);
+    let request = Request::read(root, &world, sources, sections.folder);
     found.extend(
         about_success
             .into_iter()
             .chain(search_checks::searches(sections, &world)),
     );
-    found.extend(asked::beside_the_source(root, &world, sources));
-    found.extend(asked.found.iter().cloned());
+    found.extend(request::beside_the_source(root, &world, sources));
+    found.extend(request.found.iter().cloned());
     let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
     let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
     let confirm = if sections.is_as_written {
-        confirmations::read(root, (&asked.claims, &asked.tables), &used, sources)
+        confirmations::read(root, (&request.claims, &request.tables), &used, sources)
     } else {
         // Profiles and options make another study of it, which confirms nothing.
         Ok(Vec::new())
@@ -429,7 +432,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         order,
         world,
         imported,
-        asked,
+        request,
         confirm,
         resolved,
         title: section(root, "title").unwrap_or_default(),
@@ -468,7 +471,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         order,
         world,
         imported,
-        asked,
+        request,
         confirm,
         resolved,
         title,
@@ -480,8 +483,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         title,
         source: section(root, "source").unwrap_or_default(),
         family: section(root, "family"),
-        summary: asked.summary,
-        answers: asked.answers,
+        summary: request.summary,
+        answers: request.answers,
         departures,
         environments: world.environments,
         agents: world.agents,
@@ -495,9 +498,9 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         relevance: section(root, "relevance"),
         profile: None,
         profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
-        tables: asked.tables,
-        figures: asked.figures,
-        claims: asked.claims,
+        tables: request.tables,
+        figures: request.figures,
+        claims: request.claims,
         imported,
         limits: sections.limits.clone(),
         is_recalled: world.is_recalled,

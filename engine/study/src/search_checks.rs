@@ -8,8 +8,8 @@ use contract::{
 };
 use document::diagnostic::Diagnostic;
 use presentation::{
-    asked::{Names, Picked, Place},
     catalogue::Catalogue,
+    request::{Names, Picked, Place},
 };
 
 /// Checks the metrics by which searches compare settings.

@@ -23,124 +23,51 @@
 //! over the calls since the last measurement.
 
 use crate::shared::{
-    allocation,
-    checkpoint::{self, finite},
-    scaling::{ObservationScaling, Scaling},
-    seat,
-    simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error},
+    checkpoint::finite,
+    simplex_regression::{self, RegressionLoss, SimplexHead, excess_error, log_shares, mean_absolute_error},
     targets::mean,
 };
-use burn::{module::Module, tensor::Tensor};
-use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates,
-};
+use burn::tensor::Tensor;
+use contract::{Error, Registry, Rng};
 use numerics::{
     dirichlet_policy::{log_density, sample},
-    network::{Activation, Mlp, device, matrix, softplus, values},
-    optimizer::{Adam, Trained},
-    policy_file::{Head, Policy},
-    tensor_file::TensorFile,
+    network::{Activation, softplus},
+    policy_file::Head,
 };
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use std::path::Path;
-
-const NAME: &str = "dirichlet_regression";
-const LAYERS: [Activation; 3] = [Activation::LeakyRelu, Activation::Tanh, Activation::LeakyRelu];
-
-/// Hyper-parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Step size of Adam.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, section 3.4.3: 0.01 and 0.1"))]
-    pub learning_rate: f64,
-    /// What is minimised.
-    pub loss: RegressionLoss,
-    /// Units of each of the three hidden layers.
-    #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.3"))]
-    pub width: usize,
-    /// How observations reach the network.
-    pub observation_scaling: ObservationScaling,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        let loss = RegressionLoss::ExpectedError;
-        Self {
-            learning_rate: 0.01,
-            loss,
-            width: 64,
-            observation_scaling: ObservationScaling::None,
-        }
-    }
-}
-
-impl contract::Config for Config {}
-
-/// The agent.
-#[derive(Debug, Clone)]
-pub struct DirichletRegression {
-    loss: RegressionLoss,
-    scaling: Scaling,
-    shares: Vec<String>,
-    network: Trained<Mlp>,
-    progress: Progress,
-}
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression onto a simplex with a Dirichlet distribution";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        learns_from_examples: true,
-        ..AgentTraits::default()
-    };
-    registry.agent(NAME, version, about, traits, build);
+    simplex_regression::register::<Dirichlet>(registry, version, about);
 }
 
-/// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
-///
-/// # Errors
-/// [`Error::Mismatch`] for any other environment.
-fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(DirichletRegression::new(&config, interface, rng)?))
-}
+/// A Dirichlet distribution, whose parameters are concentrations.
+#[derive(Debug)]
+pub(crate) struct Dirichlet;
 
-/// What [`DirichletRegression::learn`] records.
-fn metrics() -> Vec<Metric> {
-    vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
-}
+impl SimplexHead for Dirichlet {
+    const NAME: &'static str = "dirichlet_regression";
+    const LAYERS: [Activation; 3] = [Activation::LeakyRelu, Activation::Tanh, Activation::LeakyRelu];
+    const OUTPUTS_PER_SHARE: usize = 1;
+    const EXPORTED: Head = Head::DirichletMean;
 
-impl DirichletRegression {
-    fn new(config: &Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
-        let seat = seat::only_seat(NAME, interface)?;
-        let shares = seat::simplex(NAME, seat)?.to_vec();
-        seat::state_of_length(NAME, interface, shares.len())?;
-        let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let sizes = [
-            scaling.n_channels(),
-            config.width,
-            config.width,
-            config.width,
-            shares.len(),
-        ];
-        let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
-        let network = Trained::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self {
-            loss: config.loss,
-            scaling,
-            shares,
-            network,
-            progress: Progress::default(),
-        })
+    /// `alpha = softplus(f(s)) + 1`.
+    fn parameters(outputs: Tensor<2>, n_examples: u64) -> Result<Tensor<2>, Error> {
+        let alpha = softplus(outputs) + 1.0;
+        finite("concentration", n_examples, mean(alpha.clone()))?;
+        Ok(alpha)
     }
 
-    fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Result<Tensor<1>, Error> {
-        let alpha = self.concentrations(self.network.network(), observations)?;
-        Ok(match self.loss {
+    fn sample(alpha: Tensor<2>, rng: &mut Rng) -> Tensor<2> {
+        sample(alpha, rng).action
+    }
+
+    fn centre(alpha: Tensor<2>) -> Tensor<2> {
+        alpha
+    }
+
+    fn loss(loss: RegressionLoss, alpha: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
+        match loss {
             RegressionLoss::ExpectedError => mean_absolute_error(sample(alpha, rng).action, targets),
             RegressionLoss::LogLikelihood => log_density(alpha, log_shares(targets)).mean().neg(),
             RegressionLoss::ScoreFunction => {
@@ -148,151 +75,25 @@ impl DirichletRegression {
                 let density = log_density(alpha, Tensor::from_inner(drawn.log_action));
                 (density * Tensor::from_inner(excess_error(drawn.action, targets))).mean()
             }
-        })
-    }
-
-    /// `alpha = softplus(f(s)) + 1`.
-    fn concentrations(&self, network: &Mlp, observations: Tensor<2>) -> Result<Tensor<2>, Error> {
-        let alpha = softplus(network.forward(observations)) + 1.0;
-        finite("concentration", self.progress.n_examples, mean(alpha.clone()))?;
-        Ok(alpha)
-    }
-}
-
-impl Agent for DirichletRegression {
-    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let scaled = matrix(scaled, self.scaling.n_channels());
-        let alpha = self.concentrations(&self.network.network().valid(), scaled)?;
-        let weights = match mode {
-            Mode::Train => sample(alpha, rng).action,
-            Mode::Evaluate => alpha,
-        };
-        allocation::actions(&values(weights), self.shares.len(), self.progress.n_examples)
-    }
-
-    fn learn(
-        &mut self,
-        transitions: &[Transition],
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        self.progress.n_examples += transitions.len() as u64;
-        let (observations, targets) = examples(transitions, &self.scaling);
-        let loss = self.loss(observations, targets, rng)?;
-        record.mean(
-            "loss",
-            finite("loss", self.progress.n_examples, values(loss.clone())[0])?,
-        );
-        self.network.descend(&loss);
-        self.progress.n_updates += 1;
-        Ok(())
-    }
-
-    fn reads_state(&self) -> bool {
-        true
-    }
-
-    fn updates(&self) -> Option<Updates> {
-        Some(self.progress.updates())
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.network.store("network", &mut file);
-        checkpoint::write(NAME, dir, file, &self.progress)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, progress) = checkpoint::read(NAME, dir)?;
-        self.network
-            .restore("network", &file)
-            .map_err(checkpoint::error_of(NAME))?;
-        self.progress = progress;
-        Ok(())
-    }
-
-    fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(
-            self.network.network(),
-            self.scaling.ports(&self.shares),
-            Head::DirichletMean,
-        );
-        policy.write(dir).map_err(checkpoint::error_of(NAME))?;
-        Ok(true)
-    }
-
-    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::DirichletMean)?;
-        Ok(true)
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::bandit;
     use contract::random::stream;
-
-    fn agent(loss: RegressionLoss) -> DirichletRegression {
-        let config = Config {
-            loss,
-            width: 16,
-            ..Config::default()
-        };
-        DirichletRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
-    }
+    use numerics::network::{matrix, values};
 
     #[test]
     fn the_likelihood_is_that_of_the_target() {
-        let agent = agent(RegressionLoss::LogLikelihood);
-        let (x, target) = (matrix(vec![0.3], 1), [0.5f32, 0.3, 0.2]);
-        let loss = agent
-            .loss(x.clone(), matrix(target.to_vec(), 3), &mut stream(&["x"]))
-            .unwrap();
-        let alpha = values(agent.concentrations(&agent.network.network().valid(), x).unwrap());
-        let alpha: Vec<f64> = alpha.into_iter().map(f64::from).collect();
+        let (outputs, target) = (matrix(vec![0.3, -0.2, 1.1], 3), [0.5f32, 0.3, 0.2]);
+        let alpha = Dirichlet::parameters(outputs, 0).unwrap();
+        let targets = matrix(target.to_vec(), 3);
+        let likelihood = RegressionLoss::LogLikelihood;
+        let loss = Dirichlet::loss(likelihood, alpha.clone(), targets, &mut stream(&["x"]));
+        let alpha: Vec<f64> = values(alpha).into_iter().map(f64::from).collect();
         let expected = -numerics::dirichlet::log_density(&alpha, &target.map(|a| f64::from(a).ln()));
         assert!((f64::from(values(loss)[0]) - expected).abs() < 1e-5);
-    }
-
-    #[test]
-    fn both_losses_find_the_target() {
-        for loss in [RegressionLoss::ExpectedError, RegressionLoss::LogLikelihood] {
-            let (mut agent, mut rng) = (agent(loss), stream(&["find"]));
-            let before = bandit::error(&mut agent, &mut rng);
-            bandit::train(&mut agent, 400, &mut rng);
-            let after = bandit::error(&mut agent, &mut rng);
-            assert!(before > 0.2 && after < 0.06, "{loss:?} {before} {after}");
-        }
-    }
-
-    #[test]
-    fn a_saved_agent_continues() {
-        bandit::assert_continues(|rng| build(Config::default(), &bandit::interface(), rng).unwrap());
-    }
-
-    #[test]
-    fn what_it_records_is_declared_and_what_it_exports_acts() {
-        bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
-        bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
-        let config = || Config {
-            width: 16,
-            ..Config::default()
-        };
-        bandit::assert_imports(|interface, rng| build(config(), interface, rng).unwrap());
-    }
-
-    #[test]
-    fn a_state_that_is_no_target_is_refused() {
-        let interface = crate::shared::seat::tests::allocation(&["x"], &["best_1"], 3);
-        assert!(matches!(
-            build(Config::default(), &interface, &mut stream(&["x"])),
-            Err(Error::Mismatch { .. })
-        ));
     }
 }

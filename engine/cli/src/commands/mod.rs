@@ -1,8 +1,8 @@
 //! The command line: what can be said, and which function answers.
 
 mod absent;
+mod against;
 mod command_line;
-mod compare;
 mod compute;
 mod confirmations;
 mod consent;
@@ -379,6 +379,8 @@ enum Verb {
         /// studies as they are now. Figures of single steps and drawings stay as they are.
         #[arg(long)]
         recorded: bool,
+        #[command(flatten)]
+        against: against::Against,
     },
     /// Print the answers of all studies by family; or what is open.
     Overview(overview::OverviewOptions),
@@ -398,9 +400,12 @@ enum Verb {
     /// Take the trials of other stores into one: what is new is taken, what is the same stays, and what differs is
     /// reported (101) and left.
     Merge(merge::MergeOptions),
-    /// Hold two results of a study against each other: which values moved beyond the interval of their difference,
-    /// which verdicts changed, which settings differ.
-    Compare(compare::CompareOptions),
+    /// Folded into `report`.
+    #[command(hide = true)]
+    Compare {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        rest: Vec<std::ffi::OsString>,
+    },
     /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
     /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them. Or take away
     /// the policy of one stored trial as ONNX files, or its episodes as a Minari dataset.
@@ -515,15 +520,23 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
             selection,
             report,
             recorded,
-        } => match recorded {
-            true => recorded::report(registry, &selection, &report, common),
-            false => reports::report(registry, &selection, &report, common),
+            against,
+        } => match &against.against {
+            Some(earlier) => {
+                let (what, other) = ((&selection, report.strict), (&**earlier, &against));
+                against::report(registry, what, other, common)
+            }
+            None if recorded => recorded::report(registry, &selection, &report, common),
+            None => reports::report(registry, &selection, &report, common),
         },
         Verb::Overview(options) => overview::overview(&options, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Pack(options) => pack::pack(&options, common),
         Verb::Merge(options) => merge::merge(&options, common),
-        Verb::Compare(options) => compare::compare(registry, &options, common),
+        Verb::Compare { .. } => Err(Failure {
+            code: BAD_SPEC,
+            text: "error: `compare A B` is `report B --against A`".into(),
+        }),
         Verb::Export(options) => export::export(registry, &options, common),
         Verb::Import(options) => import::import(&options, common),
         Verb::Verify(options) => verify::verify(registry, &options, common),

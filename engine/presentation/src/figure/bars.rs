@@ -6,8 +6,8 @@ use super::{
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
-    asked::{Names, Place},
     kinds::Contradiction,
+    request::{Names, Place},
     table::{self, Comparison, Grid, Intervals, Table},
 };
 use contract::Error;

@@ -7,7 +7,7 @@ use super::{
     chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
 };
 use crate::{
-    asked::{Names, Picked, Place},
+    request::{Names, Picked, Place},
     table::{Axis, Scope},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

@@ -12,8 +12,8 @@ use super::{
     surface,
 };
 use crate::{
-    asked::{Names, Place},
     kinds::Contradiction,
+    request::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
 };
 use contract::Error;

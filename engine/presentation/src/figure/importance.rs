@@ -7,7 +7,7 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    asked::{Names, Place},
+    request::{Names, Place},
     table::metric_of_search,
 };
 use analysis::search::importance::{FEWEST, Importance, TREES, importance};

@@ -10,7 +10,7 @@ use super::{
     published,
 };
 use crate::{
-    asked::{Names, Picked, Place},
+    request::{Names, Picked, Place},
     table::{Axis, Scope},
 };
 use analysis::published_curve::{PublishedCurve, Run};

@@ -70,8 +70,8 @@ pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
-    asked::{Names, Place},
     kinds::{Contradiction, kinds},
+    request::{Names, Place},
 };
 use analysis::published_curve::PublishedCurve;
 use contract::{Error, ProductKind};

@@ -8,7 +8,7 @@ use super::{
     ticks::{self, Tick},
 };
 use crate::{
-    asked::{Names, Place},
+    request::{Names, Place},
     table::metric_of_search,
 };
 use analysis::search::Range;

@@ -6,7 +6,7 @@ use super::{
     chart::{Chart, Point, Series, Shape},
 };
 use crate::{
-    asked::{Names, Place},
+    request::{Names, Place},
     table::{Axis, Scope},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

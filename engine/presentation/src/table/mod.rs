@@ -47,8 +47,8 @@ pub use terminal::align;
 pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
-    asked::{Names, Place},
     kinds::{Contradiction, kinds},
+    request::{Names, Place},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;

@@ -22,7 +22,7 @@ use super::{
     chart::Style,
 };
 use crate::{
-    asked::{Names, Picked, Place},
+    request::{Names, Picked, Place},
     table::{
         Axis, Normalise, Scope, ScoreScale,
         normalised_scores::{Pooled, ends_in_words, normalised},

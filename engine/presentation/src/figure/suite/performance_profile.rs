@@ -3,12 +3,12 @@
 
 use super::{EXAMPLE, Suite, asked, default_metric, default_resamples};
 use crate::{
-    asked::{Names, Place},
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
         chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
     },
+    request::{Names, Place},
     table::Normalise,
 };
 use contract::Error;

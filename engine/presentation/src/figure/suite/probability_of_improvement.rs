@@ -3,13 +3,13 @@
 
 use super::{Player, Suite, asked, default_metric, default_resamples};
 use crate::{
-    asked::{Names, Place},
     figure::{
         Figure, FigureSpec,
         build::{Context, count, problem},
         chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
     },
     kinds::Contradiction,
+    request::{Names, Place},
     table::Normalise,
 };
 use contract::Error;

@@ -3,12 +3,12 @@
 
 use super::{EXAMPLE, Player, Suite, asked, default_metric, default_resamples};
 use crate::{
-    asked::{Names, Place},
     figure::{
         Figure, FigureSpec,
         build::{Context, level, problem},
         chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
     },
+    request::{Names, Place},
     table::{Axis, Normalise, ScoreScale},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

@@ -12,8 +12,8 @@ pub(super) use build::summarise;
 
 use super::{Grid, NumberFormat, Table};
 use crate::{
-    asked::{Names, Place},
     kinds::Contradiction,
+    request::{Names, Place},
 };
 use analysis::results::Results;
 use contract::Error;

@@ -1,4 +1,9 @@
-//! What regressions onto a simplex share: their losses, and the examples that they learn from.
+//! Regressions onto a simplex: their losses, the examples that they learn from, and the [agent](SimplexRegression) that is
+//! the same for every distribution.
+
+mod agent;
+
+pub use agent::{SimplexHead, SimplexRegression, register};
 
 use super::scaling::Scaling;
 use burn::tensor::Tensor;

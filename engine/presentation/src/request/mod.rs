@@ -32,7 +32,7 @@ use std::{
 
 /// What a study asks for, and what is wrong with it.
 #[derive(Debug, Default)]
-pub struct Asked {
+pub struct Request {
     /// Tables by name.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name.
@@ -47,33 +47,33 @@ pub struct Asked {
     pub found: Vec<Diagnostic>,
 }
 
-impl Asked {
+impl Request {
     /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`.
     /// Entries that the check against the schema refused are passed over.
     #[must_use]
     pub fn read(root: &Node, world: &Catalogue, sources: &Sources, folder: &Path) -> Self {
-        let mut asked = Self::default();
+        let mut request = Self::default();
         let mut names = Names::new(world, sources);
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            asked
+            request
                 .tables
                 .extend(names.table(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            asked
+            request
                 .figures
                 .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for (search, _) in &world.searches {
-            asked.show_search(search);
+            request.show_search(search);
         }
         let claims = root.get("claims").map_or(&[][..], Node::items);
         for (index, item) in claims.iter().enumerate() {
-            asked
+            request
                 .claims
                 .extend(names.claim(item, &format!("claims[{index}]")));
         }
-        asked.summary = root
+        request.summary = root
             .get("summary")
             .and_then(|node| names.sentence(node, "summary", claims.len()));
         let answers = root
@@ -82,9 +82,9 @@ impl Asked {
             .iter()
             .enumerate();
         let answers = answers.filter_map(|(index, node)| names.answer(node, index, claims.len()));
-        asked.answers = answers.collect();
-        asked.found = names.found;
-        asked
+        request.answers = answers.collect();
+        request.found = names.found;
+        request
     }
 }
 

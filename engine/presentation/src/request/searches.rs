@@ -1,12 +1,12 @@
 //! The table and the figures of a search that a report has where the study asks for none.
 
-use super::Asked;
+use super::Request;
 use crate::{
     figure::{BestSoFar, FigureKind, FigureSpec, ParallelCoordinates},
     table::{BestSettings, TableKind, TableSpec},
 };
 
-impl Asked {
+impl Request {
     /// Adds the best settings of a search, the way to them and their values, each where the study has no such table or
     /// figure, and nothing else of that name.
     pub(super) fn show_search(&mut self, search: &str) {

@@ -1,4 +1,4 @@
-//! `compare`: two sets of results side by side.
+//! `report --against`: two sets of results side by side.
 
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, NOTHING_SELECTED, OK, Selection, folders, planned, run, say,
@@ -16,71 +16,66 @@ use report::{
 };
 use std::path::{Path, PathBuf};
 
-/// What is compared, and how it is shown.
+/// What a report is held against, and how that is shown.
 #[derive(Debug, Clone, Args)]
-pub(super) struct CompareOptions {
-    /// The first results: a study file, a folder of results, or such a folder in a commit as `REV:FOLDER`.
-    #[arg(value_name = "A")]
-    a: PathBuf,
-    /// The second results.
-    #[arg(value_name = "B")]
-    b: PathBuf,
-    /// Store of the trials of A, where that is a study; `--store` where absent.
-    #[arg(long, value_name = "DIR")]
-    store_a: Option<PathBuf>,
-    /// Store of the trials of B, where that is a study; `--store` where absent.
-    #[arg(long, value_name = "DIR")]
-    store_b: Option<PathBuf>,
-    /// Profile of the studies (a named budget); folders of results have theirs already.
-    #[arg(long, short = 'P', value_name = "NAME")]
-    profile: Option<String>,
+pub(super) struct Against {
+    /// Say what SPEC, a study or a folder of results, differs in from these results: which values moved beyond the
+    /// interval of their difference, which verdicts changed, which settings differ. They are a study file, a folder of
+    /// results, or such a folder in a commit as `REV:FOLDER`.
+    #[arg(long, value_name = "RESULTS", conflicts_with_all = ["sets", "seeds", "only", "out", "verbose", "recorded"])]
+    pub(super) against: Option<PathBuf>,
+    /// Store of the trials of RESULTS, where that is a study; `--store` where absent.
+    #[arg(long, value_name = "DIR", requires = "against")]
+    against_store: Option<PathBuf>,
     /// Show cells that did not move, too.
-    #[arg(long)]
+    #[arg(long, requires = "against")]
     all: bool,
     /// Write the comparison into a file as well, as Markdown.
-    #[arg(long, short = 'o', value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Leave with 101 where a value moved beyond the interval of its difference, or a verdict changed.
-    #[arg(long)]
-    strict: bool,
+    #[arg(long, value_name = "FILE", requires = "against")]
+    changes: Option<PathBuf>,
 }
 
 /// 4 where the two have nothing in common, 101 under `--strict` where something moved.
-pub(super) fn compare(registry: &Registry, options: &CompareOptions, common: &Common) -> Result<u8, Failure> {
-    let own = settings::read(common)?.store;
-    let asked = |path: &PathBuf, store: &Option<PathBuf>| Asked {
-        registry,
-        path: path.clone(),
-        store: store.clone().unwrap_or_else(|| own.clone()),
-        profile: options.profile.clone(),
+pub(super) fn report(
+    registry: &Registry,
+    (selection, strict): (&Selection, bool),
+    (earlier, options): (&Path, &Against),
+    common: &Common,
+) -> Result<u8, Failure> {
+    let [path] = selection.specs.as_slice() else {
+        return Err(refused(format!(
+            "one study or folder of results is held against `{}`, and {} are named",
+            earlier.display(),
+            selection.specs.len()
+        )));
     };
-    let (a, b) = (
-        asked(&options.a, &options.store_a),
-        asked(&options.b, &options.store_b),
-    );
+    let own = settings::read(common)?.store;
+    let asked = |path: &Path, store: &Option<PathBuf>| Asked {
+        registry,
+        path: path.to_owned(),
+        store: store.clone().unwrap_or_else(|| own.clone()),
+        profile: selection.profile.clone(),
+    };
+    let (a, b) = (asked(earlier, &options.against_store), asked(path, &None));
     let compared = Compared::of(&a.side(&b.path)?, &b.side(&a.path)?);
     if compared.is_empty() {
         return Err(Failure {
             code: NOTHING_SELECTED,
             text: format!(
                 "`{}` and `{}` have no cell, verdict or claim in common: name two results of the same study",
-                options.a.display(),
-                options.b.display()
+                earlier.display(),
+                path.display()
             ),
         });
     }
-    if let Some(path) = &options.out {
+    if let Some(path) = &options.changes {
         write_durably(path, markdown(&compared, options.all).as_bytes())?;
     }
     say(&match common.format {
         Format::Json => serde_json::to_string(&compared).map_err(|error| refused(error.to_string()))?,
         Format::Text => text(&compared, options.all, run::terminal_width()),
     });
-    Ok(if options.strict && compared.differs() {
-        DIFFERS
-    } else {
-        OK
-    })
+    Ok(if strict && compared.differs() { DIFFERS } else { OK })
 }
 
 fn refused(problem: String) -> Failure {
