@@ -17,10 +17,8 @@
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
-use crate::{
-    shared::opponent_modelling::{Learner, SeatBatch, Settings, others},
-    tdom_ac::{self, OpponentObjective},
-};
+use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
+use crate::tdom_ac::{self, OpponentObjective};
 use burn::tensor::Tensor;
 use contract::{
     Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
