@@ -1,7 +1,7 @@
 //! Policies of stored trials for other runtimes.
 //!
 //! The engine knows where a policy lies in a trial's folder and what is said of it, and not what it is made of: a
-//! [`PolicyForm`] that a plugin registered recognises the file and writes it.
+//! [`PolicyForm`](contract::policy_form::PolicyForm) that a plugin registered recognises the file and writes it.
 
 use super::json_list;
 use contract::{
