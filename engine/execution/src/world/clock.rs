@@ -5,21 +5,9 @@
     reason = "here the clocks are read; no result depends on them"
 )]
 
-use std::time::{Duration, Instant, SystemTime};
+pub use contract::clock::{now, since};
 
-/// The clock that is never set.
-pub fn now() -> Instant {
-    #[cfg(test)]
-    if let Some(now) = super::simulated::now() {
-        return now;
-    }
-    Instant::now()
-}
-
-/// The time since a moment.
-pub fn since(moment: Instant) -> Duration {
-    now().saturating_duration_since(moment)
-}
+use std::time::{Duration, SystemTime};
 
 /// The date and time of this machine, which may be wrong and may jump.
 pub fn date() -> SystemTime {

@@ -39,6 +39,7 @@ struct Gone;
 /// # Errors
 /// What a process panicked with, and that there is no progress; with the machine.
 pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
+    contract::clock::simulate(super::now);
     let places = machine.processes.len();
     let shared = Arc::new(Shared {
         machine: Mutex::new(machine),
