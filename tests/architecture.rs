@@ -108,8 +108,11 @@ fn stands_on(folder: &str) -> Vec<String> {
 
 #[test]
 fn crates_stand_on_those_that_are_listed() {
+    let mut above = vec!["regimen"];
     for (folder, crates) in ARROWS {
         assert_eq!(stands_on(folder), crates, "{folder}/Cargo.toml");
+        assert!(crates.iter().all(|name| above.contains(name)), "{folder}");
+        above.extend(folder.rsplit('/').next());
     }
 }
 

@@ -2,21 +2,32 @@
 
 use crate::program::{Bench, repository, trial_files};
 use cli::rollout::{Actions, rows};
-use contract::{Phase, metrics_file, random::stream};
+use contract::{
+    Phase,
+    metrics_file::{self, MetricsTable},
+    random::stream,
+    recorder::Row,
+    trial::TrialKey,
+};
 use execution::store::Store;
 use plugins::registry;
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 fn fixture(name: &str) -> PathBuf {
     repository().join("tests/fixtures").join(name)
 }
 
+type Columns = BTreeMap<String, Vec<f64>>;
+
 /// Columns of a CSV file by name; empty cells are NaN.
-fn columns(path: &std::path::Path) -> BTreeMap<String, Vec<f64>> {
+fn columns(path: &Path) -> Columns {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let mut columns: BTreeMap<String, Vec<f64>> = names
+    let mut columns: Columns = names
         .iter()
         .map(|name| ((*name).to_owned(), Vec::new()))
         .collect();
@@ -76,8 +87,6 @@ fn one_cell_at_constant_power_follows_the_other_program() {
     }
     assert!(compared >= 8, "only {compared} rows could be compared");
 }
-
-type Columns = BTreeMap<String, Vec<f64>>;
 
 /// Config and actions of a reference run of predators and prey, under this program's names.
 fn as_input(reference: &Columns) -> (String, String) {
@@ -289,56 +298,13 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
     for (id, _, agent) in &all {
         let folder = bench.path("store/trials").join(&id[..2]).join(id);
         let stored = metrics_file::read(&folder.join("metrics.parquet")).unwrap();
-        for episode in ["0", "2"] {
-            bench.ok(&[
-                "rollout",
-                "--trial",
-                &id[..12],
-                "--episode",
-                episode,
-                "--out",
-                "out.csv",
-            ]);
+        for episode in [0, 2] {
+            let number = episode.to_string();
+            let words = ["--trial", &id[..12], "--episode", &number, "--out", "out.csv"];
+            bench.ok(&[&["rollout"], &words[..]].concat());
             let ours = columns(&bench.path("out.csv"));
-            let of_episode = |row: &&contract::recorder::Row| row.episode.to_string() == episode;
-            let named = |name: &str| {
-                stored
-                    .names
-                    .iter()
-                    .position(|known| known == name)
-                    .map(|at| u16::try_from(at).unwrap())
-            };
-            let mut compared = 0;
-            for row in stored
-                .rows
-                .iter()
-                .filter(of_episode)
-                .filter(|row| row.phase == Phase::Trace)
-            {
-                let name = &stored.names[usize::from(row.metric)];
-                let decision = usize::try_from(row.step).unwrap();
-                assert_eq!(
-                    ours[name][decision].to_bits(),
-                    row.value.to_bits(),
-                    "{agent}, {name} after {decision}"
-                );
-                compared += 1;
-            }
-            let returns = stored
-                .rows
-                .iter()
-                .filter(of_episode)
-                .filter(|row| row.phase == Phase::Final);
-            for row in returns.filter(|row| Some(row.metric) == named("return")) {
-                let seat = if ours.contains_key("reward") {
-                    "reward".into()
-                } else {
-                    format!("agent_{}.reward", row.seat)
-                };
-                let earned = ours[&seat][1..].iter().fold(0.0, |sum, reward| sum + reward);
-                assert_eq!(earned.to_bits(), row.value.to_bits(), "{agent}, {seat}");
-                compared += 1;
-            }
+            let compared =
+                assert_same_trace(&ours, &stored, episode) + assert_same_returns(&ours, &stored, episode);
             // Trials of a play trace nothing: only their returns, one per seat, can be compared.
             assert!(
                 compared > if agent == "cast" { 3 } else { 60 },
@@ -362,6 +328,37 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
     );
 }
 
+/// The rows of an episode in a phase, each with the name of its metric.
+fn rows_of(stored: &MetricsTable, phase: Phase, episode: u64) -> impl Iterator<Item = (&str, &Row)> {
+    let rows = stored.rows.iter();
+    rows.filter(move |row| row.phase == phase && row.episode == episode)
+        .map(|row| (stored.names[usize::from(row.metric)].as_str(), row))
+}
+
+/// Holds an episode against the stored trace, decision by decision; gives the number of values.
+fn assert_same_trace(ours: &Columns, stored: &MetricsTable, episode: u64) -> usize {
+    let compare = |(name, row): (&str, &Row)| {
+        let decision = usize::try_from(row.step).unwrap();
+        let value = ours[name][decision];
+        assert_eq!(value.to_bits(), row.value.to_bits(), "{name} after {decision}");
+    };
+    rows_of(stored, Phase::Trace, episode).map(compare).count()
+}
+
+/// Holds the sums of an episode's rewards against the stored returns; gives the number of seats.
+fn assert_same_returns(ours: &Columns, stored: &MetricsTable, episode: u64) -> usize {
+    let compare = |(_, row): (&str, &Row)| {
+        let seat = match ours.contains_key("reward") {
+            true => "reward".into(),
+            false => format!("agent_{}.reward", row.seat),
+        };
+        let earned = ours[&seat][1..].iter().fold(0.0, |sum, reward| sum + reward);
+        assert_eq!(earned.to_bits(), row.value.to_bits(), "{seat}");
+    };
+    let rows = rows_of(stored, Phase::Final, episode);
+    rows.filter(|(name, _)| *name == "return").map(compare).count()
+}
+
 /// The id of the trial of an agent's plugin.
 fn of(trials: &[(String, String, String)], plugin: &str) -> String {
     trials
@@ -375,93 +372,77 @@ fn of(trials: &[(String, String, String)], plugin: &str) -> String {
 #[test]
 fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
     let bench = trained();
-    let registry = registry();
     let store = Store::at(bench.path("store"));
-    let same = |left: &str, right: &str| {
-        assert_eq!(
-            std::fs::read_to_string(bench.path(left)).unwrap(),
-            std::fs::read_to_string(bench.path(right)).unwrap()
-        );
-    };
-    for (id, environment, agent) in trials(&bench)
-        .iter()
-        .filter(|(_, environment, _)| environment == "battery")
-    {
+    bench.write("pack.yaml", "episode_limit: 40\nageing: {}\n");
+    let all = trials(&bench);
+    for (id, _, agent) in all.iter().filter(|(_, environment, _)| environment == "battery") {
         bench.ok(&["rollout", "--trial", id, "--seed", "3", "--out", "trial.csv"]);
         let key = store.file(id).unwrap().unwrap().key;
-        let mut pack = (registry.environments["battery"].build)(&key.environment.config).unwrap();
-        let entry = &registry.agents[agent.as_str()];
-        let mut one = (entry.build)(
-            &key.agent.agent().unwrap().config,
-            &pack.interface(),
-            &mut stream(&["other networks"]),
-        )
-        .unwrap();
-        assert_eq!(
-            one.import(&store.folder(id)).unwrap(),
-            entry.traits.learns,
-            "{agent}"
-        );
-        let expected = rows(
-            &mut *pack,
-            Actions::Agent {
-                agent: &mut *one,
-                decisions: 1000,
-            },
-            3,
-        )
-        .unwrap();
-        cli::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
-        same("trial.csv", "expected.csv");
-        if !entry.traits.learns {
-            continue;
-        }
-        bench.write("pack.yaml", "episode_limit: 40\nageing: {}\n");
-        let folder = store.folder(id).display().to_string();
-        let common = [
-            "rollout",
-            environment,
-            "--config",
-            "pack.yaml",
-            "--seed",
-            "3",
-            "--policy",
-            &folder,
-        ];
-        bench.ok(&[&common[..], &["--out", "folder.csv"]].concat());
-        same("trial.csv", "folder.csv");
-        // A policy on its own: agent and config are given.
-        std::fs::create_dir_all(bench.path("alone")).unwrap();
-        std::fs::copy(
-            store.folder(id).join("policy.safetensors"),
-            bench.path("alone/policy.safetensors"),
-        )
-        .unwrap();
-        bench.write("agent.yaml", &key.agent.agent().unwrap().config.to_string());
-        let common = [
-            "rollout",
-            environment,
-            "--config",
-            "pack.yaml",
-            "--seed",
-            "3",
-            "--policy",
-            "alone",
-        ];
-        bench.ok(&[
-            &common[..],
-            &[
+        let folder = store.folder(id);
+        let learns = play_imported(&key, &folder, &bench.path("expected.csv"));
+        assert_same_files(&bench, "trial.csv", "expected.csv");
+        if learns {
+            play(&bench, &folder.display().to_string(), &["--out", "folder.csv"]);
+            assert_same_files(&bench, "trial.csv", "folder.csv");
+            leave_policy_alone(&bench, &folder, &key);
+            let words = [
                 "--agent",
                 agent,
                 "--agent-config",
                 "agent.yaml",
                 "--out",
                 "alone.csv",
-            ],
-        ]
-        .concat());
-        same("trial.csv", "alone.csv");
+            ];
+            play(&bench, "alone", &words);
+            assert_same_files(&bench, "trial.csv", "alone.csv");
+        }
     }
+}
+
+/// Lets an agent of a trial's config, with the trial's policy, play an episode of seed 3; says whether it learns.
+fn play_imported(key: &TrialKey, folder: &Path, out: &Path) -> bool {
+    let registry = registry();
+    let mut pack = (registry.environments["battery"].build)(&key.environment.config).unwrap();
+    let part = key.agent.agent().unwrap();
+    let entry = &registry.agents[part.plugin.as_str()];
+    let mut networks = stream(&["other networks"]);
+    let mut agent = (entry.build)(&part.config, &pack.interface(), &mut networks).unwrap();
+    let learns = entry.traits.learns;
+    assert_eq!(agent.import(folder).unwrap(), learns, "{}", part.plugin);
+    let actions = Actions::Agent {
+        agent: &mut *agent,
+        decisions: 1000,
+    };
+    cli::rollout::write(&rows(&mut *pack, actions, 3).unwrap(), out).unwrap();
+    learns
+}
+
+/// Plays an episode of seed 3 by a policy in a folder.
+fn play(bench: &Bench, folder: &str, words: &[&str]) {
+    let common = [
+        "rollout",
+        "battery",
+        "--config",
+        "pack.yaml",
+        "--seed",
+        "3",
+        "--policy",
+        folder,
+    ];
+    bench.ok(&[&common[..], words].concat());
+}
+
+/// Puts the policy of a trial into the folder `alone`, without the trial, and the agent's config beside it.
+fn leave_policy_alone(bench: &Bench, folder: &Path, key: &TrialKey) {
+    const FILE: &str = "policy.safetensors";
+    std::fs::create_dir_all(bench.path("alone")).unwrap();
+    std::fs::copy(folder.join(FILE), bench.path("alone").join(FILE)).unwrap();
+    bench.write("agent.yaml", &key.agent.agent().unwrap().config.to_string());
+}
+
+fn assert_same_files(bench: &Bench, one: &str, other: &str) {
+    let [one, other] = [one, other].map(|name| std::fs::read_to_string(bench.path(name)).unwrap());
+    assert_eq!(one, other);
 }
 
 #[test]
@@ -525,14 +506,20 @@ fn a_learner_without_a_policy_is_refused_and_so_is_a_policy_that_does_not_fit() 
     assert!(!bench.path("out.csv").exists());
 }
 
-#[test]
-fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
+/// 17 trials that end well, and 17 that fail.
+fn with_failures() -> Bench {
     let bench = Bench::new();
     let many = "study: many\nenvironments: { four: { allocation_bandit: {} } }\n\
                 protocol: { train_evaluate: { steps: 8, evaluate_every: 0, final_episodes: 2 } }\n";
     let agents = "agents: { equal: { equal_split: {} }, bad: { misbehaving: { how: fail } } }\nseeds: 17\n";
     bench.write("many.yaml", &format!("{many}{agents}"));
     bench.run_misused(&["worker", "many.yaml", "-j", "2"]);
+    bench
+}
+
+#[test]
+fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
+    let bench = with_failures();
     let all = trials(&bench);
     let (good, failed) = (of(&all, "equal_split"), of(&all, "misbehaving"));
     // Of 34 ids at least three begin with the same digit.
@@ -541,8 +528,7 @@ fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
         .find(|digit| all.iter().filter(|it| it.0.starts_with(*digit)).count() > 2)
         .unwrap();
     let common = all.iter().filter(|it| it.0.starts_with(digit)).count();
-    let begun = bench.path("store/trials/zz/zz0");
-    std::fs::create_dir_all(begun).unwrap();
+    std::fs::create_dir_all(bench.path("store/trials/zz/zz0")).unwrap();
     let digit = digit.to_string();
     let refusals: [(&[&str], Vec<String>); 7] = [
         (
@@ -582,11 +568,8 @@ fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
     for (words, parts) in refusals {
         let answer = bench.run_misused(&[&["rollout"], words, &["--out", "out.csv"]].concat());
         assert_eq!(answer.code, 2, "{words:?}: {}", answer.err);
-        assert!(
-            parts.iter().all(|part| answer.err.contains(part)),
-            "{words:?}: {}",
-            answer.err
-        );
+        let says = |part: &String| answer.err.contains(part);
+        assert!(parts.iter().all(says), "{words:?}: {}", answer.err);
     }
     bench.ok(&["rollout", "--trial", &good, "--out", "out.csv"]);
 }

@@ -1,4 +1,4 @@
-//! What the trials of a study come to: results, claims on them, and searches for settings.
+//! Results of the trials of a study, claims on them, and searches for settings.
 
 pub mod claim;
 pub mod cross_play;

@@ -6,4 +6,6 @@ pub mod first_study;
 pub mod rollout;
 pub mod watch;
 
-pub use commands::*;
+pub use commands::{
+    BAD_SPEC, DIFFERS, INCOMPLETE, NOT_MADE, NOTHING_SELECTED, OK, TRIALS_FAILED, UNCHECKED, main,
+};

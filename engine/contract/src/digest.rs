@@ -5,10 +5,16 @@ use std::io::{self, Read};
 /// Letters of a digest.
 pub const LENGTH: usize = 32;
 
-/// The first 32 hexadecimal digits of a BLAKE3 hash.
+/// The digest of some bytes: the first [`LENGTH`] hexadecimal digits of their BLAKE3 hash.
 #[must_use]
 pub fn of_bytes(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..LENGTH].to_string()
+    of_hash(&blake3::hash(bytes))
+}
+
+/// The digest of bytes that were hashed piece by piece.
+#[must_use]
+pub fn of_hash(hash: &blake3::Hash) -> String {
+    hash.to_hex()[..LENGTH].to_string()
 }
 
 /// The digest of a file, read piece by piece: it may be larger than memory.
@@ -18,5 +24,5 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 pub fn of_file(file: impl Read) -> io::Result<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(file)?;
-    Ok(hasher.finalize().to_hex()[..LENGTH].to_string())
+    Ok(of_hash(&hasher.finalize()))
 }

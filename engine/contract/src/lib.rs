@@ -1,4 +1,4 @@
-//! What plugins and the engine agree on.
+//! The agreement of plugins and the engine: environments, agents, protocols, trials and their records.
 //!
 //! A plugin implements [`Environment`], [`Agent`] or [`Protocol`] and is entered into a [`Registry`]; the engine
 //! describes a [trial](trial::TrialKey) by the plugins' names and configs, and runs it from them. Nothing here knows

@@ -113,7 +113,7 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// What its registration says besides its constructor.
+    /// Facts that its registration gives besides the constructor.
     pub traits: AgentTraits,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
@@ -178,7 +178,7 @@ pub struct Registry {
     pub draft: Option<crate::draft::BeginDraft>,
 }
 
-/// What a learning agent's registration says besides its constructor.
+/// Facts that the registration of an agent gives besides the constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
     /// False for rules.

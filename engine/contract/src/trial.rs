@@ -5,7 +5,7 @@ use crate::{
     Agent, Error, Interface, Keeper, Recorder, Registry,
     cast::{Seating, Team},
     complete_config::CompleteConfig,
-    data_file,
+    data_file, digest,
     own_training::{Assignment, Simulator},
     product::{FindProduct, Taken, no_product},
     protocol::Run,
@@ -66,7 +66,7 @@ impl Part {
         text.push(b',');
         canonical(&self.identity(), &mut text);
         text.extend(b",]");
-        hash_text(&text)
+        digest::of_bytes(&text)
     }
 
     /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that say
@@ -160,7 +160,7 @@ pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> Str
     let [environment, agent, protocol] = parts;
     let device = json!(device);
     let text = format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#);
-    hash_text(text.as_bytes())
+    digest::of_bytes(text.as_bytes())
 }
 
 /// Kind of device; the trials of a plan share the word.
@@ -572,11 +572,7 @@ fn find_entry<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &
 pub fn hash(value: &Value) -> String {
     let mut text = Vec::new();
     canonical(value, &mut text);
-    hash_text(&text)
-}
-
-fn hash_text(text: &[u8]) -> String {
-    blake3::hash(text).to_hex()[..32].to_string()
+    digest::of_bytes(&text)
 }
 
 fn canonical(value: &Value, out: &mut Vec<u8>) {

@@ -23,12 +23,12 @@ mod table;
 mod tables;
 mod wandb;
 
-use analysis::results::Origin;
 pub use found::{Columns, Found, columns, read};
 pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
 pub use pattern::{PatternError, matching};
 
+use analysis::results::Origin;
 use content::Content;
 
 use contract::{

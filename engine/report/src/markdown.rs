@@ -96,7 +96,7 @@ fn first_departures(study: &StudyInfo) -> Vec<String> {
         n if n <= answers::FIRST_DEPARTURES => Vec::new(),
         n => vec![
             format!(
-                "What differs from the source, the first {} of {n}:",
+                "Departures from the source, the first {} of {n}:",
                 answers::FIRST_DEPARTURES
             ),
             lines.join("\n"),

@@ -176,7 +176,7 @@ fn first_departures(all: &[String]) -> String {
         all.len()
     );
     format!(
-        "<p>What differs from the source, the first {link}:</p>\n{}",
+        "<p>Departures from the source, the first {link}:</p>\n{}",
         list(&all[..first])
     )
 }

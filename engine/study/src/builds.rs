@@ -25,7 +25,7 @@ use contract::{
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
-use presentation::catalogue::Catalogue;
+use presentation::vocabulary::Vocabulary;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -101,9 +101,9 @@ enum Given {
 ///
 /// # Errors
 /// What plugins refuse, at the key that they name.
-pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Catalogue, Vec<Diagnostic>> {
+pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vocabulary, Vec<Diagnostic>> {
     let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
-    let mut world = Catalogue {
+    let mut vocabulary = Vocabulary {
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
         seeds: seeds.to_vec(),
@@ -113,16 +113,16 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Ca
             .map(|it| (it.search.name.clone(), it.search.by.clone()))
             .collect(),
         settings: cells.settings(),
-        ..Catalogue::default()
+        ..Vocabulary::default()
     };
     for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
         // Settings write a key with its last word, or as a whole where that is not unique.
         let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
         for name in [last, key.text.clone()] {
-            if !world.swept.contains(&name) {
+            if !vocabulary.swept.contains(&name) {
                 let values = key.values.iter().map(|value| word(&value.to_value()));
-                world.swept_values.insert(name.clone(), values.collect());
-                world.swept.push(name);
+                vocabulary.swept_values.insert(name.clone(), values.collect());
+                vocabulary.swept.push(name);
             }
         }
     }
@@ -143,7 +143,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Ca
     };
     let mut found = Vec::new();
     for cell in cells.iter() {
-        if let Err(error) = builder.cell(&cell, &mut world) {
+        if let Err(error) = builder.cell(&cell, &mut vocabulary) {
             say_once(&mut found, *error);
         }
     }
@@ -152,10 +152,14 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Ca
             found.push(*error);
         }
     }
-    (world.is_recalled, world.announced) = (builder.is_recalled, builder.announced);
-    world.warnings.append(&mut builder.doubts);
-    world.warnings = in_order(world.warnings);
-    if found.is_empty() { Ok(world) } else { Err(found) }
+    (vocabulary.is_recalled, vocabulary.announced) = (builder.is_recalled, builder.announced);
+    vocabulary.warnings.append(&mut builder.doubts);
+    vocabulary.warnings = in_order(vocabulary.warnings);
+    if found.is_empty() {
+        Ok(vocabulary)
+    } else {
+        Err(found)
+    }
 }
 
 /// What is given for the environment and the agent of a cell, which tells its agent from others.
@@ -174,14 +178,14 @@ fn note(
     facts: &Facts,
     measures: &Measures,
     [of_protocol, of_agent]: [&[Metric]; 2],
-    world: &mut Catalogue,
+    vocabulary: &mut Vocabulary,
 ) {
     let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
     let of_interface = measures.protocol.metrics_of_interface(&facts.interface);
     let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
     let per_decision = decides.then(time_per_decision_metric);
     let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
-    world.record(
+    vocabulary.record(
         pair,
         of_protocol
             .iter()
@@ -190,14 +194,14 @@ fn note(
             .chain(of_agent)
             .chain(&added),
     );
-    world
+    vocabulary
         .left
         .entry(pair)
         .or_default()
         .extend(measures.protocol.leaves());
-    let traced = world.traced.entry(pair.0).or_default();
+    let traced = vocabulary.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
-    world.units.extend(facts.units.clone());
+    vocabulary.units.extend(facts.units.clone());
     // A protocol that measures no episodes of an environment traces what it measures.
     traced.extend(
         measures
@@ -240,19 +244,21 @@ pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Er
 }
 
 impl<'a> Builder<'a> {
-    fn cell(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
+    fn cell(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> Outcome<()> {
         // What a source is refused for is said where the source is.
         if !self.sources_are_there(cell)? {
             return Ok(());
         }
         self.environment(cell)?;
-        self.protocol(cell, world)?;
-        let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
+        self.protocol(cell, vocabulary)?;
+        let first = cell
+            .pair()
+            .is_none_or(|pair| !vocabulary.recorded.contains_key(&pair));
         let Some(facts) = self.accepted(cell)? else {
             return Ok(());
         };
         self.extra += usize::from(!first);
-        self.build_once(cell, &facts.interface, first, world)?;
+        self.build_once(cell, &facts.interface, first, vocabulary)?;
         self.goes_on_well(cell, &facts.interface)?;
         if let (Some(pair), Some(entry)) = (
             cell.pair(),
@@ -265,9 +271,9 @@ impl<'a> Builder<'a> {
                 let metrics = entry.metrics_with(config);
                 metrics.into_iter().chain(updates().into_iter().flatten())
             };
-            self.note(cell, pair, || of_agent().collect(), world)?;
+            self.note(cell, pair, || of_agent().collect(), vocabulary)?;
         }
-        self.warn_of_short_training(cell, world);
+        self.warn_of_short_training(cell, vocabulary);
         Ok(())
     }
 
@@ -308,7 +314,7 @@ impl<'a> Builder<'a> {
         cell: &Cell,
         interface: &Interface,
         first: bool,
-        world: &mut Catalogue,
+        vocabulary: &mut Vocabulary,
     ) -> Outcome<()> {
         let given = given(cell);
         self.learns_as_written(cell)?;
@@ -323,12 +329,12 @@ impl<'a> Builder<'a> {
         let mut built = patience::under(limits, || self.agent(cell, interface))?;
         patience::under(limits, || self.try_out(cell, &mut *built))?;
         if self.entry(cell).is_some_and(|it| it.traits.trains_itself) {
-            return self.note_own_training(cell, &mut *built, world);
+            return self.note_own_training(cell, &mut *built, vocabulary);
         }
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
         self.agents.insert(given, learns_after);
         if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
-            self.note(cell, pair, || built.decision_metrics(), world)?;
+            self.note(cell, pair, || built.decision_metrics(), vocabulary)?;
         }
         Ok(())
     }
@@ -338,7 +344,7 @@ impl<'a> Builder<'a> {
         &mut self,
         cell: &Cell,
         built: &mut dyn Agent,
-        world: &mut Catalogue,
+        vocabulary: &mut Vocabulary,
     ) -> Outcome<()> {
         let agent = &cell.parts[1];
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
@@ -357,7 +363,7 @@ impl<'a> Builder<'a> {
                 .own_training()
                 .map_or(Vec::new(), |training| training.doubts());
             let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
-            world.warnings.extend(doubts);
+            vocabulary.warnings.extend(doubts);
         }
         let measured = built.own_training().and_then(|training| training.measured());
         let recorded = built.records();
@@ -366,7 +372,7 @@ impl<'a> Builder<'a> {
             return Err(Box::new(self.refused(agent, &error)));
         }
         let Some(pair) = cell.pair() else { return Ok(()) };
-        self.note(cell, pair, || recorded, world)
+        self.note(cell, pair, || recorded, vocabulary)
     }
 
     /// An agent that trains itself cannot be measured as it says.
@@ -403,7 +409,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
-    fn warn_of_short_training(&mut self, cell: &Cell, world: &mut Catalogue) {
+    fn warn_of_short_training(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) {
         let [_, agent, protocol] = &cell.parts;
         let learns_after = self.agents.get(&given(cell)).copied();
         let learns_after = learns_after.unwrap_or(FROM_THE_FIRST_STEP);
@@ -419,7 +425,7 @@ impl<'a> Builder<'a> {
             .is_some_and(|it| it.learns_with(&agent.part.config));
         let is_useless = learns && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
-            world
+            vocabulary
                 .warnings
                 .push(self.learns_nothing(agent, learns_after, steps));
         }
@@ -431,7 +437,7 @@ impl<'a> Builder<'a> {
         cell: &Cell,
         pair: (usize, usize),
         of_agent: impl FnOnce() -> Vec<Metric>,
-        world: &mut Catalogue,
+        vocabulary: &mut Vocabulary,
     ) -> Outcome<()> {
         let [environment, _, protocol] = &cell.parts;
         let known = (self.facts(cell), self.protocols.get(protocol.id()));
@@ -440,7 +446,7 @@ impl<'a> Builder<'a> {
         {
             let of_agent = of_agent();
             if cell.parts[2].given.form == Form::Own(None) {
-                world.record(pair, of_agent.iter().chain(&[wall_time_metric()]));
+                vocabulary.record(pair, of_agent.iter().chain(&[wall_time_metric()]));
                 return Ok(());
             }
             let metrics = measures.metrics.len() + facts.metrics.len() + of_agent.len();
@@ -453,7 +459,7 @@ impl<'a> Builder<'a> {
                 Form::Own(_) => &measured,
                 _ => &measures.metrics,
             };
-            note(pair, &facts, measures, [of_protocol, &of_agent], world);
+            note(pair, &facts, measures, [of_protocol, &of_agent], vocabulary);
         }
         Ok(())
     }
@@ -592,7 +598,7 @@ impl<'a> Builder<'a> {
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
-    fn protocol(&mut self, cell: &Cell, world: &mut Catalogue) -> Outcome<()> {
+    fn protocol(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> Outcome<()> {
         let resolved = &cell.parts[2];
         if self.protocols.contains_key(resolved.id()) {
             return Ok(());
@@ -606,7 +612,7 @@ impl<'a> Builder<'a> {
                 // What an override gives to some combinations is meant for them.
                 let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
                 let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
-                world.warnings.extend(doubt.map(Diagnostic::as_warning));
+                vocabulary.warnings.extend(doubt.map(Diagnostic::as_warning));
                 (Some(Measures::of(protocol)), None)
             }
             Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),

@@ -14,7 +14,7 @@ use document::{
     diagnostic::{Diagnostic, Span, suggest},
     schema_check::{At, Checker},
 };
-use presentation::catalogue::{Pairs, Play, Player};
+use presentation::vocabulary::{Pairs, Play, Player};
 
 /// Episodes of each trial where a play gives no number.
 pub(super) const EPISODES: u64 = 100;

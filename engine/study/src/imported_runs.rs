@@ -9,7 +9,7 @@ use document::{
     reach::{Outside, Reach},
 };
 use imported::{FIRST_SEED, Found, Imported, ImportedText, PatternError, matching, read};
-use presentation::catalogue::Catalogue;
+use presentation::vocabulary::Vocabulary;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -18,14 +18,14 @@ pub(super) fn resolve(
     root: &Node,
     sections: &Sections<'_>,
     plan: &SeedPlan,
-    world: &mut Catalogue,
+    vocabulary: &mut Vocabulary,
 ) -> Result<Vec<Imported>, Vec<Diagnostic>> {
     let Some(section) = root.entry("imported") else {
         return Ok(Vec::new());
     };
     let mut reader = Reader {
         sections,
-        world,
+        vocabulary,
         found: Vec::new(),
     };
     reader.seeds(section, plan);
@@ -42,7 +42,7 @@ pub(super) fn resolve(
 
 struct Reader<'a> {
     sections: &'a Sections<'a>,
-    world: &'a mut Catalogue,
+    vocabulary: &'a mut Vocabulary,
     found: Vec<Diagnostic>,
 }
 
@@ -84,8 +84,8 @@ impl Reader<'_> {
             );
             return None;
         }
-        let agent = self.world.agents.len();
-        self.world.agents.push(entry.key.clone());
+        let agent = self.vocabulary.agents.len();
+        self.vocabulary.agents.push(entry.key.clone());
         let parts = match &entry.value.kind {
             Kind::Sequence(items) => items.iter().collect(),
             _ => vec![&entry.value],
@@ -144,10 +144,10 @@ impl Reader<'_> {
         let prepared = written.prepared.iter().map(|entry| entry.name.as_str());
         let plays = written.plays.iter().map(|play| play.name.as_str());
         let own = self
-            .world
+            .vocabulary
             .agents
             .iter()
-            .chain(&self.world.environments)
+            .chain(&self.vocabulary.environments)
             .map(String::as_str);
         own.chain(prepared).chain(plays).any(|other| other == name)
     }
@@ -163,10 +163,10 @@ impl Reader<'_> {
     ) -> Option<(ImportedText, Found)> {
         let text: ImportedText = serde_json::from_value(node.to_value()).ok()?;
         let environment = self.environment(&text, node, entry, at)?;
-        if self.world.recorded.contains_key(&(environment, agent)) {
+        if self.vocabulary.recorded.contains_key(&(environment, agent)) {
             let message = format!(
                 "`{}` has runs in `{}` already",
-                entry.key, self.world.environments[environment]
+                entry.key, self.vocabulary.environments[environment]
             );
             self.say(
                 node.span,
@@ -178,7 +178,7 @@ impl Reader<'_> {
         }
         let files = self.files(&text, node, at)?;
         let mapping = text.mapping();
-        let name = self.world.environments[environment].clone();
+        let name = self.vocabulary.environments[environment].clone();
         let read = read(&files, &mapping).map_err(|error| error.to_string());
         let trials = read.and_then(|found| Ok((found.trials(&entry.key, &name, block, &mapping)?, found)));
         let (trials, found) = match trials {
@@ -189,11 +189,11 @@ impl Reader<'_> {
             }
         };
         whole.trials.extend(trials);
-        let recorded = self.world.recorded.entry((environment, agent)).or_default();
+        let recorded = self.vocabulary.recorded.entry((environment, agent)).or_default();
         recorded.extend(text.metrics.keys().cloned());
         for metric in text.metrics.keys() {
-            if !self.world.metrics.iter().any(|known| known.name == *metric) {
-                self.world
+            if !self.vocabulary.metrics.iter().any(|known| known.name == *metric) {
+                self.vocabulary
                     .metrics
                     .push(Metric::new(metric, "", "recorded by imported runs"));
             }
@@ -202,7 +202,7 @@ impl Reader<'_> {
     }
 
     fn environment(&mut self, text: &ImportedText, node: &Node, entry: &Entry, at: &str) -> Option<usize> {
-        let known = self.world.environments.clone();
+        let known = self.vocabulary.environments.clone();
         let Some(name) = &text.environment else {
             if known.len() == 1 {
                 return Some(0);

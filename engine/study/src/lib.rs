@@ -100,12 +100,12 @@ use execution::{
 };
 use presentation::{
     answers::Answer,
-    catalogue::Play,
     claim_spec::{ClaimSpec, Relevance},
     figure::FigureSpec,
     request::{self, Request},
     summary::Summary,
     table::TableSpec,
+    vocabulary::Play,
 };
 use seeds::SeedPlan;
 use serde_json::Value;
@@ -146,7 +146,7 @@ pub struct Study {
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
-    /// What differs from the source, one sentence each.
+    /// Departures from the source, one sentence each.
     pub departures: Vec<String>,
     /// Names of the environments, in order.
     pub environments: Vec<String>,
@@ -364,7 +364,7 @@ struct Made {
     success: Option<Success>,
     cells: Cells,
     order: Vec<usize>,
-    world: presentation::catalogue::Catalogue,
+    vocabulary: presentation::vocabulary::Vocabulary,
     imported: Vec<Imported>,
     request: Request,
     confirm: Vec<Confirmation>,
@@ -392,23 +392,23 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let success: Option<Success> = section(root, "success");
     let cells = sections.cells().map_err(&with)?;
     let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
-    let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
-    let imported = imported_runs::resolve(root, sections, &plan, &mut world).map_err(&with)?;
-    let about_success = request::success(root, success.as_ref(), &mut world, sources);
-    world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
+    let mut vocabulary = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
+    let imported = imported_runs::resolve(root, sections, &plan, &mut vocabulary).map_err(&with)?;
+    let about_success = request::success(root, success.as_ref(), &mut vocabulary, sources);
+    vocabulary.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
-    let resolved = resolved::sections(root, sections, &plan, &world.plays);
+    let resolved = resolved::sections(root, sections, &plan, &vocabulary.plays);
     let root = &quotes::fill(root, &resolved, sources).unwrap_or_else(|errors| {
         found.extend(errors);
         root.clone()
     });
-    let request = Request::read(root, &world, sources, sections.folder);
+    let request = Request::read(root, &vocabulary, sources, sections.folder);
     found.extend(
         about_success
             .into_iter()
-            .chain(search_checks::searches(sections, &world)),
+            .chain(search_checks::searches(sections, &vocabulary)),
     );
-    found.extend(request::beside_the_source(root, &world, sources));
+    found.extend(request::beside_the_source(root, &vocabulary, sources));
     found.extend(request.found.iter().cloned());
     let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
     let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
@@ -430,7 +430,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         success,
         cells,
         order,
-        world,
+        vocabulary,
         imported,
         request,
         confirm,
@@ -469,7 +469,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         success,
         cells,
         order,
-        world,
+        vocabulary,
         imported,
         request,
         confirm,
@@ -486,10 +486,10 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         summary: request.summary,
         answers: request.answers,
         departures,
-        environments: world.environments,
-        agents: world.agents,
+        environments: vocabulary.environments,
+        agents: vocabulary.agents,
         resolved,
-        plays: world.plays,
+        plays: vocabulary.plays,
         seeds: plan.seeds,
         design: plan.design,
         success,
@@ -503,13 +503,13 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         claims: request.claims,
         imported,
         limits: sections.limits.clone(),
-        is_recalled: world.is_recalled,
-        announced: world.announced,
-        warnings: in_order(sections.repeats().chain(world.warnings).collect()),
+        is_recalled: vocabulary.is_recalled,
+        announced: vocabulary.announced,
+        warnings: in_order(sections.repeats().chain(vocabulary.warnings).collect()),
         repeats: sections.dimensions.iter().find_map(Repeats::of),
         searches: sections.searches.iter().map(search::progress).collect(),
-        metrics: world.metrics,
-        units: world.units,
+        metrics: vocabulary.metrics,
+        units: vocabulary.units,
         prepared: sections
             .written
             .prepared

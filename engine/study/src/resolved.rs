@@ -13,7 +13,7 @@ use super::{
 use contract::Error;
 use document::{Entry, Node};
 use execution::limits::Limits;
-use presentation::{catalogue::Play, figure::FigureSpec, table::TableSpec};
+use presentation::{figure::FigureSpec, table::TableSpec, vocabulary::Play};
 use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;

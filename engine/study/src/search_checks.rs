@@ -8,13 +8,13 @@ use contract::{
 };
 use document::diagnostic::Diagnostic;
 use presentation::{
-    catalogue::Catalogue,
     request::{Names, Picked, Place},
+    vocabulary::Vocabulary,
 };
 
 /// Checks the metrics by which searches compare settings.
-pub fn searches(sections: &Sections<'_>, world: &Catalogue) -> Vec<Diagnostic> {
-    let mut names = Names::new(world, sections.sources);
+pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnostic> {
+    let mut names = Names::new(vocabulary, sections.sources);
     for (written, searched) in sections.written.searches.iter().zip(sections.searches) {
         let place = Place {
             node: &written.config,
@@ -57,7 +57,7 @@ fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
             "compare settings by what their trials record",
         );
     }
-    let known = names.world.metrics.iter().find(|metric| metric.name == *by);
+    let known = names.vocabulary.metrics.iter().find(|metric| metric.name == *by);
     let is_loss = known.is_some_and(|metric| metric.better == Better::Lower);
     if is_loss && place.node.get("goal").is_none() {
         let message = format!(

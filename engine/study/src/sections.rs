@@ -12,10 +12,10 @@ use execution::limits::Limits;
 use imported::ImportedText;
 use presentation::{
     answers::AnswerText,
-    catalogue::Pairs,
     claim_spec::{ClaimSpec, Relevance},
     figure::FigureSpec,
     table::TableSpec,
+    vocabulary::Pairs,
 };
 use schemars::JsonSchema;
 use serde_json::{Map, Value, json};
@@ -49,7 +49,7 @@ pub(super) struct Sections {
     /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
     /// each.
     answers: Vec<AnswerText>,
-    /// What differs from the source, one sentence each.
+    /// Departures from the source, one sentence each.
     departures: Vec<String>,
     /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, ranges of them as in `100-199`, or a design
     /// `{ min, max, looks }`, with `first` where it does not begin with seed 0. With a design seeds are added

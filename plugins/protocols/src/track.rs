@@ -2,8 +2,8 @@
 //! nothing is learned.
 //!
 //! Episodes are the environment's own in their order, where it has a list of them
-//! ([`reset_to`](contract::Environment::reset_to)), and an agent that remembers begins anew with each. What they record
-//! is the final measurement, an episode each. What the environment draws of the last one is left.
+//! ([`reset_to`](contract::Environment::reset_to)), and an agent that remembers begins anew with each. They record
+//! the final measurement, an episode each, and leave what the environment draws of the last one.
 
 use contract::{
     Config, Error, Metric, ProductKind, Protocol, Registry,

@@ -16,7 +16,7 @@ use report::{
 };
 use std::path::{Path, PathBuf};
 
-/// What a report is held against, and how that is shown.
+/// Other results that a report is held against, and how the differences are shown.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Against {
     /// Say what SPEC, a study or a folder of results, differs in from these results: which values moved beyond the

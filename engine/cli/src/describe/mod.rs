@@ -20,7 +20,6 @@ pub use group::Group;
 pub use interface::{Channels, SeatFacts, SpaceFacts};
 pub use key::{Form, Key};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
-use study::fit;
 pub use study::fit::{Asked, Unfit};
 
 use analysis::claim::{Aggregate, forms};
@@ -31,6 +30,7 @@ use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};
+use study::fit;
 
 /// Version of the form in which subjects are written as JSON. Keys may be added to it; one that is taken away or
 /// changes its meaning raises it.

@@ -2,14 +2,13 @@
 //! library, codec and version wrote the file.
 
 use super::{Cells, Column, Table};
-use crate::{Error, panics};
+use crate::{Error, digest, panics};
 use std::path::Path;
 
 /// The way in which values are hashed, with its version; it stands first in what is hashed.
 const FORMAT: &[u8] = b"regimen values 1\n";
-const LENGTH: usize = 32;
 
-/// The first 32 hexadecimal digits of a BLAKE3 hash of the values in the bytes of a file.
+/// The [digest](digest::of_bytes) of the values in the bytes of a file.
 ///
 /// # Errors
 /// [`Error::Damaged`] where it is no such file.
@@ -21,7 +20,7 @@ pub fn values_digest(bytes: Vec<u8>, path: &Path) -> Result<String, Error> {
         push_bytes(&mut values, column.kind().as_bytes());
         push_column(&mut values, column);
     }
-    Ok(blake3::hash(&values).to_hex()[..LENGTH].to_string())
+    Ok(digest::of_bytes(&values))
 }
 
 fn push_column(to: &mut Vec<u8>, column: &Column) {

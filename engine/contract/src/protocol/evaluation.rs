@@ -5,7 +5,7 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    Action, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, clock,
+    Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, clock,
     dataset, drawing, standard_metrics::EPISODE_LENGTH,
 };
 use serde::Serialize;
@@ -313,56 +313,63 @@ fn advance(
     let actions = decide(run, what, &observations, rng)?;
     for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
         episode.assessed.resize(values.len(), 0.0);
-        episode
-            .assessed
-            .iter_mut()
-            .zip(values)
-            .for_each(|(sum, value)| *sum += value);
+        add(&mut episode.assessed, &values);
     }
     for (episode, action) in active.iter_mut().zip(&actions) {
         episode.environment.announce(action)?;
     }
     let mut going_on = Vec::with_capacity(active.len());
     for (mut episode, action) in active.into_iter().zip(actions) {
-        let step = episode.environment.step(&action, &mut episode.rng)?;
-        episode.decisions += 1;
-        episode
-            .returns
-            .iter_mut()
-            .zip(&step.rewards)
-            .for_each(|(sum, reward)| *sum += reward);
-        let is_first = episode.decisions == 1;
-        accumulate(
-            &mut episode.info,
-            episode.environment.metrics(),
-            &step.info,
-            is_first,
-        );
-        if let Some(gathered) = &mut episode.gathered {
-            gathered.take(&action, &step.rewards);
-            gathered.see(&*episode.environment, &step.observations);
-        }
-        episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
+        let end = step(run, &mut episode, &action)?;
         trace(run, what, &episode);
-        match step.end {
+        match end {
             None => going_on.push(episode),
             Some(end) => {
-                finish(run, what, &episode);
-                if let Some(folder) = run
-                    .folder
-                    .filter(|_| what.drawn && episode.index + 1 == what.episodes)
-                {
-                    drawing::leave(&mut *episode.environment, folder)?;
-                }
-                if let (Some(kept), Some(mut gathered)) = (kept, episode.gathered.take()) {
-                    gathered.end = end;
-                    kept.borrow_mut().insert(episode.index, gathered);
-                }
+                leave(run, what, &mut episode, (end, kept))?;
                 pool[episode.slot] = Some(episode.environment);
             }
         }
     }
     Ok(going_on)
+}
+
+/// Steps the environment of an episode once and adds up what it gives; says how the episode ended, if it did.
+fn step(run: &Run<'_>, episode: &mut Episode, action: &Action) -> Result<Option<End>, Error> {
+    let step = episode.environment.step(action, &mut episode.rng)?;
+    episode.decisions += 1;
+    add(&mut episode.returns, &step.rewards);
+    let is_first = episode.decisions == 1;
+    let metrics = episode.environment.metrics();
+    accumulate(&mut episode.info, metrics, &step.info, is_first);
+    if let Some(gathered) = &mut episode.gathered {
+        gathered.take(action, &step.rewards);
+        gathered.see(&*episode.environment, &step.observations);
+    }
+    episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
+    Ok(step.end)
+}
+
+/// Records an episode that ended, and leaves the drawings of the last one and the transitions that are kept.
+fn leave(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    episode: &mut Episode,
+    (end, kept): (End, Option<&Kept>),
+) -> Result<(), Error> {
+    finish(run, what, episode);
+    let is_drawn = what.drawn && episode.index + 1 == what.episodes;
+    if let Some(folder) = run.folder.filter(|_| is_drawn) {
+        drawing::leave(&mut *episode.environment, folder)?;
+    }
+    if let (Some(kept), Some(mut gathered)) = (kept, episode.gathered.take()) {
+        gathered.end = end;
+        kept.borrow_mut().insert(episode.index, gathered);
+    }
+    Ok(())
+}
+
+fn add(sums: &mut [f64], values: &[f64]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
 /// The agent's actions. How long it took for those of the final measurement is kept beside the rows.

@@ -13,7 +13,6 @@
 
 mod held;
 
-use contract::ending::Ending;
 pub use held::{Guarded, Left, end_leftover, last_ending};
 
 use crate::{
@@ -23,7 +22,7 @@ use crate::{
         process::{self, Command, Look, Signal, Stdio},
     },
 };
-use contract::Error;
+use contract::{Error, ending::Ending};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{
     io::{BufRead, BufReader, Read},

@@ -14,7 +14,7 @@
 
 use crate::world::fs::{self, File, OpenOptions};
 use contract::{
-    Error, Recorder,
+    Error, Recorder, digest,
     metrics_file::MetricsTable,
     recorder::{Phase, Row},
 };
@@ -89,7 +89,7 @@ pub(super) fn holds(path: &Path, position: &LogPosition) -> bool {
     let bytes = bytes_of(path).unwrap_or_default();
     let end = usize::try_from(position.bytes).ok();
     let before = end.and_then(|end| bytes.get(..end));
-    before.is_some_and(|before| digest(&blake3::hash(before)) == position.digest)
+    before.is_some_and(|before| digest::of_bytes(before) == position.digest)
 }
 
 /// A log that is being written.
@@ -136,7 +136,7 @@ impl MetricLog {
             return Ok(None);
         };
         let (contents, frames) = decode_counted(before);
-        let fits = digest(&blake3::hash(before)) == position.digest
+        let fits = digest::of_bytes(before) == position.digest
             && contents.end == LogEnd::Whole
             && contents.trial == trial;
         if !fits {
@@ -200,7 +200,7 @@ impl MetricLog {
     pub fn position(&self) -> LogPosition {
         LogPosition {
             bytes: self.bytes,
-            digest: digest(&self.hasher.finalize()),
+            digest: digest::of_hash(&self.hasher.finalize()),
         }
     }
 
@@ -214,10 +214,6 @@ impl MetricLog {
         self.bytes += frame.len() as u64;
         Ok(())
     }
-}
-
-fn digest(hash: &blake3::Hash) -> String {
-    hash.to_hex()[..32].to_owned()
 }
 
 fn frame(number: u64, payload: &[u8]) -> Vec<u8> {

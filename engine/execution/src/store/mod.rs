@@ -53,17 +53,11 @@ pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
 pub use bucket::Bucket;
 pub(crate) use bucket::BucketLeases;
-use contract::{
-    digest,
-    metrics_file::{self, MetricsTable},
-    trial_end::is_missing,
-};
 pub use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
 pub use imprint::{Difference, Imprint};
 pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
-use lease::Announcement;
 pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use owner::Owner;
@@ -80,11 +74,13 @@ use crate::world::{
     process,
 };
 use contract::{
-    Build, Error, Recorder,
+    Build, Error, Recorder, digest,
+    metrics_file::{self, MetricsTable},
     trial::{Trial, TrialKey},
-    trial_end::{EndState, TrialEnd},
+    trial_end::{EndState, TrialEnd, is_missing},
     trial_result::TrialResult,
 };
+use lease::Announcement;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,

@@ -74,20 +74,14 @@ fn curve(found: &Found, run: usize) -> &[(u64, f64)] {
 const A1: &str = "runs/a/events.out.tfevents.1";
 const A2: &str = "runs/a/events.out.tfevents.2";
 
-#[test]
-fn every_folder_is_a_run_and_all_forms_of_scalars_are_read() {
-    let tensor = |tensor: Tensor| Scalar {
-        tag: TAG.into(),
-        tensor: Some(tensor),
-        ..Scalar::default()
-    };
+/// A value in each form of a tensor that holds one: 2.5, 4.5, 0.1, 0.3, 7 and -8.
+fn tensors() -> [Tensor; 6] {
     let of = |dtype: i32, bytes: &[u8]| Tensor {
         dtype,
         tensor_content: bytes.to_vec(),
         ..Tensor::default()
     };
-    let one = content(A1, &[returned(10, 1.5), event(20, simple("loss", 9.0))]);
-    let forms = [
+    [
         Tensor {
             float_val: vec![2.5],
             ..Tensor::default()
@@ -105,11 +99,21 @@ fn every_folder_is_a_run_and_all_forms_of_scalars_are_read() {
             int64_val: vec![-8],
             ..Tensor::default()
         },
-    ];
-    let events: Vec<Event> = forms
-        .into_iter()
-        .zip(2..)
-        .map(|(form, at)| event(at * 10, tensor(form)))
+    ]
+}
+
+#[test]
+fn every_folder_is_a_run_and_all_forms_of_scalars_are_read() {
+    let one = content(A1, &[returned(10, 1.5), event(20, simple("loss", 9.0))]);
+    let scalar = |tensor: Tensor| Scalar {
+        tag: TAG.into(),
+        tensor: Some(tensor),
+        ..Scalar::default()
+    };
+    let steps = (20..).step_by(10);
+    let events: Vec<Event> = steps
+        .zip(tensors())
+        .map(|(step, tensor)| event(step, scalar(tensor)))
         .collect();
     let files = [
         one,

@@ -53,7 +53,7 @@ impl Figure for GroupedLines {
 
 /// The key is one that the study sweeps.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
-    let swept = &names.world.swept;
+    let swept = &names.vocabulary.swept;
     if swept.is_empty() {
         names.say(
             at.value("x"),

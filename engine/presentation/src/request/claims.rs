@@ -68,7 +68,7 @@ impl Names<'_> {
             Some(node) => Some(self.known(
                 node,
                 "environment",
-                &self.world.environments,
+                &self.vocabulary.environments,
                 &format!("{at}.environment"),
             )?),
             None => None,
@@ -154,9 +154,13 @@ impl Names<'_> {
         let behind = places.find(ends).map(|at| at + "in ".len());
         let start = behind.or_else(|| text.text.rfind(name)).unwrap_or(0);
         let place = text.place(start, name.len());
-        let index = self.world.environments.iter().position(|known| known == name);
+        let index = self
+            .vocabulary
+            .environments
+            .iter()
+            .position(|known| known == name);
         if index.is_none() {
-            let help = suggest(name, self.world.environments.iter().map(String::as_str));
+            let help = suggest(name, self.vocabulary.environments.iter().map(String::as_str));
             self.say(place.clone(), format!("no environment is named `{name}`"), help);
         }
         (index, place)
@@ -164,14 +168,14 @@ impl Names<'_> {
 
     /// Checks `PLAY.ROLE.AGENT.METRIC`.
     fn in_play(&mut self, operand: &Operand, within: &Within, text: &Text<'_>) {
-        let (world, Within { play: name, role }) = (self.world, within);
+        let (vocabulary, Within { play: name, role }) = (self.vocabulary, within);
         let start = text.text.find(&operand.path()).unwrap_or(0);
         let place = |before: &[&str], word: &str| {
             let skip: usize = before.iter().map(|name| name.len() + 1).sum();
             text.place(start + skip, word.len())
         };
-        let Some(play) = world.plays.iter().find(|play| play.name == *name) else {
-            let help = suggest(name, world.plays.iter().map(|play| play.name.as_str()));
+        let Some(play) = vocabulary.plays.iter().find(|play| play.name == *name) else {
+            let help = suggest(name, vocabulary.plays.iter().map(|play| play.name.as_str()));
             return self.say(place(&[], name), format!("no play is named `{name}`"), help);
         };
         if !play.roles.iter().any(|(known, _)| known == role) {
@@ -257,11 +261,11 @@ impl Names<'_> {
     /// is.
     fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, Vec<String>)> {
         operand.setting.iter().find_map(|(key, value)| {
-            let Some(values) = self.world.swept_values.get(key) else {
+            let Some(values) = self.vocabulary.swept_values.get(key) else {
                 return Some((
                     key.clone(),
                     format!("no sweep varies `{key}`"),
-                    self.world.swept.clone(),
+                    self.vocabulary.swept.clone(),
                 ));
             };
             let message = || format!("the sweep gives `{key}` no value `{value}`");
@@ -289,7 +293,7 @@ impl Names<'_> {
         match (&operand.environment, of_claim) {
             (Some(name), _) => Some(vec![self.environment_named(name, text).0?]),
             (None, Some(index)) => Some(vec![index]),
-            (None, None) => Some((0..self.world.environments.len()).collect()),
+            (None, None) => Some((0..self.vocabulary.environments.len()).collect()),
         }
     }
 
@@ -297,8 +301,8 @@ impl Names<'_> {
     fn in_trials(&mut self, operand: &Operand, environments: Vec<usize>, text: &Text<'_>) {
         let name = &operand.agent;
         let at_agent = text.part_of(operand, 0, name);
-        let Some(agent) = self.world.agents.iter().position(|known| known == name) else {
-            let help = suggest(name, self.world.agents.iter().map(String::as_str));
+        let Some(agent) = self.vocabulary.agents.iter().position(|known| known == name) else {
+            let help = suggest(name, self.vocabulary.agents.iter().map(String::as_str));
             return self.say(at_agent, format!("no agent is named `{name}`"), help);
         };
         if let Some((word, message, known)) = self.unknown_setting(operand) {

@@ -26,8 +26,14 @@ impl Names<'_> {
         let all = self.all();
         let mut known = self.traced(&all);
         known.extend(self.recorded(&all));
-        known.extend(self.world.agents.iter().chain(&self.world.environments).cloned());
-        known.extend(self.world.settings.iter().map(ToString::to_string));
+        known.extend(
+            self.vocabulary
+                .agents
+                .iter()
+                .chain(&self.vocabulary.environments)
+                .cloned(),
+        );
+        known.extend(self.vocabulary.settings.iter().map(ToString::to_string));
         for entry in labels
             .node
             .entries()
@@ -52,9 +58,9 @@ impl Names<'_> {
 
     /// Checks that a seed is one of the study's.
     pub(crate) fn seed(&mut self, seed: Option<u64>, place: &Place<'_>) {
-        if let Some(seed) = seed.filter(|seed| !self.world.seeds.contains(seed)) {
+        if let Some(seed) = seed.filter(|seed| !self.vocabulary.seeds.contains(seed)) {
             let seeds = self
-                .world
+                .vocabulary
                 .seeds
                 .iter()
                 .map(ToString::to_string)
@@ -71,7 +77,7 @@ impl Names<'_> {
     /// Checks that protocols leave what a figure shows: that of every agent that is named, or of any where
     /// none is.
     pub(crate) fn leaves(&mut self, kind: ProductKind, place: &Place<'_>, picked: &Picked) {
-        let world = self.world;
+        let vocabulary = self.vocabulary;
         let what = match kind {
             ProductKind::Images => kind.to_string(),
             _ => format!("a {kind}"),
@@ -81,14 +87,19 @@ impl Names<'_> {
                 .environments
                 .iter()
                 .map(|environment| (*environment, agent));
-            pairs.any(|pair| world.left.get(&pair).is_some_and(|left| left.contains(&kind)))
+            pairs.any(|pair| {
+                vocabulary
+                    .left
+                    .get(&pair)
+                    .is_some_and(|left| left.contains(&kind))
+            })
         };
         let runs = |agent: &usize| {
             let mut pairs = picked
                 .environments
                 .iter()
                 .map(|environment| (*environment, *agent));
-            pairs.any(|pair| world.left.contains_key(&pair))
+            pairs.any(|pair| vocabulary.left.contains_key(&pair))
         };
         let help = format!("a protocol that leaves {what} has to run it");
         let named = place
@@ -98,7 +109,7 @@ impl Names<'_> {
         let agents: Vec<usize> = picked.agents.iter().copied().filter(runs).collect();
         if named {
             for agent in agents.into_iter().filter(|agent| !leaves(*agent)) {
-                let message = format!("no trial of `{}` leaves {what}", world.agents[agent]);
+                let message = format!("no trial of `{}` leaves {what}", vocabulary.agents[agent]);
                 self.say(place.value("agents"), message, help.clone());
             }
         } else if !agents.is_empty() && !agents.into_iter().any(leaves) {

@@ -10,12 +10,12 @@ mod tables;
 
 use crate::{
     answers::Answer,
-    catalogue::Catalogue,
     claim_spec::{ClaimSpec, Relevance},
     figure::FigureSpec,
     kinds,
     summary::Summary,
     table::TableSpec,
+    vocabulary::Vocabulary,
 };
 use contract::{Metric, standard_metrics::SUCCESS, trial_result::Success};
 use document::{
@@ -51,9 +51,9 @@ impl Request {
     /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`.
     /// Entries that the check against the schema refused are passed over.
     #[must_use]
-    pub fn read(root: &Node, world: &Catalogue, sources: &Sources, folder: &Path) -> Self {
+    pub fn read(root: &Node, vocabulary: &Vocabulary, sources: &Sources, folder: &Path) -> Self {
         let mut request = Self::default();
-        let mut names = Names::new(world, sources);
+        let mut names = Names::new(vocabulary, sources);
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
             request
                 .tables
@@ -64,7 +64,7 @@ impl Request {
                 .figures
                 .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
-        for (search, _) in &world.searches {
+        for (search, _) in &vocabulary.searches {
             request.show_search(search);
         }
         let claims = root.get("claims").map_or(&[][..], Node::items);
@@ -93,13 +93,13 @@ impl Request {
 pub fn success(
     root: &Node,
     success: Option<&Success>,
-    world: &mut Catalogue,
+    vocabulary: &mut Vocabulary,
     sources: &Sources,
 ) -> Vec<Diagnostic> {
     let (Some(entry), Some(success)) = (root.entry("success"), success) else {
         return Vec::new();
     };
-    let mut names = Names::new(world, sources);
+    let mut names = Names::new(vocabulary, sources);
     let place = Place::of(entry, "success".into());
     let all = names.all();
     names.metric(&success.metric, &place, "metric", &all);
@@ -126,14 +126,14 @@ pub fn success(
         names.say((place.key, place.at.clone()), message, "leave the section out");
     }
     let found = names.found;
-    for recorded in world
+    for recorded in vocabulary
         .recorded
         .values_mut()
         .filter(|recorded| recorded.contains(&success.metric))
     {
         recorded.insert(SUCCESS.into());
     }
-    world.metrics.push(Metric::new(
+    vocabulary.metrics.push(Metric::new(
         SUCCESS,
         "",
         "1 for a seed with success, 0 for one without",
@@ -142,7 +142,7 @@ pub fn success(
 }
 
 /// Checks the agents that `paper_budget`, `floors` and `relevance` name, and the reason of the latter.
-pub fn beside_the_source(root: &Node, world: &Catalogue, sources: &Sources) -> Vec<Diagnostic> {
+pub fn beside_the_source(root: &Node, vocabulary: &Vocabulary, sources: &Sources) -> Vec<Diagnostic> {
     let budget = root.get("paper_budget").and_then(|budget| budget.get("agents"));
     let lists = [("paper_budget.agents", budget), ("floors", root.get("floors"))];
     let items = lists.into_iter().flat_map(|(at, list)| {
@@ -153,9 +153,9 @@ pub fn beside_the_source(root: &Node, world: &Catalogue, sources: &Sources) -> V
     let ends = ends.filter_map(|key| Some((format!("relevance.{key}"), root.get("relevance")?.get(key)?)));
     let unknown = items.chain(ends).filter_map(|(at, item)| {
         let name = item.to_value().as_str()?.to_owned();
-        let is_known = world.agents.contains(&name);
+        let is_known = vocabulary.agents.contains(&name);
         let error = || sources.error(item.span, &at, format!("there is no agent `{name}`"));
-        (!is_known).then(|| error().help(suggest(&name, world.agents.iter().map(String::as_str))))
+        (!is_known).then(|| error().help(suggest(&name, vocabulary.agents.iter().map(String::as_str))))
     });
     unknown.chain(unreasoned(root, sources)).collect()
 }
@@ -251,7 +251,7 @@ impl<'a> Place<'a> {
 /// these.
 pub struct Names<'a> {
     /// The names that are known.
-    pub world: &'a Catalogue,
+    pub vocabulary: &'a Vocabulary,
     sources: &'a Sources,
     /// Rows and columns of the tables by name; none where a table cannot be read.
     shown: BTreeMap<String, (Vec<String>, Vec<String>)>,
@@ -261,9 +261,9 @@ pub struct Names<'a> {
 impl<'a> Names<'a> {
     /// Nothing is held against them yet.
     #[must_use]
-    pub fn new(world: &'a Catalogue, sources: &'a Sources) -> Self {
+    pub fn new(vocabulary: &'a Vocabulary, sources: &'a Sources) -> Self {
         Self {
-            world,
+            vocabulary,
             sources,
             shown: BTreeMap::new(),
             found: Vec::new(),
@@ -364,10 +364,10 @@ impl Names<'_> {
 
     /// All agents and environments.
     pub fn all(&self) -> Picked {
-        let world = self.world;
+        let vocabulary = self.vocabulary;
         Picked {
-            agents: (0..world.agents.len()).collect(),
-            environments: (0..world.environments.len()).collect(),
+            agents: (0..vocabulary.agents.len()).collect(),
+            environments: (0..vocabulary.environments.len()).collect(),
         }
     }
 
@@ -377,7 +377,7 @@ impl Names<'_> {
         picked
             .environments
             .iter()
-            .filter_map(|index| self.world.traced.get(index))
+            .filter_map(|index| self.vocabulary.traced.get(index))
             .flatten()
             .cloned()
             .collect()
@@ -391,7 +391,7 @@ impl Names<'_> {
             .iter()
             .flat_map(|environment| picked.agents.iter().map(move |agent| (*environment, *agent)));
         pairs
-            .filter_map(|pair| self.world.recorded.get(&pair))
+            .filter_map(|pair| self.vocabulary.recorded.get(&pair))
             .flatten()
             .cloned()
             .collect()
@@ -429,30 +429,30 @@ impl Names<'_> {
 
     /// The agents and environments that a table or figure names; all that have trials where it names none.
     pub fn pick(&mut self, place: &Place<'_>) -> Picked {
-        let world = self.world;
+        let vocabulary = self.vocabulary;
         let one = |key: &str| {
             place
                 .node
                 .entry(key)
                 .filter(|entry| entry.value.as_str().is_some())
         };
-        let mut environments = self.listed(place, "environments", "environment", &world.environments);
+        let mut environments = self.listed(place, "environments", "environment", &vocabulary.environments);
         if let Some(entry) = one("environment") {
             environments = self
-                .known(&entry.value, "environment", &world.environments, &place.at)
+                .known(&entry.value, "environment", &vocabulary.environments, &place.at)
                 .into_iter()
                 .collect();
         }
-        let agents = self.listed(place, "agents", "agent", &world.agents);
+        let agents = self.listed(place, "agents", "agent", &vocabulary.agents);
         let all = |n: usize| (0..n).collect::<Vec<_>>();
         let picked = Picked {
             agents: if agents.is_empty() {
-                all(world.agents.len())
+                all(vocabulary.agents.len())
             } else {
                 agents.clone()
             },
             environments: if environments.is_empty() {
-                all(world.environments.len())
+                all(vocabulary.environments.len())
             } else {
                 environments.clone()
             },
@@ -472,16 +472,16 @@ impl Names<'_> {
 
     /// Says where an agent or an environment that is named has no trial among those that are picked.
     fn meets(&mut self, place: &Place<'_>, picked: &Picked, (key, kind, index): (&str, &str, usize)) {
-        let world = self.world;
-        let has_trial = |pair| world.recorded.contains_key(&pair);
+        let vocabulary = self.vocabulary;
+        let has_trial = |pair| vocabulary.recorded.contains_key(&pair);
         let (name, others, meets) = if kind == "agent" {
             let mut environments = picked.environments.iter();
             let meets = environments.any(|environment| has_trial((*environment, index)));
-            (&world.agents[index], "environments", meets)
+            (&vocabulary.agents[index], "environments", meets)
         } else {
             let mut agents = picked.agents.iter();
             (
-                &world.environments[index],
+                &vocabulary.environments[index],
                 "agents",
                 agents.any(|agent| has_trial((index, *agent))),
             )

@@ -15,15 +15,15 @@ impl Names<'_> {
 
     /// Whose colour a published curve takes, and in which panel it is drawn.
     fn agent_and_panel(&mut self, place: &Place<'_>, picked: &Picked) {
-        let world = self.world;
+        let vocabulary = self.vocabulary;
         if let Some(node) = place.node.get("agent") {
-            self.known(node, "agent", &world.agents, &format!("{}.agent", place.at));
+            self.known(node, "agent", &vocabulary.agents, &format!("{}.agent", place.at));
         }
         let panels = || {
             picked
                 .environments
                 .iter()
-                .map(|index| world.environments[*index].as_str())
+                .map(|index| vocabulary.environments[*index].as_str())
         };
         let named = place
             .node
@@ -37,9 +37,9 @@ impl Names<'_> {
             return;
         };
         let at = format!("{}.environment", place.at);
-        let index = self.known(node, "environment", &world.environments, &at);
+        let index = self.known(node, "environment", &vocabulary.environments, &at);
         if let Some(index) = index.filter(|index| !picked.environments.contains(index)) {
-            let message = format!("this figure has no panel of `{}`", world.environments[index]);
+            let message = format!("this figure has no panel of `{}`", vocabulary.environments[index]);
             self.say((node.span, at), message, suggest("", panels()));
         }
     }

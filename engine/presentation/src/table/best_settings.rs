@@ -67,7 +67,7 @@ impl Table for BestSettings {
 
 /// The metric of a search; says so where no search has the name.
 pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'_>) -> Option<String> {
-    let known = names.world.searches.clone();
+    let known = names.vocabulary.searches.clone();
     let found = known.iter().find(|(name, _)| name == search);
     if found.is_none() {
         let help = suggest(search, known.iter().map(|(name, _)| name.as_str()));

@@ -78,9 +78,9 @@ impl Table for CrossPlayTable {
 
 /// Checks the play, its roles and the metric; returns the names of rows and columns.
 fn check(spec: &CrossPlayTable, names: &mut Names<'_>, place: &Place<'_>) -> (Vec<String>, Vec<String>) {
-    let world = names.world;
-    let Some(play) = world.plays.iter().find(|play| play.name == spec.play) else {
-        let help = suggest(&spec.play, world.plays.iter().map(|play| play.name.as_str()));
+    let vocabulary = names.vocabulary;
+    let Some(play) = vocabulary.plays.iter().find(|play| play.name == spec.play) else {
+        let help = suggest(&spec.play, vocabulary.plays.iter().map(|play| play.name.as_str()));
         names.say(
             place.value("play"),
             format!("no play is named `{}`", spec.play),

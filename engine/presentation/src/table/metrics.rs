@@ -49,7 +49,7 @@ impl Table for Metrics {
         let agents: Vec<String> = picked
             .agents
             .iter()
-            .map(|index| names.world.agents[*index].clone())
+            .map(|index| names.vocabulary.agents[*index].clone())
             .collect();
         let mut rows = [self.values.clone(), self.further(names, at, &picked)].concat();
         self.refuse(names, at, &picked, &agents);
@@ -116,7 +116,7 @@ impl Metrics {
             names.metric(value, at, "values", picked);
         }
         let recorded = names.recorded(picked);
-        let known = names.world.metrics.iter().map(|metric| metric.name.clone());
+        let known = names.vocabulary.metrics.iter().map(|metric| metric.name.clone());
         let further: Vec<String> = known
             .filter(|name| self.begins(name) && recorded.contains(name))
             .collect();
@@ -139,7 +139,7 @@ impl Metrics {
             let message = "several environments cannot stand in one table of metrics";
             names.say(place(), message, "write `environment`");
         }
-        if names.world.settings.len() > 1 {
+        if names.vocabulary.settings.len() > 1 {
             let message = "several settings of an agent cannot stand in one table of metrics";
             let help = "leave the sweep out, or compare one metric with `comparison`";
             names.say(place(), message, help);

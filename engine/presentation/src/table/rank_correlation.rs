@@ -51,7 +51,7 @@ impl Table for RankCorrelation {
     ) -> (Vec<String>, Vec<String>) {
         let picked = names.pick(at);
         names.metric(&self.value, at, "value", &picked);
-        let all = names.world.environments.clone();
+        let all = names.vocabulary.environments.clone();
         if !all.contains(&self.against) {
             let help = document::diagnostic::suggest(&self.against, all.iter().map(String::as_str));
             names.say(
@@ -60,7 +60,7 @@ impl Table for RankCorrelation {
                 help,
             );
         }
-        let settings = names.world.settings.len().max(1);
+        let settings = names.vocabulary.settings.len().max(1);
         if picked.agents.len() * settings < 3 {
             let message = "a ranking of fewer than three agents and settings says nothing";
             names.say(
@@ -69,7 +69,7 @@ impl Table for RankCorrelation {
                 "name more agents, or sweep a setting",
             );
         }
-        let listed = |index: &usize| names.world.environments[*index].clone();
+        let listed = |index: &usize| names.vocabulary.environments[*index].clone();
         let rows: Vec<String> = picked
             .environments
             .iter()

@@ -12,14 +12,13 @@
 mod cells;
 mod evaluations;
 
-use analysis::search::Progress;
 pub use cells::{Cell, Ended, Part, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
 use analysis::{
     results::{SearchResult, Told, TriedSetting},
-    search::Search,
+    search::{Progress, Search},
 };
 use contract::{
     Error,

@@ -8,7 +8,7 @@ use contract::{
     cast::{Cast, Member, Seating},
     trial::{Purpose, Trial, TrialCell, TrialKey},
 };
-use presentation::catalogue::{Pairs, Play, Player};
+use presentation::vocabulary::{Pairs, Play, Player};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.

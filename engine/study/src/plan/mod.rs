@@ -22,7 +22,7 @@ use contract::{
     product::Taken,
     trial::{CellName, Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
-use presentation::catalogue::Play;
+use presentation::vocabulary::Play;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,

@@ -36,9 +36,7 @@ mod config;
 mod networks;
 mod policy_graph;
 
-use asset_network::AssetChannels;
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
-use networks::{Critics, PolicyNetwork, Shape};
 
 use crate::shared::{
     allocation,
@@ -49,11 +47,13 @@ use crate::shared::{
     seat,
     targets::{bootstrapped, half_squared_error, mean},
 };
+use asset_network::AssetChannels;
 use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, UseOfDatasets,
 };
+use networks::{Critics, PolicyNetwork, Shape};
 use numerics::{
     dirichlet_policy::{log_density, sample},
     network::{device, matrix, softplus, values},

@@ -14,12 +14,11 @@ mod salvage;
 #[cfg(test)]
 mod tests;
 
-use contract::digest;
 pub use packing::Packing;
 
 use super::{Loaded, Store, StoredTrial, index::parse, inside, names};
 use crate::world::fs::File;
-use contract::{Error, trial_end::EndState};
+use contract::{Error, digest, trial_end::EndState};
 use form::{Entry, id_of, number};
 use outline::OUTLINE_LENGTH;
 use std::{

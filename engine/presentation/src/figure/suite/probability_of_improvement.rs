@@ -91,7 +91,7 @@ impl Figure for ProbabilityOfImprovement {
         let shown: Vec<String> = picked
             .agents
             .iter()
-            .map(|index| names.world.agents[*index].clone())
+            .map(|index| names.vocabulary.agents[*index].clone())
             .collect();
         if let Some(to) = self.relative_to.as_ref().filter(|to| !shown.contains(to)) {
             let help = suggest(to, shown.iter().map(String::as_str));

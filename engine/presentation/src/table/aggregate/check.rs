@@ -39,13 +39,13 @@ pub(super) fn aggregate(
     let rows: Vec<String> = picked
         .agents
         .iter()
-        .map(|index| names.world.agents[*index].clone())
+        .map(|index| names.vocabulary.agents[*index].clone())
         .collect();
     let columns = spec.columns();
     let environments = picked
         .environments
         .iter()
-        .map(|index| names.world.environments[*index].clone());
+        .map(|index| names.vocabulary.environments[*index].clone());
     let shown: Vec<String> = columns
         .iter()
         .cloned()
@@ -54,7 +54,7 @@ pub(super) fn aggregate(
         .collect();
     // Agents that only set the scale are named too.
     let scale = names
-        .world
+        .vocabulary
         .agents
         .iter()
         .filter(|name| spec.normalise.agents().contains(&name.as_str()));

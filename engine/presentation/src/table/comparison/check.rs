@@ -41,14 +41,14 @@ pub(super) fn is_relative(spec: &Comparison) -> bool {
 /// Says that the agent to compare with is missing.
 pub(super) fn without_reference(names: &mut Names<'_>, place: &Place<'_>) {
     let message = "`relative_to` is missing: this compares agents with one of them";
-    let help = format!("agents: {}", quoted(&names.world.agents));
+    let help = format!("agents: {}", quoted(&names.vocabulary.agents));
     names.say((place.key, place.at.clone()), message, help);
 }
 
 /// Checks the agent that others are compared with: it has trials here, and they record the metric.
 fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
-    let Some(index) = names.world.agents.iter().position(|known| known == name) else {
-        let help = suggest(name, names.world.agents.iter().map(String::as_str));
+    let Some(index) = names.vocabulary.agents.iter().position(|known| known == name) else {
+        let help = suggest(name, names.vocabulary.agents.iter().map(String::as_str));
         return names.say(
             place.value("relative_to"),
             format!("no agent is named `{name}`"),
@@ -119,14 +119,18 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
         let help = "choose another of `agent`, `environment`, `setting`";
         names.say(place.value("columns"), "rows and columns are the same", help);
     }
-    let has_sweep = names.world.settings.iter().any(|setting| !setting.is_empty());
+    let has_sweep = names
+        .vocabulary
+        .settings
+        .iter()
+        .any(|setting| !setting.is_empty());
     for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
         if let Some(word) = along
             .and_then(Along::key)
-            .filter(|word| !names.world.swept_values.contains_key(*word))
+            .filter(|word| !names.vocabulary.swept_values.contains_key(*word))
         {
             let axes = Axis::ALL.map(Axis::name).into_iter();
-            let known = axes.chain(names.world.swept.iter().map(String::as_str));
+            let known = axes.chain(names.vocabulary.swept.iter().map(String::as_str));
             let message = format!("`{key}` is `{word}`, which no sweep varies");
             let help = suggest(word, known);
             names.say(place.value(key), message, help);
@@ -143,19 +147,26 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
 
 fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let axis = match along {
-        Along::Key(key) => return names.world.swept_values.get(key).cloned().unwrap_or_default(),
+        Along::Key(key) => {
+            return names
+                .vocabulary
+                .swept_values
+                .get(key)
+                .cloned()
+                .unwrap_or_default();
+        }
         Along::Axis(axis) => axis,
     };
     match axis {
         Axis::Agent => picked
             .agents
             .iter()
-            .map(|index| names.world.agents[*index].clone())
+            .map(|index| names.vocabulary.agents[*index].clone())
             .collect(),
         Axis::Environment => picked
             .environments
             .iter()
-            .map(|index| names.world.environments[*index].clone())
+            .map(|index| names.vocabulary.environments[*index].clone())
             .collect(),
         Axis::Setting => settings_of(names, picked),
     }
@@ -168,14 +179,18 @@ fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
         key.strip_prefix(agent.as_str())
             .is_some_and(|rest| rest.starts_with('.'))
     };
-    let agents = &names.world.agents;
-    let keys = || names.world.swept.iter().filter(|key| key.contains('.'));
+    let agents = &names.vocabulary.agents;
+    let keys = || names.vocabulary.swept.iter().filter(|key| key.contains('.'));
     let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
     let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
     if !picked.agents.iter().any(varies) {
         return Vec::new();
     }
-    let settings = names.world.settings.iter().filter(|setting| !setting.is_empty());
+    let settings = names
+        .vocabulary
+        .settings
+        .iter()
+        .filter(|setting| !setting.is_empty());
     let fixed = !picked.agents.iter().all(varies);
     let first = fixed.then(|| AS_GIVEN.to_owned());
     first

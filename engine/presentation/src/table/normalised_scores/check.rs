@@ -31,7 +31,12 @@ pub(crate) fn normalised(
 }
 
 fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
-    if names.world.settings.iter().any(|setting| !setting.is_empty()) {
+    if names
+        .vocabulary
+        .settings
+        .iter()
+        .any(|setting| !setting.is_empty())
+    {
         let message = format!(
             "{} pools seeds and environments, and would pool the settings of `sweep` with them",
             pooled.what
@@ -41,7 +46,7 @@ fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Pic
     for item in place.below("agents").map_or(&[][..], |list| list.node.items()) {
         let index = item
             .as_str()
-            .and_then(|name| names.world.agents.iter().position(|known| known == name));
+            .and_then(|name| names.vocabulary.agents.iter().position(|known| known == name));
         if let Some(missing) = index.and_then(|index| first_without(names, index, picked)) {
             let message = format!(
                 "the agent `{}` has no trial in `{missing}`",
@@ -58,12 +63,12 @@ fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Pic
 
 /// The first environment in which an agent has no trial.
 fn first_without(names: &Names<'_>, agent: usize, picked: &Picked) -> Option<String> {
-    let without = |environment: &&usize| !names.world.recorded.contains_key(&(**environment, agent));
+    let without = |environment: &&usize| !names.vocabulary.recorded.contains_key(&(**environment, agent));
     picked
         .environments
         .iter()
         .find(without)
-        .map(|index| names.world.environments[*index].clone())
+        .map(|index| names.vocabulary.environments[*index].clone())
 }
 
 /// Checks an agent that the others are measured by: it has a trial in every environment.
@@ -74,8 +79,8 @@ pub(crate) fn plays_everywhere(
     place: &Place<'_>,
     picked: &Picked,
 ) {
-    let Some(index) = names.world.agents.iter().position(|known| known == name) else {
-        let help = suggest(name, names.world.agents.iter().map(String::as_str));
+    let Some(index) = names.vocabulary.agents.iter().position(|known| known == name) else {
+        let help = suggest(name, names.vocabulary.agents.iter().map(String::as_str));
         return names.say(place.value(key), format!("no agent is named `{name}`"), help);
     };
     if let Some(missing) = first_without(names, index, picked) {
@@ -114,12 +119,16 @@ fn by_environment(
         return;
     };
     for (name, ends) in bounds {
-        let environment = names.world.environments.iter().position(|known| known == name);
+        let environment = names
+            .vocabulary
+            .environments
+            .iter()
+            .position(|known| known == name);
         if let Some(environment) = environment {
             two_ends(names, ends, &inner, (name, environment));
         } else {
             let span = inner.node.entry(name).map_or(inner.key, |entry| entry.key_span);
-            let help = suggest(name, names.world.environments.iter().map(String::as_str));
+            let help = suggest(name, names.vocabulary.environments.iter().map(String::as_str));
             names.say(
                 (span, format!("{}.{name}", inner.at)),
                 format!("no environment is named `{name}`"),
@@ -130,7 +139,7 @@ fn by_environment(
     let without: Vec<String> = picked
         .environments
         .iter()
-        .map(|index| names.world.environments[*index].clone())
+        .map(|index| names.vocabulary.environments[*index].clone())
         .filter(|name| !bounds.contains_key(name))
         .collect();
     if !without.is_empty() {
@@ -160,20 +169,20 @@ fn two_ends(names: &mut Names<'_>, ends: &[Bound; 2], inner: &Place<'_>, (name, 
             "write the score of a floor and that of a ceiling, `[LOW, HIGH]`",
         );
     }
-    let world = names.world;
+    let vocabulary = names.vocabulary;
     let items = inner.below(name).map_or(&[][..], |list| list.node.items());
     for item in items
         .iter()
         .filter(|item| ends.iter().any(|end| end.agent() == item.as_str()))
     {
         let at = format!("{}.{name}", inner.at);
-        let agents = &world.agents;
+        let agents = &vocabulary.agents;
         if let Some(agent) = names.known(item, "agent", agents, &at)
-            && !names.world.recorded.contains_key(&(environment, agent))
+            && !names.vocabulary.recorded.contains_key(&(environment, agent))
         {
             let message = format!(
                 "the agent `{}` has no trial in `{name}`",
-                names.world.agents[agent]
+                names.vocabulary.agents[agent]
             );
             names.say(
                 (item.span, at),

@@ -45,7 +45,7 @@ pub trait SimplexHead: Debug + Send + 'static {
     /// The point that stands for the distribution, but for a factor.
     fn centre(parameters: Tensor<2>) -> Tensor<2>;
 
-    /// What is minimised.
+    /// The loss, a single number, of parameters and targets with a row for each example.
     fn loss(loss: RegressionLoss, parameters: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1>;
 }
 
@@ -113,7 +113,7 @@ fn build<H: SimplexHead>(
     Ok(Box::new(SimplexRegression::<H>::new(&config, interface, rng)?))
 }
 
-/// What [`SimplexRegression::learn`] records.
+/// Metrics that [`SimplexRegression::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
 }

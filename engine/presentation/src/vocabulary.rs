@@ -12,7 +12,7 @@ use std::{
 
 /// What the trials of a study record, and the names they have.
 #[derive(Debug, Default)]
-pub struct Catalogue {
+pub struct Vocabulary {
     /// Names of the environments.
     pub environments: Vec<String>,
     /// Names of the agents.
@@ -47,7 +47,7 @@ pub struct Catalogue {
     pub announced: BTreeMap<String, Value>,
 }
 
-impl Catalogue {
+impl Vocabulary {
     /// Takes in what the trials of an environment and an agent record.
     pub fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
         let recorded = self.recorded.entry(pair).or_default();
