@@ -434,6 +434,9 @@ impl TrialKey {
     }
 
     /// What acts, freshly made; `find` as in [`run_after`](Self::run_after).
+    ///
+    /// # Errors
+    /// The error of the constructor, and [`Error::Source`] for a product that cannot be used.
     pub fn build_agent(
         &self,
         registry: &Registry,

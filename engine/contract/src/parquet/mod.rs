@@ -207,6 +207,9 @@ impl<'a> Table<'a> {
     }
 
     /// Vectors of whole numbers; one with an empty entry is `None`.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn whole_vectors(&self, name: &str) -> Result<Vec<Option<Vec<i64>>>, Error> {
         match self.column(name)? {
             Column::WholeVectors(rows) => Ok(rows.clone()),

@@ -70,6 +70,7 @@ impl Measurement {
     }
 
     /// The measurement at the end of a trial that follows episodes one after the other.
+    #[must_use]
     pub fn one_by_one(episodes: u64, traced: u64) -> Self {
         Self {
             one_by_one: true,
@@ -93,6 +94,7 @@ impl Measurement {
     }
 
     /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
+    #[must_use]
     pub fn to_gather(episodes: u64, mode: Mode) -> Self {
         Self {
             phase: Phase::Final,
@@ -143,6 +145,9 @@ pub fn measure<L: Serialize>(
 }
 
 /// As [`measure`]; every episode goes into `kept` when it ends.
+///
+/// # Errors
+/// As [`measure`].
 pub fn measure_and_keep<L: Serialize>(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -221,6 +226,9 @@ pub fn measure_alone(
 
 /// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
 /// `episode` is done.
+///
+/// # Errors
+/// The error of the environment or the agent.
 pub fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
     let what = Measurement::at_the_end(step, episodes, 0);
     let together = what.together(&*run.agent);
@@ -466,6 +474,9 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
 }
 
 /// Traces the environment's reward surface, where it has one: a grid point per episode, all at step 0.
+///
+/// # Errors
+/// Where the environment cannot be made.
 pub fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
     let Some(surface) = (run.make_environment)()?.reward_surface() else {
         return Ok(());

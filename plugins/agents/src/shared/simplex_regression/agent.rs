@@ -1,4 +1,10 @@
 //! A network that maps what is observed to a distribution on the simplex, with any [head](SimplexHead).
+//!
+//! | tensor | shape |
+//! |---|---|
+//! | outputs, parameters | `[batch, OUTPUTS_PER_SHARE * n_shares]` |
+//! | targets, draws, centres | `[batch, n_shares]` |
+//! | loss | `[1]` |
 
 use super::{Progress, RegressionLoss, examples};
 use crate::shared::{
@@ -39,10 +45,10 @@ pub trait SimplexHead: Debug + Send + 'static {
     /// [`Error::NotFinite`] where they are no numbers.
     fn parameters(outputs: Tensor<2>, n_examples: u64) -> Result<Tensor<2>, Error>;
 
-    /// A draw for every row; gradients flow into the parameters.
+    /// A draw for every row, whose shares sum to 1; gradients flow into the parameters.
     fn sample(parameters: Tensor<2>, rng: &mut Rng) -> Tensor<2>;
 
-    /// The point that stands for the distribution, but for a factor.
+    /// The point of the simplex that stands for the distribution in each row, but for a factor.
     fn centre(parameters: Tensor<2>) -> Tensor<2>;
 
     /// The loss, a single number, of parameters and targets with a row for each example.
