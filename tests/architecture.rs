@@ -3,7 +3,7 @@
 use crate::program::repository;
 
 /// Every crate by its folder, with the crates of this project that it stands on. Each stands on crates above it alone.
-const ARROWS: [(&str, &[&str]); 23] = [
+const ARROWS: [(&str, &[&str]); 24] = [
     ("engine/document", &[]),
     ("engine/contract", &["document"]),
     ("engine/statistics", &["contract", "document"]),
@@ -43,6 +43,19 @@ const ARROWS: [(&str, &[&str]); 23] = [
         ],
     ),
     (
+        "engine/session",
+        &[
+            "analysis",
+            "contract",
+            "document",
+            "execution",
+            "presentation",
+            "report",
+            "statistics",
+            "study",
+        ],
+    ),
+    (
         "engine/cli",
         &[
             "analysis",
@@ -52,11 +65,12 @@ const ARROWS: [(&str, &[&str]); 23] = [
             "imported",
             "presentation",
             "report",
+            "session",
             "statistics",
             "study",
         ],
     ),
-    ("engine", &["cli", "contract"]),
+    ("engine", &["cli", "contract", "session"]),
     // Tests alone stand on it.
     ("engine/testing", &["analysis", "contract"]),
     ("plugins/arithmetic", &[]),
@@ -157,7 +171,7 @@ fn no_agent_is_made_of_another() {
 #[test]
 fn one_module_names_files_clocks_and_processes() {
     let mut found = Vec::new();
-    for name in ["execution", "imported", "study", "report", "cli"] {
+    for name in ["execution", "imported", "study", "report", "session", "cli"] {
         visit(
             &repository().join("engine").join(name).join("src"),
             &mut |path, text| {

@@ -15,6 +15,7 @@ use numerics::{
 };
 use plugins::registry;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use session::Exit;
 use std::{
     collections::BTreeSet,
     fs,
@@ -211,9 +212,8 @@ fn whole_studies_of_the_book_pass_check() {
 #[test]
 fn the_exit_codes_and_the_version_of_the_book_are_the_programs() {
     let commands = fs::read_to_string(source().join("commands.md")).unwrap();
-    use cli::{BAD_SPEC, DIFFERS, INCOMPLETE, NOTHING_SELECTED, OK, TRIALS_FAILED};
-    for code in [OK, BAD_SPEC, NOTHING_SELECTED, TRIALS_FAILED, DIFFERS, INCOMPLETE] {
-        assert!(commands.contains(&format!("\n| {code} |")), "{code}");
+    for exit in Exit::ALL {
+        assert!(commands.contains(&format!("\n| {} |", exit.code())), "{exit:?}");
     }
     let describe = fs::read_to_string(source().join("describe.md")).unwrap();
     assert!(describe.contains(&format!("\"format\": {}", cli::describe::FORMAT)));

@@ -11,6 +11,26 @@ fn plugins_of_another_program_are_computed_to_the_same_bits_in_every_way() {
 }
 
 #[test]
+fn a_program_runs_its_study_without_a_command_line() {
+    let bench = Bench::new();
+    let study = std::fs::read_to_string(repository().join("examples/third_party/study.yaml")).unwrap();
+    bench.write("study.yaml", &study);
+    let ran = answer(&bench.built("third-party", &[]).output().unwrap());
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert_eq!(ran.err, "", "the session is silent");
+    assert!(
+        ran.out.contains("tuned.return > fixed.return: SUPPORTED"),
+        "{}",
+        ran.out
+    );
+    assert!(bench.path("results/thermostat/index.html").is_file());
+    bench.write("study.yaml", &study.replace("seeds:", "seed:"));
+    let refused = answer(&bench.built("third-party", &[]).output().unwrap());
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(refused.err.contains("unknown key `seed`"), "{}", refused.err);
+}
+
+#[test]
 fn a_study_of_another_program_is_run_to_its_report() {
     let bench = Bench::new();
     let study = repository().join("examples/third_party/study.yaml");

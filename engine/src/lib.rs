@@ -1,14 +1,16 @@
 //! The engine for programs of others.
 //!
 //! A plugin needs the contract, which stands here at the root: [`Environment`], [`Agent`], [`Protocol`] and what they
-//! are made of. A program enters its plugins into a [`Registry`] and hands it to [`cli::main`].
+//! are made of. A program enters its plugins into a [`Registry`] and hands it to [`cli::main`], or runs studies itself by
+//! [`session::Session`].
 //!
 //! Data flows one way through the crates of the engine:
 //!
 //! ```text
-//! document -> contract -> statistics -> analysis -> presentation -> study -> report -> cli
+//! document -> contract -> statistics -> analysis -> presentation -> study -> report -> session -> cli
 //!                      -> execution  -> imported -^
 //! ```
 
 pub use ::cli;
+pub use ::session;
 pub use contract::*;

@@ -1,19 +1,62 @@
-//! A program of somebody else: its own environment, agents and protocol beside the engine's, and everything
-//! that `regimen` does with studies.
+//! A program of somebody else: its own environment, agents and protocol beside the engine's.
+//!
+//! With arguments it does everything that `regimen` does with studies; without any it runs its own study, from the
+//! folder in which that lies.
 //!
 //! ```text
 //! third-party run examples/third_party/study.yaml --profile smoke
+//! cd examples/third_party && third-party
 //! ```
 
 mod episodes;
 mod proportional;
 mod thermostat;
 
-use engine::Registry;
+use engine::{
+    Registry,
+    session::{
+        Failure, MachineOptions, ReportOptions, Reported, RunOptions, Selection, Session, Silent,
+        serve_if_asked,
+    },
+};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    engine::cli::main(registry)
+    if let Some(code) = serve_if_asked(registry) {
+        return code;
+    }
+    if std::env::args_os().len() > 1 {
+        return engine::cli::main(registry);
+    }
+    match run_own_study() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{failure}");
+            ExitCode::from(failure.exit.code())
+        }
+    }
+}
+
+/// Runs the study and prints what its claims come to.
+fn run_own_study() -> Result<(), Failure> {
+    let registry = registry();
+    let selection = Selection::of("study.yaml");
+    let session = Session::open(&registry, selection, MachineOptions::default(), &Silent)?;
+    let mut planned = session.load_with_looks()?;
+    session.run(&mut planned, &RunOptions::default())?;
+    for reported in session.report(&planned, &ReportOptions::default())? {
+        let Reported::Written(report) = reported else {
+            continue;
+        };
+        println!("{}: {}", report.study.title, report.paths.page.display());
+        for line in &report.contents.claims {
+            match &line.verdict {
+                Ok(claim) => println!("{}: {}", line.spec.claim, claim.verdict.word()),
+                Err(problem) => println!("{}: {problem}", line.spec.claim),
+            }
+        }
+    }
+    Ok(())
 }
 
 fn registry() -> Registry {

@@ -6,6 +6,4 @@ pub mod first_study;
 pub mod rollout;
 pub mod watch;
 
-pub use commands::{
-    BAD_SPEC, DIFFERS, INCOMPLETE, NOT_MADE, NOTHING_SELECTED, OK, TRIALS_FAILED, UNCHECKED, main,
-};
+pub use commands::main;

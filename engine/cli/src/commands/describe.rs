@@ -1,12 +1,13 @@
 //! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
 
-use super::{BAD_SPEC, Common, Failure, Format, OK, say};
+use super::{Common, Format, say};
 use crate::describe::{self, Asked, FORMAT, Group, text};
 use contract::Registry;
 use serde_json::{Value, json};
+use session::{Exit, Failure};
 
 /// Lists names with a line each.
-pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<u8, Failure> {
+pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<Exit, Failure> {
     let groups = group.map_or_else(|| Group::ALL.to_vec(), |group| vec![group]);
     let lists: Vec<_> = groups
         .into_iter()
@@ -21,7 +22,7 @@ pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -
             (word.clone(), Value::Array(entries))
         });
         say(&Value::Object(object.collect()).to_string());
-        return Ok(OK);
+        return Ok(Exit::Ok);
     }
     for (word, entries) in lists {
         let width = entries.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
@@ -32,7 +33,7 @@ pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -
             .join("\n");
         say(&format!("{word}\n{lines}"));
     }
-    Ok(OK)
+    Ok(Exit::Ok)
 }
 
 /// Describes what has a name; without one, says what can be described.
@@ -41,23 +42,23 @@ pub(super) fn describe(
     name: Option<&str>,
     why: bool,
     common: &Common,
-) -> Result<u8, Failure> {
+) -> Result<Exit, Failure> {
     let Some(name) = name else {
         say(&match common.format {
             Format::Text => text::overview(registry),
             Format::Json => groups(registry).to_string(),
         });
-        return Ok(OK);
+        return Ok(Exit::Ok);
     };
     let found = describe::find(registry, name, Asked { fits: true, why }).map_err(|error| Failure {
-        code: BAD_SPEC,
+        exit: Exit::BadStudy,
         text: format!("error: {error}"),
     })?;
     say(&match common.format {
         Format::Text => text::write(&found),
         Format::Json => format!("{:#}", json!({ "format": FORMAT, "found": found })),
     });
-    Ok(OK)
+    Ok(Exit::Ok)
 }
 
 /// What can be described, as data.
@@ -67,7 +68,7 @@ fn groups(registry: &Registry) -> Value {
 }
 
 /// Prints the JSON Schema of a study, for editors.
-pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
+pub(super) fn schema(registry: &Registry) -> Result<Exit, Failure> {
     say(&format!("{:#}", study::for_editors(study::json_schema(registry))));
-    Ok(OK)
+    Ok(Exit::Ok)
 }

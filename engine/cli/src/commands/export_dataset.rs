@@ -4,11 +4,7 @@
 //! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a
 //! dataset by its place below its root, which is the id that the dataset gets.
 
-use super::{
-    Common, Failure, OK,
-    export::{Whole, refused},
-    one_trial, say, settings,
-};
+use super::{Common, say};
 use crate::rollout;
 use contract::{
     Error, ProductKind, Registry,
@@ -19,6 +15,7 @@ use contract::{
 };
 use document::count::count;
 use execution::store::Store;
+use session::{Exit, Failure, Settings, Whole, one_trial};
 use std::path::{Path, PathBuf};
 
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.
@@ -46,8 +43,8 @@ pub(super) fn of_trial(
     play: &Play,
     to: &Path,
     common: &Common,
-) -> Result<u8, Failure> {
-    let store = settings::read(common)?.open()?;
+) -> Result<Exit, Failure> {
+    let store = Settings::read(&common.machine())?.open()?;
     let (id, file) = one_trial::that_ended_well(&store, prefix)?;
     let gathered = Taken {
         trial: id.clone(),
@@ -73,16 +70,16 @@ pub(super) fn of_trial(
     dataset::name(whole.folder(), name.as_deref())?;
     whole.end()?;
     say_taken(&id, &dataset, to, name);
-    Ok(OK)
+    Ok(Exit::Ok)
 }
 
 /// Refuses to play episodes where a dataset was gathered, and to take none where none was.
 fn check_source(id: &str, is_gathered: bool, play: &Play) -> Result<(), Failure> {
     match (is_gathered, play.episodes) {
-        (true, Some(_)) => Err(refused(format!(
+        (true, Some(_)) => Err(Failure::refusal(format!(
             "trial {id} gathered a dataset, which is taken as it is; leave out `--episodes`"
         ))),
-        (false, None) => Err(refused(format!(
+        (false, None) => Err(Failure::refusal(format!(
             "trial {id} gathered no dataset; say with `--episodes` how many its agent shall play"
         ))),
         _ => Ok(()),
@@ -165,7 +162,7 @@ fn play(
 
 /// The error of an episode, which its seed plays again.
 fn in_episode(error: Error, seed: u64) -> Failure {
-    refused(format!("the episode of seed {seed}: {error}"))
+    Failure::refusal(format!("the episode of seed {seed}: {error}"))
 }
 
 #[cfg(test)]

@@ -1,24 +1,22 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
-use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
+use super::{Common, Format, say};
 use document::count::{count, either};
 use execution::{
     executor,
     store::{self, Fault, Findings, Store},
 };
+use session::{Exit, Failure, Settings};
 use std::{collections::BTreeSet, path::PathBuf};
 
 /// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.
-pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> Result<u8, Failure> {
+pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> Result<Exit, Failure> {
     let root = match folder {
         Some(folder) => folder,
-        None => settings::read(common)?.store,
+        None => Settings::read(&common.machine())?.store,
     };
     if let Some(problem) = store::no_store(&root)? {
-        return Err(Failure {
-            code: super::BAD_SPEC,
-            text: format!("error: {problem}"),
-        });
+        return Err(Failure::refusal(problem));
     }
     let found = Store::at(&root).check(!dry_run, executor::damaged(&root)?)?;
     if common.format == Format::Json {
@@ -32,9 +30,9 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
         .any(|finding| finding.fault == Fault::Unreadable);
     let records = found.findings.iter().any(store::is_record);
     Ok(if lost(&found).is_empty() && !unread && !records {
-        OK
+        Exit::Ok
     } else {
-        INCOMPLETE
+        Exit::Incomplete
     })
 }
 

@@ -1,6 +1,6 @@
 //! `import`: looks into files of other programs and writes the entry that a study names them with.
 
-use super::{BAD_SPEC, Common, Failure, Format, OK, complain, export::Whole, say};
+use super::{Common, Format, complain, say};
 use clap::Args;
 use contract::Error;
 use execution::{
@@ -12,6 +12,7 @@ use imported::{
     columns, read,
 };
 use serde_json::{Value, json};
+use session::{Exit, Failure, Whole};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},
@@ -102,13 +103,6 @@ fn entry_name(text: &str) -> Result<String, String> {
     }
 }
 
-fn refused(problem: String) -> Failure {
-    Failure {
-        code: BAD_SPEC,
-        text: format!("error: {problem}"),
-    }
-}
-
 /// Files that are named wrongly are a mistake of the command line.
 fn unread(error: contract::Error) -> Failure {
     let told = error.to_string();
@@ -119,26 +113,30 @@ fn unread(error: contract::Error) -> Failure {
     } else {
         ""
     };
-    refused(told + help)
+    Failure::refusal(told + help)
 }
 
 /// 2 where the files are not as the options say; it prints the entry.
-pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<Exit, Failure> {
     if !fs::is_file(&options.study) {
-        return Err(refused(format!(
+        return Err(Failure::refusal(format!(
             "there is no study `{}`",
             options.study.display()
         )));
     }
     if options.metrics.is_empty() {
-        return Err(refused(question(&columns(&options.files).map_err(unread)?)));
+        return Err(Failure::refusal(question(
+            &columns(&options.files).map_err(unread)?,
+        )));
     }
     let mut files = options.files.clone();
     files.sort();
     let mapping = options.text(Vec::new()).mapping();
     let found = read(&files, &mapping).map_err(unread)?;
     // Numbers of seeds are checked as the study checks them.
-    found.trials(&options.name, "", 0, &mapping).map_err(refused)?;
+    found
+        .trials(&options.name, "", 0, &mapping)
+        .map_err(Failure::refusal)?;
     let folder = options.study.parent().unwrap_or(Path::new(""));
     let named = if options.copy {
         options.copied(folder, &found)?
@@ -157,7 +155,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
             say(&section_yaml("imported", json!({ options.name.clone(): text }))?);
         }
     }
-    Ok(OK)
+    Ok(Exit::Ok)
 }
 
 /// Asks which column is which metric, with an example that can be written.
@@ -218,7 +216,7 @@ impl ImportOptions {
         for (path, sha256) in &found.files {
             let name = kept_name(path, &shared);
             if !taken.insert(name.clone()) {
-                return Err(refused(format!(
+                return Err(Failure::refusal(format!(
                     "two files are called `{}`; rename one, or import without --copy",
                     name.display()
                 )));

@@ -1,6 +1,6 @@
 //! `merge`: the trials of several stores in one.
 
-use super::{BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, looks, say, settings};
+use super::{Common, Format, Person, say};
 use clap::Args;
 use document::count::{count, either};
 use execution::{
@@ -8,6 +8,7 @@ use execution::{
     world::fs,
 };
 use serde_json::json;
+use session::{Exit, Failure, Settings};
 use std::path::{Path, PathBuf};
 
 /// What is taken, and where to.
@@ -34,13 +35,13 @@ struct Taking<'a> {
 
 /// 101 where two stores hold other bytes of one trial, 106 where a trial was left because it is damaged or
 /// runs, or a record of verdicts because it is damaged, otherwise 0.
-pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<Exit, Failure> {
     options
         .sources
         .iter()
         .try_for_each(|from| check(from, &options.into))?;
     let into = Store::at(&options.into);
-    let expiry = settings::read(common)?.lease_expiry;
+    let expiry = Settings::read(&common.machine())?.lease_expiry;
     let leases = (!options.dry_run)
         .then(|| Leases::open(&into, expiry))
         .transpose()?;
@@ -55,7 +56,7 @@ pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<u8, Failu
             }
             trials.push(merged);
         })?;
-        let has_records = looks::unite(&into, &source, options.dry_run)?;
+        let has_records = session::unite(&Person, &into, &source, options.dry_run)?;
         takings.push(Taking {
             from,
             trials,
@@ -73,15 +74,11 @@ pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<u8, Failu
 
 /// Refuses a source that is not there, and one that is the destination.
 fn check(from: &Path, into: &Path) -> Result<(), Failure> {
-    let refused = |problem: String| Failure {
-        code: BAD_SPEC,
-        text: format!("error: {problem}"),
-    };
     if let Some(problem) = store::no_store(from)? {
-        return Err(refused(problem));
+        return Err(Failure::refusal(problem));
     }
     if fs::is_same(from, into) {
-        return Err(refused(format!(
+        return Err(Failure::refusal(format!(
             "`{}` is the store that is taken into; name another one",
             from.display()
         )));
@@ -89,7 +86,7 @@ fn check(from: &Path, into: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn code(takings: &[Taking<'_>]) -> u8 {
+fn code(takings: &[Taking<'_>]) -> Exit {
     let fates = || {
         takings
             .iter()
@@ -97,13 +94,13 @@ fn code(takings: &[Taking<'_>]) -> u8 {
             .map(|it| &it.fate)
     };
     if fates().any(|fate| matches!(fate, Fate::Conflict { .. })) {
-        DIFFERS
+        Exit::Differs
     } else if fates().any(|fate| matches!(fate, Fate::Damaged { .. } | Fate::Running { .. }))
         || takings.iter().any(|taking| !taking.has_records)
     {
-        INCOMPLETE
+        Exit::Incomplete
     } else {
-        OK
+        Exit::Ok
     }
 }
 

@@ -1,6 +1,6 @@
 //! `new`: writes a first study.
 
-use super::{BAD_SPEC, Failure, OK, complain, consent::Consent, say};
+use super::{complain, consent::Consent, say};
 use crate::first_study;
 use clap::Args;
 use contract::{
@@ -12,6 +12,7 @@ use document::{
     schema_check::{SLUG, mismatch},
 };
 use execution::world::fs;
+use session::{Exit, Failure};
 use std::{
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
@@ -47,7 +48,7 @@ pub(super) struct NewOptions {
 }
 
 /// Writes the study; a file that is there stays as it is.
-pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<u8, Failure> {
+pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<Exit, Failure> {
     let (environment, agent) = (options.environment.as_deref(), options.agent.as_deref());
     let name = options.name.strip_suffix(".yaml").unwrap_or(&options.name);
     let path = PathBuf::from(format!("{name}.yaml"));
@@ -57,30 +58,23 @@ pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<u8, Failu
     }
     let text = match &options.from {
         None => first_study::write(registry, name, environment, agent)
-            .map_err(|error| refused(error.to_string()))?,
+            .map_err(|error| Failure::refusal(error.to_string()))?,
         Some(from) => drafted(registry, name, from, options)?,
     };
     let written = fs::File::create_new(&path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => exists(&path),
-        _ => refused(format!("cannot write `{shown}`: {error}")),
+        _ => Failure::refusal(format!("cannot write `{shown}`: {error}")),
     })?;
     say(&format!(
         "{shown} is written and passes `check`; `regimen run {shown} -P smoke` tries it out, `regimen run {shown}` \
          runs it"
     ));
-    Ok(OK)
-}
-
-fn refused(text: String) -> Failure {
-    Failure {
-        code: BAD_SPEC,
-        text: format!("error: {text}"),
-    }
+    Ok(Exit::Ok)
 }
 
 fn exists(path: &Path) -> Failure {
-    refused(format!(
+    Failure::refusal(format!(
         "`{}` is there already; choose another name, or remove it",
         path.display()
     ))
@@ -90,12 +84,12 @@ fn exists(path: &Path) -> Failure {
 fn drafted(registry: &Registry, name: &str, from: &str, options: &NewOptions) -> Result<String, Failure> {
     if mismatch(SLUG, name).is_some() {
         let error = first_study::FirstStudyError::Name { name: name.into() };
-        return Err(refused(error.to_string()));
+        return Err(Failure::refusal(error.to_string()));
     }
     let begin = registry
         .draft
-        .ok_or_else(|| refused("this program makes no study of programs".into()))?;
-    let told = |error: DraftError| refused(error.to_string());
+        .ok_or_else(|| Failure::refusal("this program makes no study of programs"))?;
+    let told = |error: DraftError| Failure::refusal(error.to_string());
     let mut draft = begin(&Given {
         from,
         folder: Path::new(""),
@@ -123,7 +117,7 @@ fn passes(registry: &Registry, name: &str, text: &str) -> Result<(), Failure> {
         let study = study::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
         study.map_err(|found| {
             let found = render(&found, false);
-            refused(format!("the study that was made does not pass `check`:\n{found}"))
+            Failure::refusal(format!("the study that was made does not pass `check`:\n{found}"))
         })?;
     }
     Ok(())

@@ -1,26 +1,11 @@
 //! `pack`: short trials of a store in one file.
 
-use super::{
-    BAD_SPEC, Common, Failure, Format, OK, complain,
-    compute::listen_for_signals,
-    planned::Planned,
-    say,
-    settings::{self, Settings},
-};
+use super::{Common, Format, say};
 use clap::Args;
 use document::count::{count, either};
 use execution::store::{self, Leases, Packing, Store};
-use std::{
-    path::PathBuf,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::Duration,
-};
-
-/// A run packs its trials where so many of them have a folder and left nothing but metrics.
-const MANY: usize = 1000;
+use session::{Exit, Failure, Settings};
+use std::{path::PathBuf, time::Duration};
 
 /// Which store, and how careful.
 #[derive(Debug, Clone, Args)]
@@ -35,12 +20,11 @@ pub(super) struct PackOptions {
 }
 
 /// Always 0: what cannot be packed stays as it is.
-pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<u8, Failure> {
-    let settings = settings::read(common)?;
+pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<Exit, Failure> {
+    let settings = Settings::read(&common.machine())?;
     let root = options.folder.clone().unwrap_or(settings.store);
     if let Some(problem) = store::no_store(&root)? {
-        let text = format!("error: {problem}");
-        return Err(Failure { code: BAD_SPEC, text });
+        return Err(Failure::refusal(problem));
     }
     let store = Store::at(&root);
     let leases = Leases::open(&store, settings.lease_expiry)?;
@@ -49,30 +33,7 @@ pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<u8, Failure
         Format::Json => say(&serde_json::to_string(&done).unwrap_or_default()),
         Format::Text => say(&as_text(&done)),
     }
-    Ok(OK)
-}
-
-/// Packs the trials of finished studies at the end of a run, where they are many. A store that cannot be packed is a
-/// warning: nothing is lost by it.
-pub(super) fn at_end(planned: &[Planned], store: &Store, settings: &Settings) -> Result<(), Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    listen_for_signals(&stop)?;
-    let trials = planned.iter().flat_map(|one| &one.plan.trials);
-    let stopping = || stop.load(Ordering::SeqCst);
-    let ids = trials.map(|trial| trial.id.as_str());
-    match store.pack_at_end(ids, MANY, settings.lease_expiry, &stopping) {
-        Ok(Some(done)) => {
-            let removed = count(done.removed, "short trial");
-            let lie = either(&done.removed, "lies", "lie");
-            complain(&format!(
-                "{removed} {lie} in `{}` now, without folders of their own",
-                store.root().join("packs").display()
-            ));
-        }
-        Ok(None) => {}
-        Err(error) => complain(&format!("warning: short trials keep their folders: {error}")),
-    }
-    Ok(())
+    Ok(Exit::Ok)
 }
 
 fn as_text(done: &Packing) -> String {

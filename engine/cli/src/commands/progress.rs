@@ -3,7 +3,7 @@
 //! Bars take the terminal's width: titles are cut where it is narrow. No time is estimated before anything was
 //! done, and what a resumed trial did before does not count into its rate.
 
-use super::{complain, shown};
+use super::console::{complain, shown};
 use contract::trial_end::{EndState, TrialEnd};
 use document::{
     count::{count, duration},
@@ -14,19 +14,17 @@ use execution::{
     store::Owner,
 };
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
+use session::Follower;
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 
 /// What has been shown so far.
 pub(super) struct Progress<'a> {
     tasks: &'a [Task<'a>],
     done: usize,
-    failed: usize,
     /// Trials that other programs have, each said once.
     held: BTreeSet<usize>,
     /// What was said of sources that lack, each once though several trials take from them.
     lacking: BTreeSet<String>,
-    /// Trials that could not begin for want of what they take.
-    blocked: BTreeSet<usize>,
     bars: Option<Bars>,
     stopping: bool,
 }
@@ -48,45 +46,20 @@ impl<'a> Progress<'a> {
         Self {
             tasks,
             done: 0,
-            failed: 0,
             held: BTreeSet::new(),
             lacking: BTreeSet::new(),
-            blocked: BTreeSet::new(),
             bars,
             stopping: false,
         }
     }
 
-    /// Shows one event.
-    pub(super) fn show(&mut self, event: &Event) {
-        match event {
-            Event::Started { slot, trial } => self.started(*slot, *trial),
-            Event::Progress { slot, done, total } => self.advanced(*slot, *done, *total),
-            Event::Ended { slot, trial, end } => self.ended(Some(*slot), *trial, end),
-            Event::EndedElsewhere { trial, end } => self.ended(None, *trial, end),
-            Event::Retried { trial, end, wait, .. } => self.retried(*trial, end, *wait),
-            Event::Held { trial, owner } => self.held(*trial, owner),
-            Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
-            Event::Unready { trial, reason } => self.block(*trial, reason),
-            Event::Obstructed { trial, reason } => {
-                let title = self.tasks[*trial].trial.title();
-                self.line(&format!("passed over {title}: {reason}"));
-            }
-            Event::Stopped { slot } => self.stopped(*slot),
-            Event::Paused { slot, trial } => self.paused(*slot, *trial),
-            Event::Lost { slot, problem, wait } => self.lost(*slot, problem, *wait),
-            Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
+    /// Shows a line above the bars.
+    fn print(&self, text: &str) {
+        match &self.bars {
+            // A terminal that cannot show the line still has the bars.
+            Some(bars) => drop(bars.all.println(shown(text))),
+            None => complain(text),
         }
-    }
-
-    /// How many trials ended in another state than `ok`.
-    pub(super) fn failed(&self) -> usize {
-        self.failed
-    }
-
-    /// Trials that could not begin for want of what they take, by their places in the list of tasks.
-    pub(super) fn blocked(&self) -> &BTreeSet<usize> {
-        &self.blocked
     }
 
     fn started(&mut self, slot: usize, trial: usize) {
@@ -113,7 +86,7 @@ impl<'a> Progress<'a> {
     /// A slot has left its trial with a checkpoint, because everything is to stop.
     fn stopped(&mut self, slot: usize) {
         if !std::mem::replace(&mut self.stopping, true) {
-            self.line("stopping: running trials save a checkpoint; a second Ctrl-C ends at once");
+            self.print("stopping: running trials save a checkpoint; a second Ctrl-C ends at once");
         }
         if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
             bar.finish_and_clear();
@@ -122,7 +95,7 @@ impl<'a> Progress<'a> {
 
     fn retried(&self, trial: usize, end: &TrialEnd, wait: Duration) {
         let title = self.tasks[trial].trial.title();
-        self.line(&format!(
+        self.print(&format!(
             "{:<8} {title}: {}; tried again in {:.1} s",
             end.state.name(),
             end.reason,
@@ -135,7 +108,7 @@ impl<'a> Progress<'a> {
             || "it is given up".to_owned(),
             |wait| format!("looked after again in {:.0} s", wait.as_secs_f64()),
         );
-        self.line(&format!(
+        self.print(&format!(
             "worker {slot}: {problem}; its trial goes to the others; {then}"
         ));
     }
@@ -147,7 +120,7 @@ impl<'a> Progress<'a> {
                 .as_ref()
                 .map_or_else(String::new, |job| format!(", Slurm job {job}"));
             let title = self.tasks[trial].trial.title();
-            self.line(&format!(
+            self.print(&format!(
                 "waiting for {title}: process {} on {}{job} has it",
                 owner.pid, owner.host
             ));
@@ -157,7 +130,7 @@ impl<'a> Progress<'a> {
     fn awaits(&mut self, trial: usize, source: &str, owner: &Owner) {
         if self.lacking.insert(source.to_owned()) {
             let title = self.tasks[trial].trial.title();
-            self.line(&format!(
+            self.print(&format!(
                 "{title} waits for trial {source}: process {} on {} has it",
                 owner.pid, owner.host
             ));
@@ -165,15 +138,13 @@ impl<'a> Progress<'a> {
     }
 
     fn block(&mut self, trial: usize, reason: &str) {
-        self.blocked.insert(trial);
         if self.lacking.insert(reason.to_owned()) {
-            self.line(&format!("blocked  {}: {reason}", self.tasks[trial].trial.title()));
+            self.print(&format!("blocked  {}: {reason}", self.tasks[trial].trial.title()));
         }
     }
 
     fn ended(&mut self, slot: Option<usize>, trial: usize, end: &TrialEnd) {
         self.done += 1;
-        self.failed += usize::from(end.state != EndState::Ok);
         let reason = if end.reason.is_empty() {
             String::new()
         } else {
@@ -187,7 +158,7 @@ impl<'a> Progress<'a> {
         };
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.tasks.len().to_string().len();
-            self.line(&format!(
+            self.print(&format!(
                 "[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s{by}){reason}",
                 self.done,
                 self.tasks.len(),
@@ -208,7 +179,7 @@ impl<'a> Progress<'a> {
         if self.bars.is_none() {
             let (width, step) = (self.tasks.len().to_string().len(), task.until.unwrap_or_default());
             let (done, all) = (self.done, self.tasks.len());
-            self.line(&format!(
+            self.print(&format!(
                 "[{done:>width$}/{all}] paused   {} at step {step}",
                 task.trial.title()
             ));
@@ -221,14 +192,32 @@ impl<'a> Progress<'a> {
                 .for_each(|bar| bar.set_message("idle"));
         }
     }
+}
 
-    /// Shows a line above the bars.
-    pub(super) fn line(&self, text: &str) {
-        match &self.bars {
-            // A terminal that cannot show the line still has the bars.
-            Some(bars) => drop(bars.all.println(shown(text))),
-            None => complain(text),
+impl Follower for Progress<'_> {
+    fn hear(&mut self, event: &Event) {
+        match event {
+            Event::Started { slot, trial } => self.started(*slot, *trial),
+            Event::Progress { slot, done, total } => self.advanced(*slot, *done, *total),
+            Event::Ended { slot, trial, end } => self.ended(Some(*slot), *trial, end),
+            Event::EndedElsewhere { trial, end } => self.ended(None, *trial, end),
+            Event::Retried { trial, end, wait, .. } => self.retried(*trial, end, *wait),
+            Event::Held { trial, owner } => self.held(*trial, owner),
+            Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
+            Event::Unready { trial, reason } => self.block(*trial, reason),
+            Event::Obstructed { trial, reason } => {
+                let title = self.tasks[*trial].trial.title();
+                self.print(&format!("passed over {title}: {reason}"));
+            }
+            Event::Stopped { slot } => self.stopped(*slot),
+            Event::Paused { slot, trial } => self.paused(*slot, *trial),
+            Event::Lost { slot, problem, wait } => self.lost(*slot, problem, *wait),
+            Event::Broken { slot, problem } => self.print(&format!("worker {slot} cannot go on: {problem}")),
         }
+    }
+
+    fn line(&mut self, text: &str) {
+        self.print(text);
     }
 }
 

@@ -1,6 +1,6 @@
 //! `regimen rollout`: one environment, given actions, an agent or a stored trial, one CSV file.
 
-use super::{BAD_SPEC, Common, Failure, OK, complain, one_trial, settings};
+use super::{Common, complain};
 use crate::rollout::{self, Actions};
 use clap::Args;
 use contract::{
@@ -17,6 +17,7 @@ use execution::{
     world::fs,
 };
 use serde_json::Value;
+use session::{Exit, Failure, Settings, one_trial};
 use std::path::{Path, PathBuf};
 
 /// Which environment, which actions, which file.
@@ -67,18 +68,22 @@ pub(super) struct RolloutOptions {
 }
 
 /// Rolls out and says how many decisions were made.
-pub(super) fn rollout(registry: &Registry, options: &RolloutOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn rollout(
+    registry: &Registry,
+    options: &RolloutOptions,
+    common: &Common,
+) -> Result<Exit, Failure> {
     let rows = match (&options.trial, &options.environment) {
         (Some(prefix), _) => of_trial(registry, prefix, options, common)?,
         (None, Some(name)) => of_environment(registry, name, options)?,
-        (None, None) => return Err(refused("give the name of an environment or `--trial`")),
+        (None, None) => return Err(Failure::refusal("give the name of an environment or `--trial`")),
     };
     let decisions = rollout::write(&rows, &options.out)?;
     complain(&format!(
         "{decisions} decisions written to {}",
         options.out.display()
     ));
-    Ok(OK)
+    Ok(Exit::Ok)
 }
 
 type Rows = Vec<Vec<String>>;
@@ -118,12 +123,16 @@ fn named_agent(
         (Some(name), ..) => name.as_str(),
         (None, Some(part), _) => part.plugin.as_str(),
         (None, None, Some(folder)) => {
-            return Err(refused(&format!(
+            return Err(Failure::refusal(format!(
                 "`{}` does not say whose policy it holds: give `--agent`",
                 folder.display()
             )));
         }
-        (None, None, None) => return Err(refused("give `--actions`, `--agent`, `--policy` or `--trial`")),
+        (None, None, None) => {
+            return Err(Failure::refusal(
+                "give `--actions`, `--agent`, `--policy` or `--trial`",
+            ));
+        }
     };
     let entry = registry
         .agents
@@ -166,18 +175,18 @@ fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
     let Ok(text) = fs::read(&path) else {
         return Ok(None);
     };
-    let file: TrialFile =
-        serde_json::from_slice(&text).map_err(|error| refused(&format!("`{}`: {error}", path.display())))?;
+    let file: TrialFile = serde_json::from_slice(&text)
+        .map_err(|error| Failure::refusal(format!("`{}`: {error}", path.display())))?;
     Ok(file.key.agent.agent().cloned())
 }
 
 fn take_up(agent: &mut dyn Agent, name: &str, folder: &Path) -> Result<(), Failure> {
     match agent.import(folder) {
         Ok(true) => Ok(()),
-        Ok(false) => Err(refused(&format!(
+        Ok(false) => Err(Failure::refusal(format!(
             "the agent `{name}` takes up no stored policy; leave out `--policy`"
         ))),
-        Err(error) => Err(refused(&format!(
+        Err(error) => Err(Failure::refusal(format!(
             "the policy in `{}` cannot be used: {error}",
             folder.display()
         ))),
@@ -190,7 +199,7 @@ fn of_trial(
     options: &RolloutOptions,
     common: &Common,
 ) -> Result<Rows, Failure> {
-    let store = settings::read(common)?.open()?;
+    let store = Settings::read(&common.machine())?.open()?;
     let trial = stored(&store, prefix)?;
     let key = &trial.trial.key;
     if let Some(name) = options
@@ -198,7 +207,7 @@ fn of_trial(
         .as_ref()
         .filter(|name| **name != key.environment.plugin)
     {
-        return Err(refused(&format!(
+        return Err(Failure::refusal(format!(
             "trial {} is of `{}`, not of `{name}`",
             trial.trial.id, key.environment.plugin
         )));
@@ -231,28 +240,21 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
     let part = study::load_config(name, about, path).map_err(|problems| Failure {
-        code: BAD_SPEC,
+        exit: Exit::BadStudy,
         text: diagnostic::render_first(&problems),
     })?;
     Ok(part.config.whole().into_owned())
 }
 
 fn untrained(name: &str) -> Failure {
-    refused(&format!(
+    Failure::refusal(format!(
         "`{name}` learns, and an untrained network is nothing to look at: give `--trial ID`, a trial of the \
          store that trained \
          one, or `--policy FOLDER`, with the policy that it left"
     ))
 }
 
-fn refused(problem: &str) -> Failure {
-    Failure {
-        code: BAD_SPEC,
-        text: format!("error: {problem}"),
-    }
-}
-
 fn unknown<'a>(kind: &str, name: &str, known: impl Iterator<Item = &'a &'static str> + Clone) -> Failure {
     let nearest = diagnostic::suggest(name, known.copied());
-    refused(&format!("unknown {kind} `{name}`; {nearest}"))
+    Failure::refusal(format!("unknown {kind} `{name}`; {nearest}"))
 }

@@ -1,10 +1,11 @@
 //! What a worker does that belongs to a submission whose queue cannot be told to cancel it: it reads the record itself.
 
-use super::{Common, Failure, complain, settings};
+use super::complain;
 use execution::{
     executor::{State, Submission},
     world::clock,
 };
+use session::{Failure, Settings};
 use signal_hook::{consts::SIGUSR1, low_level::raise};
 use std::{
     path::{Path, PathBuf},
@@ -16,9 +17,9 @@ const LOOK: Duration = Duration::from_secs(2);
 
 /// Whether somebody waits for what this worker would do. The submission is minded from then on: once it is cancelled,
 /// trials save a checkpoint and the worker leaves.
-pub(super) fn is_wanted(submission: Option<&str>, common: &Common) -> Result<bool, Failure> {
+pub(super) fn is_wanted(submission: Option<&str>, settings: &Settings) -> Result<bool, Failure> {
     let Some(id) = submission else { return Ok(true) };
-    let store = settings::read(common)?.store;
+    let store = settings.store.clone();
     let open = Submission::find(&store, id)?.is_some_and(|found| found.state == State::Open);
     if open {
         let id = id.to_owned();

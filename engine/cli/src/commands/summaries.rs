@@ -1,14 +1,15 @@
 //! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as
 //! JSON.
 
-use super::{Common, Failure, Selection, planned, settings};
+use super::{Common, Studies};
 use clap::Args;
 use contract::Registry;
 use execution::{
-    store::{Store, write_durably},
+    store::write_durably,
     world::{clock, fs},
 };
 use report::{Outcome, junit, outcomes_as_json};
+use session::{Exit, Failure, Planned, Session};
 use std::{path::PathBuf, time::Instant};
 
 /// Which files to write.
@@ -31,22 +32,22 @@ impl Summaries {
     pub(super) fn after(
         &self,
         registry: &Registry,
-        selection: &Selection,
+        studies: &Studies,
         common: &Common,
-        command: impl FnOnce() -> Result<u8, Failure>,
-    ) -> Result<u8, Failure> {
+        command: impl FnOnce() -> Result<Exit, Failure>,
+    ) -> Result<Exit, Failure> {
         let started = clock::now();
         let answer = command();
-        let code = answer.as_ref().map_or_else(|failure| failure.code, |code| *code);
-        let written = self.write(registry, selection, common, started, code);
+        let exit = answer.as_ref().map_or_else(|failure| failure.exit, |exit| *exit);
+        let written = self.write(registry, studies, common, started, exit.code());
         // What went wrong first is what is told.
-        answer.and_then(|code| written.map(|()| code))
+        answer.and_then(|exit| written.map(|()| exit))
     }
 
     fn write(
         &self,
         registry: &Registry,
-        selection: &Selection,
+        studies: &Studies,
         common: &Common,
         started: Instant,
         code: u8,
@@ -55,11 +56,11 @@ impl Summaries {
             return Ok(());
         }
         let wall_s = clock::since(started).as_secs_f64();
-        let store = settings::read(common)?.open()?;
-        let outcomes: Vec<Outcome> = planned::load_with_looks(registry, selection, &store)?
-            .into_iter()
-            .map(|one| outcome(one, &store))
-            .collect();
+        let session = studies.open(registry, common)?;
+        let planned = session.load_with_looks()?.into_iter();
+        let outcomes: Vec<Outcome> = planned
+            .map(|one| outcome(&session, one))
+            .collect::<Result<_, Failure>>()?;
         if let Some(path) = &self.junit {
             write(path, junit(&outcomes, wall_s, code)?)?;
         }
@@ -70,12 +71,12 @@ impl Summaries {
     }
 }
 
-fn outcome(one: planned::Planned, store: &Store) -> Outcome {
-    let ends = planned::ends(store, &one.plan.trials);
-    Outcome {
+fn outcome(session: &Session<'_>, one: Planned) -> Result<Outcome, Failure> {
+    let ends = session.ends(session.store()?, &one);
+    Ok(Outcome {
         study: one.plan.study,
         trials: one.plan.trials.into_iter().zip(ends).collect(),
-    }
+    })
 }
 
 fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {

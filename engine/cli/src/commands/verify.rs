@@ -1,35 +1,15 @@
 //! `verify`: computes stored trials again, beside the store, and compares digests.
 
-use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, Selection,
-    complain,
-    compute::Compute,
-    consent::{self, Consent},
-    one_trial::named,
-    planned, say, settings,
-};
+use super::{Common, Format, LimitArgs, Studies, consent::Consent, say};
 use clap::Args;
-use contract::{Error, Registry, resources::Needs, trial::Trial, trial_end::EndState};
-use document::count::count;
-use execution::{
-    limits::Limits,
-    scheduler::Task,
-    store::{Imprint, Store, TrialFile, write_durably},
-    verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
-};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::PathBuf,
-    sync::Arc,
-};
-use study::plan::Plan;
-
-/// Version of the receipt's form.
-const SCHEMA: u32 = 1;
+use contract::Registry;
+use execution::store::write_durably;
+use session::{Exit, Failure, VerifyOptions, exit_of_receipt};
+use std::path::PathBuf;
 
 /// What is computed again.
 #[derive(Debug, Clone, Args)]
-pub(super) struct VerifyOptions {
+pub(super) struct VerifyArgs {
     /// Study files; every trial of the store where none is given.
     #[arg(value_name = "STUDY")]
     specs: Vec<PathBuf>,
@@ -58,437 +38,43 @@ pub(super) struct VerifyOptions {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    limits: LimitOptions,
+    limits: LimitArgs,
     #[command(flatten)]
     consent: Consent,
 }
 
-/// A stored trial that may be computed again.
-struct Candidate {
-    trial: Arc<Trial>,
-    limits: Arc<Limits>,
-    /// The step of the pause up to which it is computed; `None` for one that has ended.
-    until: Option<u64>,
-}
-
-/// What was found in the store.
-#[derive(Default)]
-struct Found {
-    /// By id.
-    candidates: BTreeMap<String, Candidate>,
-    /// Trials of which nothing can be computed.
-    others: Vec<Entry>,
-    missing: usize,
-    not_ok: usize,
-    studies: Vec<String>,
-}
-
 /// 101 where numbers differ, 106 where a trial could not be compared, otherwise 0.
-pub(super) fn verify(registry: &Registry, options: &VerifyOptions, common: &Common) -> Result<u8, Failure> {
-    let settings = settings::read(common)?;
-    let store = settings.open()?;
-    let selection = options.selection();
-    let how = Compute {
-        registry,
-        asked: (&selection, common),
-        settings: &settings,
-        limits: &options.limits,
-        workers: options.jobs.unwrap_or(settings.workers),
-        hosts: Default::default(),
-        retry_failed: false,
-        whole: true,
+pub(super) fn verify(registry: &Registry, options: &VerifyArgs, common: &Common) -> Result<Exit, Failure> {
+    let session = options.studies().open(registry, common)?;
+    let how = VerifyOptions {
+        sample: options.sample,
+        seed: options.seed,
+        jobs: options.jobs,
+        limits: options.limits.limits(),
     };
-    let found = if options.specs.is_empty() {
-        of_store(&how, &store)?
-    } else {
-        of_studies(&how, &store)?
-    };
-    if found.candidates.is_empty() && found.others.is_empty() {
-        return Err(Failure {
-            code: NOTHING_SELECTED,
-            text: format!("no trial of `{}` can be computed again", store.root().display()),
-        });
-    }
-    let trials = found.candidates.values().map(|it| &*it.trial);
-    options
-        .consent
-        .ask_for(consent::of_trials(registry, trials, options.specs.first())?)?;
-    let receipt = receipt(&how, found, &store, options)?;
+    let found = session.verifiable(&how)?;
+    options.consent.ask_for(session.programs_to_verify(&found)?)?;
+    let receipt = session.verify(found, &how)?;
     let text = match common.format {
-        Format::Json => serde_json::to_string_pretty(&receipt).map_err(|error| Failure {
-            code: BAD_SPEC,
-            text: format!("error: the receipt cannot be written: {error}"),
-        })?,
+        Format::Json => serde_json::to_string_pretty(&receipt)
+            .map_err(|error| Failure::refusal(format!("the receipt cannot be written: {error}")))?,
         Format::Text => receipt.text(),
     };
     say(&text);
     if let Some(path) = &options.out {
         write_durably(path, format!("{text}\n").as_bytes())?;
     }
-    Ok(code(&receipt))
+    Ok(exit_of_receipt(&receipt))
 }
 
-fn code(receipt: &Receipt) -> u8 {
-    if receipt.count(|it| matches!(it, Outcome::Different { .. })) > 0 {
-        DIFFERS
-    } else if receipt.count(|it| *it != Outcome::Same) > 0 {
-        INCOMPLETE
-    } else {
-        OK
-    }
-}
-
-impl VerifyOptions {
-    fn selection(&self) -> Selection {
-        Selection {
+impl VerifyArgs {
+    fn studies(&self) -> Studies {
+        Studies {
             specs: self.specs.clone(),
             profile: self.profile.clone(),
             sets: self.sets.clone(),
             seeds: self.seeds,
             only: self.only.clone(),
         }
-    }
-}
-
-/// The trials of studies that are stored.
-fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
-    let mut found = Found::default();
-    let mut absent: BTreeMap<String, Arc<Trial>> = BTreeMap::new();
-    let mut seen = BTreeSet::new();
-    for one in planned::load_with_looks(how.registry, how.asked.0, store)? {
-        let limits = Arc::new(how.limits_of(&one.study.limits));
-        found.studies.push(one.study.name.clone());
-        planned::say_imported(&one, "cannot be computed again here");
-        for trial in &one.paused {
-            if seen.insert(trial.id.clone()) {
-                found.look_at_pause(trial, &limits, store)?;
-            }
-        }
-        for trial in one.plan.trials {
-            // Studies and settings share trials.
-            if !seen.insert(trial.id.clone()) {
-                continue;
-            }
-            match found.look(trial, &limits, store)? {
-                None => {}
-                Some(trial) => drop(absent.insert(trial.id.clone(), trial)),
-            }
-        }
-    }
-    found.missing = absent.len();
-    if !absent.is_empty() {
-        found.of_other_versions(&absent, how.registry, store);
-    }
-    Ok(found)
-}
-
-/// Every trial of a store.
-fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
-    let mut found = Found::default();
-    let limits = Arc::new(how.limits_of(&Limits::default()));
-    for id in store.ids_beginning_with("") {
-        // What cannot be read has no names.
-        let ended = store.file(&id).ok().flatten().map(|file| file.key);
-        let has_ended = ended.is_some();
-        let paused = || Some(store.partial(&id).ok()??.file.key);
-        match ended.or_else(paused) {
-            Some(key) => match cannot(&key, how.registry) {
-                Some(problem) => {
-                    let entry = entry(&named(&id, key), Outcome::CannotVerify { problem });
-                    found.others.push(entry);
-                }
-                None if has_ended => drop(found.look(named(&id, key).into(), &limits, store)?),
-                None => found.look_at_pause(&named(&id, key).into(), &limits, store)?,
-            },
-            None => found.unreadable(&id, store),
-        }
-    }
-    Ok(found)
-}
-
-fn entry(trial: &Trial, outcome: Outcome) -> Entry {
-    Entry {
-        trial: trial.id.clone(),
-        environment: trial.cell.environment.clone(),
-        agent: trial.cell.agent.clone(),
-        setting: trial.cell.setting.clone(),
-        seed: trial.key.seed,
-        stored: None,
-        now: None,
-        outcome,
-    }
-}
-
-impl Found {
-    /// Takes a trial in, whatever is stored of it; gives it back where nothing is.
-    fn look(
-        &mut self,
-        trial: Arc<Trial>,
-        limits: &Arc<Limits>,
-        store: &Store,
-    ) -> Result<Option<Arc<Trial>>, Failure> {
-        match store.end(&trial.id) {
-            // What it had recorded at a pause may be damaged.
-            Ok(None) => match store.partial(&trial.id) {
-                Err(Error::Damaged { .. }) => self.look_at_pause(&trial, limits, store)?,
-                _ => return Ok(Some(trial)),
-            },
-            Ok(Some(end)) if end.state != EndState::Ok => self.not_ok += 1,
-            Ok(Some(_)) => {
-                let (id, limits, until) = (trial.id.clone(), Arc::clone(limits), None);
-                self.candidates.insert(id, Candidate { trial, limits, until });
-            }
-            Err(error @ Error::Damaged { .. }) => {
-                let problem = error.to_string();
-                self.others.push(entry(&trial, Outcome::Damaged { problem }));
-            }
-            Err(error) => return Err(error.into()),
-        }
-        Ok(None)
-    }
-
-    /// Takes in a trial at its pause.
-    fn look_at_pause(
-        &mut self,
-        trial: &Arc<Trial>,
-        limits: &Arc<Limits>,
-        store: &Store,
-    ) -> Result<(), Failure> {
-        match store.partial(&trial.id) {
-            Ok(Some(partial)) if partial.file.end.state == EndState::Paused => {
-                let candidate = Candidate {
-                    trial: Arc::clone(trial),
-                    limits: Arc::clone(limits),
-                    until: partial.step(),
-                };
-                self.candidates.insert(trial.id.clone(), candidate);
-            }
-            // It has failed since, or no more than its log is there.
-            Ok(_) => self.not_ok += 1,
-            Err(error @ Error::Damaged { .. }) => {
-                let problem = error.to_string();
-                self.others.push(entry(trial, Outcome::Damaged { problem }));
-            }
-            Err(error) => return Err(error.into()),
-        }
-        Ok(())
-    }
-
-    /// A trial whose acknowledgement is damaged; one that has none has not run.
-    fn unreadable(&mut self, id: &str, store: &Store) {
-        if let Err(error) = store.file(id).and(store.partial(id).map(drop)) {
-            self.others.push(Entry {
-                trial: id.to_owned(),
-                environment: String::new(),
-                agent: String::new(),
-                setting: String::new(),
-                seed: 0,
-                stored: None,
-                now: None,
-                outcome: Outcome::Damaged {
-                    problem: error.to_string(),
-                },
-            });
-        }
-    }
-
-    /// Finds stored trials that other versions of plugins computed in the place of those that are missing.
-    fn of_other_versions(
-        &mut self,
-        absent: &BTreeMap<String, Arc<Trial>>,
-        registry: &Registry,
-        store: &Store,
-    ) {
-        for id in store.ids_beginning_with("") {
-            let Ok(Some(file)) = store.file(&id) else { continue };
-            let Some(problem) = cannot(&file.key, registry) else {
-                continue;
-            };
-            if let Some(trial) = absent.get(&id_here(&file.key, registry)) {
-                let stored = Some(Imprint::of(&file, store));
-                let outcome = Outcome::CannotVerify { problem };
-                self.others.push(Entry {
-                    trial: id,
-                    stored,
-                    ..entry(trial, outcome)
-                });
-            }
-        }
-    }
-}
-
-fn receipt(
-    how: &Compute<'_>,
-    found: Found,
-    store: &Store,
-    options: &VerifyOptions,
-) -> Result<Receipt, Failure> {
-    let ids: BTreeSet<&str> = found.candidates.keys().map(String::as_str).collect();
-    let drawn = sample(&ids, options.sample, options.seed);
-    let drawn: Vec<&Candidate> = drawn.into_iter().map(|id| &found.candidates[id]).collect();
-    let mut trials = compute(how, &drawn, store)?;
-    trials.extend(found.others);
-    Ok(Receipt {
-        schema: SCHEMA,
-        program: format!("regimen {}", env!("CARGO_PKG_VERSION")),
-        build: how.registry.build.clone(),
-        store: store.root().to_owned(),
-        studies: found.studies,
-        eligible: found.candidates.len(),
-        sample: options.sample,
-        seed: options.seed,
-        missing: found.missing,
-        not_ok: found.not_ok,
-        trials,
-    })
-}
-
-/// Computes trials again, round by round, each round in a store of its own that is thrown away.
-fn compute(how: &Compute<'_>, drawn: &[&Candidate], store: &Store) -> Result<Vec<Entry>, Failure> {
-    let trials: Vec<&Trial> = drawn.iter().map(|candidate| &*candidate.trial).collect();
-    let mut entries: BTreeMap<usize, Entry> = BTreeMap::new();
-    for round in rounds(&trials) {
-        let folder = tempfile::Builder::new()
-            .prefix("regimen-verify-")
-            .tempdir()
-            .map_err(Error::file("create a folder in", &std::env::temp_dir()))?;
-        let beside = Store::at(folder.path()).by(how.registry.build.clone());
-        let members: Vec<&Candidate> = round.iter().map(|place| drawn[*place]).collect();
-        entries.extend(
-            round
-                .iter()
-                .copied()
-                .zip(one_round(how, &members, store, &beside)?),
-        );
-    }
-    Ok(entries.into_values().collect())
-}
-
-fn one_round(
-    how: &Compute<'_>,
-    members: &[&Candidate],
-    store: &Store,
-    beside: &Store,
-) -> Result<Vec<Entry>, Failure> {
-    let mut entries: Vec<Entry> = members
-        .iter()
-        .map(|member| begun(member, store, beside))
-        .collect();
-    let ready: Vec<&Candidate> = members
-        .iter()
-        .zip(&entries)
-        .filter(|(_, entry)| is_open(entry))
-        .map(|(member, _)| *member)
-        .collect();
-    let tasks = tasks(how, &ready);
-    if !tasks.is_empty() {
-        complain(&format!(
-            "computing {} again on {}",
-            count(tasks.len(), "trial"),
-            how.processes(tasks.len())
-        ));
-        how.refuse_unfit(&tasks)?;
-        how.work(&tasks, beside)?;
-    }
-    for (entry, member) in entries.iter_mut().zip(members) {
-        if is_open(entry) {
-            *entry = ended(entry.clone(), stored_of(member, beside)?, beside);
-        }
-    }
-    Ok(entries)
-}
-
-/// What is said of a trial before it has ended.
-const NOT_ENDED: &str = "it did not end";
-
-fn is_open(entry: &Entry) -> bool {
-    matches!(&entry.outcome, Outcome::NotComputed { problem } if problem == NOT_ENDED)
-}
-
-/// What acknowledges a trial in a store, at its end or at its pause, with a look at all that it names.
-fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Error> {
-    match member.until {
-        None => store.sound(&member.trial.id),
-        Some(_) => Ok(store.partial(&member.trial.id)?.map(|partial| partial.file)),
-    }
-}
-
-/// Checks what is stored of a trial, and lends what it takes to the store in which it is computed.
-fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
-    let trial = &*member.trial;
-    let open = entry(
-        trial,
-        Outcome::NotComputed {
-            problem: NOT_ENDED.into(),
-        },
-    );
-    let stored = match stored_of(member, store) {
-        Ok(Some(file)) => Imprint::of(&file, store),
-        Ok(None) => {
-            let problem = "it was stored a moment ago, and is gone".into();
-            let outcome = Outcome::Damaged { problem };
-            return Entry { outcome, ..open };
-        }
-        Err(error) => {
-            let problem = error.to_string();
-            let outcome = Outcome::Damaged { problem };
-            return Entry { outcome, ..open };
-        }
-    };
-    let lent = trial
-        .key
-        .taken()
-        .iter()
-        .try_for_each(|taken| store.lend(taken, beside));
-    let open = Entry {
-        stored: Some(stored),
-        ..open
-    };
-    match lent {
-        Ok(()) => open,
-        Err(error) => Entry {
-            outcome: Outcome::NotComputed {
-                problem: error.to_string(),
-            },
-            ..open
-        },
-    }
-}
-
-/// The trials as tasks of the scheduler.
-fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
-    let plan = Plan {
-        study: String::new(),
-        title: String::new(),
-        trials: members.iter().map(|member| Arc::clone(&member.trial)).collect(),
-    };
-    let costs = planned::costs(how.registry, &plan);
-    let task = |(member, cost): (&&'a Candidate, u64)| Task {
-        trial: &member.trial,
-        cost,
-        pace_s: None,
-        limits: Arc::clone(&member.limits),
-        before: None,
-        after: member.trial.key.sources(),
-        until: member.until,
-        needs: Needs::of(how.registry, member.trial.key.agent.agent()),
-    };
-    members.iter().zip(costs).map(task).collect()
-}
-
-fn ended(entry: Entry, file: Option<TrialFile>, store: &Store) -> Entry {
-    match file {
-        Some(file) if matches!(file.end.state, EndState::Ok | EndState::Paused) => {
-            entry.compared(Imprint::of(&file, store))
-        }
-        Some(file) => {
-            let problem = format!("it ended as {} now: {}", file.end.state.name(), file.end.reason);
-            Entry {
-                now: Some(Imprint::of(&file, store)),
-                outcome: Outcome::NotComputed { problem },
-                ..entry
-            }
-        }
-        None => entry,
     }
 }

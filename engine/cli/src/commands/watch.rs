@@ -1,21 +1,21 @@
 //! `watch`: running trials and learning curves in a terminal, as a page, or once as text.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, OK, Selection, complain,
-    compute::listen_for_signals,
-    planned::{self, Planned},
-    run, say, settings,
+    Common, Format, Studies, complain,
+    console::{colour, listen_for_signals, terminal_width},
+    say,
 };
 use crate::watch::{Choice, View, Watched, Watcher, draw, page, plain};
 use analysis::search::Goal;
 use clap::Args;
 use contract::{Better, Error, Registry};
 use execution::{
-    store::{self, Store, write_durably},
+    store::{self, write_durably},
     world::{clock, fs},
 };
 use presentation::figure::FigureKind;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use session::{Exit, Failure, Planned, Session};
 use std::{
     collections::BTreeSet,
     io::IsTerminal,
@@ -31,7 +31,7 @@ use std::{
 #[derive(Debug, Clone, Args)]
 pub(super) struct WatchOptions {
     #[command(flatten)]
-    selection: Selection,
+    studies: Studies,
     /// Write a page with the curves, again and again until no trial is left, in place of the terminal view.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
@@ -62,10 +62,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Leaves with 0 whatever it saw; with 2 where a study is wrong.
-pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<u8, Failure> {
-    let settings = settings::read(common)?;
-    let store = Store::at(&settings.store);
-    let planned = planned::load_with_looks(registry, &options.selection, &store)?;
+pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<Exit, Failure> {
+    let session = options.studies.open_here(registry, common)?;
+    let planned = session.load_with_looks()?;
     let preferred = options
         .metric
         .iter()
@@ -73,15 +72,14 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
         .chain(planned.iter().flat_map(metrics))
         .collect();
     let mut watching = Watching {
-        registry,
         options,
         watcher: Watcher::new(
-            store.clone(),
-            settings.workers,
+            session.store()?.clone(),
+            session.settings.workers,
             preferred,
             less_is_better(&planned),
         ),
-        store,
+        session,
         planned,
         looks: 0,
     };
@@ -94,13 +92,13 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
     if options.once || !is_terminal {
         let view = watching.look();
         say(&match common.format {
-            Format::Text => plain(&view, u16::try_from(run::terminal_width()).unwrap_or(u16::MAX)),
+            Format::Text => plain(&view, u16::try_from(terminal_width()).unwrap_or(u16::MAX)),
             Format::Json => serde_json::to_string(&view).map_err(|error| Failure {
-                code: BAD_SPEC,
+                exit: Exit::BadStudy,
                 text: format!("error: {error}"),
             })?,
         });
-        return Ok(OK);
+        return Ok(Exit::Ok);
     }
     listen_for_signals(&stop)?;
     let terminal = ratatui::try_init().map_err(broken)?;
@@ -112,7 +110,7 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
 
 fn broken(error: std::io::Error) -> Failure {
     Failure {
-        code: INCOMPLETE,
+        exit: Exit::Incomplete,
         text: format!("error: cannot use the terminal: {error}; `--once` prints text"),
     }
 }
@@ -146,9 +144,8 @@ fn metrics(one: &Planned) -> Vec<String> {
 }
 
 struct Watching<'a> {
-    registry: &'a Registry,
+    session: Session<'a>,
     options: &'a WatchOptions,
-    store: Store,
     watcher: Watcher,
     planned: Vec<Planned>,
     looks: u64,
@@ -160,7 +157,7 @@ impl Watching<'_> {
     fn look(&mut self) -> View {
         let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();
         if self.looks > 0 && self.looks.is_multiple_of(LOOKS_PER_PLAN) && self.planned.iter().any(grows) {
-            let again = planned::load_with_looks(self.registry, &self.options.selection, &self.store);
+            let again = self.session.load_with_looks();
             self.planned = again.unwrap_or_else(|_| std::mem::take(&mut self.planned));
         }
         self.looks += 1;
@@ -184,7 +181,7 @@ impl Watching<'_> {
     }
 
     /// Writes pages until no trial is left or a signal asks to leave.
-    fn write_pages(&mut self, path: &Path, stop: &AtomicBool) -> Result<u8, Failure> {
+    fn write_pages(&mut self, path: &Path, stop: &AtomicBool) -> Result<Exit, Failure> {
         loop {
             let (view, next) = self.look_timed();
             let last = self.options.once || view.is_finished() || stop.load(Ordering::SeqCst);
@@ -196,7 +193,7 @@ impl Watching<'_> {
             let refresh_s = (!last).then(|| self.options.every_s.ceil() as u64);
             write_page(path, &page(&view, refresh_s)?)?;
             if last {
-                return Ok(OK);
+                return Ok(Exit::Ok);
             }
             if self.looks == 1 {
                 complain(&format!(
@@ -210,9 +207,9 @@ impl Watching<'_> {
         }
     }
 
-    fn show(&mut self, mut terminal: ratatui::DefaultTerminal, stop: &AtomicBool) -> Result<u8, Failure> {
+    fn show(&mut self, mut terminal: ratatui::DefaultTerminal, stop: &AtomicBool) -> Result<Exit, Failure> {
         let mut choice = Choice {
-            colours: super::colour(),
+            colours: colour(),
             keys: true,
             ..Choice::default()
         };
@@ -223,13 +220,13 @@ impl Watching<'_> {
                 .map_err(broken)?;
             if event::poll(KEY_WAIT).map_err(broken)? {
                 match event::read().map_err(broken)? {
-                    Event::Key(key) if key.kind == KeyEventKind::Press && leaves(key) => return Ok(OK),
+                    Event::Key(key) if key.kind == KeyEventKind::Press && leaves(key) => return Ok(Exit::Ok),
                     Event::Key(key) if key.kind == KeyEventKind::Press => choice = turned(choice, key.code),
                     _ => {}
                 }
             }
             if stop.load(Ordering::SeqCst) {
-                return Ok(OK);
+                return Ok(Exit::Ok);
             }
             if clock::now() >= next {
                 (view, next) = self.look_timed();

@@ -18,6 +18,9 @@ mod slot;
 mod watch;
 mod worker;
 
+/// The word by which a worker process of this program is started.
+pub const WORKER: &str = "trial-worker";
+
 pub use readiness::is_ready;
 pub use worker::{Reply, Request, serve};
 

@@ -91,7 +91,7 @@ impl Runner for Worker<'_> {
 fn worker(program: &Path) -> Command {
     let mut command = Command::new(program);
     command
-        .arg("trial-worker")
+        .arg(super::WORKER)
         .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())));
     command
 }

@@ -3,25 +3,14 @@
 
 mod blocks;
 
-use super::{
-    BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, ReportOptions, Selection, folders,
-    planned::Planned, say,
-};
+use super::{Common, Format, say};
 use blocks::Block;
 use contract::Error;
 use execution::{store::write_durably, world::fs};
-use report::{IndexEntry, Manifest, Verdicts};
-use std::{
-    io,
-    path::{Path, PathBuf},
-};
-use study::{along, way};
-
-/// The file of a folder of results in which its verdicts stand.
-const VERDICTS: &str = "verdicts.json";
-
-/// So deep lie folders of results below the one that is named.
-const DEEPEST: usize = 3;
+use report::Verdicts;
+use session::{Exit, Failure, Studied, studies_within, write_index};
+use std::path::{Path, PathBuf};
+use study::way;
 
 /// The options of `overview`.
 #[derive(Debug, clap::Args)]
@@ -44,11 +33,11 @@ pub(super) struct OverviewOptions {
 
 /// Prints what the studies whose results lie in a folder found, or what they leave open, or writes the blocks of a
 /// document anew; writes the page of all studies where it is asked for.
-pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<Exit, Failure> {
     if !fs::is_folder(&options.folder) {
         let folder = options.folder.display();
         return Err(Failure {
-            code: BAD_SPEC,
+            exit: Exit::BadStudy,
             text: format!(
                 "error: there is no folder `{folder}`: name the one that has the folders of results in it"
             ),
@@ -65,14 +54,7 @@ pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8,
         None if options.open => say(&open(&verdicts_of(studies_within(&options.folder)?))),
         None => say(&in_words(&some_studies(&options.folder)?)),
     }
-    Ok(OK)
-}
-
-/// A study with its folder of results.
-struct Studied {
-    place: PathBuf,
-    manifest: Manifest,
-    verdicts: Verdicts,
+    Ok(Exit::Ok)
 }
 
 /// Writes the blocks of a document anew.
@@ -102,21 +84,10 @@ fn put_into(path: &Path, studies: &[Studied]) -> Result<(), Failure> {
         }
     });
     let written = written.map_err(|problem| Failure {
-        code: BAD_SPEC,
+        exit: Exit::BadStudy,
         text: format!("error: {}: {problem}", path.display()),
     })?;
     Ok(write_durably(path, written.as_bytes())?)
-}
-
-impl Studied {
-    fn report(&self) -> PathBuf {
-        self.place.join("report.md")
-    }
-
-    /// The study file.
-    fn file(&self) -> PathBuf {
-        along(&self.place, Path::new(&self.manifest.spec))
-    }
 }
 
 /// Studies with the way to a file of each.
@@ -157,37 +128,6 @@ fn as_json(studies: &[Verdicts]) -> serde_json::Value {
     })
 }
 
-/// The studies as they are written whose results lie in a folder.
-fn studies_within(folder: &Path) -> Result<Vec<Studied>, Error> {
-    Ok(asked_with(folder, &[])?.0)
-}
-
-/// The studies whose results lie in a folder and were asked for with these options, with the verdicts of each family
-/// taken together; and the folders whose reports left nothing to read.
-fn asked_with(folder: &Path, options: &[String]) -> Result<(Vec<Studied>, Vec<PathBuf>), Error> {
-    let (mut studies, mut unread) = (Vec::new(), Vec::new());
-    for place in places(folder, DEEPEST)? {
-        let manifest = Manifest::read(&place).unwrap_or_default();
-        if manifest.options != options {
-            continue;
-        }
-        match verdicts(&place)? {
-            Some(verdicts) => studies.push(Studied {
-                place,
-                manifest,
-                verdicts,
-            }),
-            None => unread.push(place),
-        }
-    }
-    let mut together: Vec<Verdicts> = studies.iter().map(|it| it.verdicts.clone()).collect();
-    report::take_together(&mut together);
-    for (study, verdicts) in studies.iter_mut().zip(together) {
-        study.verdicts = verdicts;
-    }
-    Ok((studies, unread))
-}
-
 fn verdicts_of(studies: Vec<Studied>) -> Vec<Verdicts> {
     studies.into_iter().map(|it| it.verdicts).collect()
 }
@@ -197,7 +137,7 @@ fn some_studies(folder: &Path) -> Result<Vec<Studied>, Failure> {
     let studies = studies_within(folder)?;
     if studies.is_empty() {
         return Err(Failure {
-            code: NOTHING_SELECTED,
+            exit: Exit::NothingSelected,
             text: format!(
                 "error: no folder in `{}` has verdicts: name the folder that has the folders of results in it",
                 folder.display()
@@ -205,96 +145,4 @@ fn some_studies(folder: &Path) -> Result<Vec<Studied>, Failure> {
         });
     }
     Ok(studies)
-}
-
-/// The verdicts of a folder of results; `None` where its report wrote none.
-fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
-    let Some(text) = read(place, VERDICTS)? else {
-        return Ok(None);
-    };
-    let path = place.join(VERDICTS);
-    let verdicts = serde_json::from_str(&text)
-        .map_err(io::Error::from)
-        .map_err(Error::file("read", &path))?;
-    Ok(Some(verdicts))
-}
-
-/// The folders of results in a folder and in its subfolders down to a depth, by name. Links are not followed.
-fn places(folder: &Path, depth: usize) -> Result<Vec<PathBuf>, Error> {
-    let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|data| data.is_dir());
-    let mut places = Vec::new();
-    for path in within(folder)?.into_iter().filter(is_folder) {
-        if fs::is_file(&path.join(VERDICTS)) || Manifest::read(&path).is_some() {
-            places.push(path);
-        } else if depth > 1 {
-            places.extend(self::places(&path, depth - 1)?);
-        }
-    }
-    Ok(places)
-}
-
-/// Everything in a folder, by name.
-fn within(folder: &Path) -> Result<Vec<PathBuf>, Error> {
-    let entries = fs::read_dir(folder).and_then(|entries| {
-        entries
-            .map(|entry| entry.map(|it| it.path()))
-            .collect::<io::Result<Vec<PathBuf>>>()
-    });
-    let mut entries = entries.map_err(Error::file("read", folder))?;
-    entries.sort_unstable();
-    Ok(entries)
-}
-
-/// A file of a folder of results; `None` where the report wrote none, and of what is no folder.
-fn read(folder: &Path, name: &str) -> Result<Option<String>, Error> {
-    let path = folder.join(name);
-    match fs::read_to_string(&path) {
-        Ok(text) => Ok(Some(text)),
-        Err(error) if is_absence(&error) => Ok(None),
-        Err(error) => Err(Error::file("read", &path)(error)),
-    }
-}
-
-/// Writes the page over all studies whose reports lie beside those of several that were asked for; nothing for
-/// one study.
-pub(super) fn index(
-    planned: &[Planned],
-    selection: &Selection,
-    reporting: &ReportOptions,
-    common: &Common,
-) -> Result<(), Failure> {
-    if planned.iter().filter(|one| one.confirms.is_none()).count() < 2 {
-        return Ok(());
-    }
-    // In a folder of its own nothing lies beside what was asked for.
-    let name = reporting
-        .out
-        .as_ref()
-        .map_or_else(|| folders::asked(selection), |_| String::new());
-    let path = write_index(&folders::around(reporting), &name, &folders::options(selection))?;
-    if common.format == Format::Text {
-        say(&format!("All studies: {}", path.display()));
-    }
-    Ok(())
-}
-
-/// Writes `index<name>.html` over the reports in a folder that were asked for with these options.
-fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf, Error> {
-    let (studies, unread) = asked_with(folder, options)?;
-    let name_of = |place: &Path| place.strip_prefix(folder).unwrap_or(place).display().to_string();
-    let is_drawing = |file: &&String| file.starts_with("figures/") && file.ends_with(".svg");
-    let entry = |study: Studied| IndexEntry {
-        folder: name_of(&study.place),
-        drawings: study.manifest.files.keys().filter(is_drawing).cloned().collect(),
-        verdicts: study.verdicts,
-    };
-    let entries: Vec<IndexEntry> = studies.into_iter().map(entry).collect();
-    let unread: Vec<String> = unread.iter().map(|place| name_of(place)).collect();
-    let path = folder.join(format!("index{name}.html"));
-    write_durably(&path, report::index(&entries, options, &unread).as_bytes())?;
-    Ok(path)
-}
-
-fn is_absence(error: &io::Error) -> bool {
-    [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind())
 }

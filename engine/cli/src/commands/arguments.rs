@@ -1,0 +1,279 @@
+//! Options that several commands take, and what they come to.
+
+use super::{Person, consent::Consent, submit, summaries::Summaries};
+use clap::{Args, ValueEnum};
+use contract::{Registry, trial_end::EndState};
+use execution::limits::Limits;
+use session::{Failure, MachineOptions, ReportOptions, Selection, Session};
+use std::path::PathBuf;
+
+/// What every command understands.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Common {
+    /// Folder of the store; `store` in regimen.toml, else `store`.
+    #[arg(long, global = true, env = "REGIMEN_STORE", value_name = "DIR")]
+    pub(super) store: Option<PathBuf>,
+    /// Bucket of object storage by which machines without a common folder share their stores, as
+    /// `s3://bucket/prefix`; `bucket` in regimen.toml.
+    #[arg(long, global = true, env = "REGIMEN_BUCKET", value_name = "URL")]
+    pub(super) bucket: Option<String>,
+    /// Profile of regimen.toml to use.
+    #[arg(long, global = true, env = "REGIMEN_MACHINE", value_name = "NAME")]
+    pub(super) machine: Option<String>,
+    /// Largest file, in megabytes, that is read as a study, data, curves or runs of others; usually 10 MB of a
+    /// study, 256 MB of other text and 16 GB of other bytes.
+    #[arg(long, global = true, env = "REGIMEN_INPUT_MB", value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    pub(super) input_mb: Option<u64>,
+    /// How to print: for people or as JSON.
+    #[arg(long, global = true, value_enum, default_value_t = Format::Text)]
+    pub(super) format: Format,
+}
+
+impl Common {
+    /// What the command line says of the machine.
+    pub(super) fn machine(&self) -> MachineOptions {
+        MachineOptions {
+            store: self.store.clone(),
+            bucket: self.bucket.clone(),
+            machine: self.machine.clone(),
+            input_mb: self.input_mb,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Format {
+    Text,
+    Json,
+}
+
+/// Which studies, and with which budget.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Studies {
+    /// Study files.
+    #[arg(required = true, value_name = "SPEC")]
+    pub(super) specs: Vec<PathBuf>,
+    /// Profile of the study (a named budget).
+    #[arg(long, short = 'P', value_name = "NAME")]
+    pub(super) profile: Option<String>,
+    /// Replace one value, as in `--set dsac.discount=0.999`.
+    #[arg(long = "set", short = 'S', value_name = "PATH=VALUE")]
+    pub(super) sets: Vec<String>,
+    /// Number of seeds, in place of the study's.
+    #[arg(long, value_name = "N")]
+    pub(super) seeds: Option<u64>,
+    /// Only trials of these environments and agents (names of the study).
+    #[arg(long, value_name = "NAME")]
+    pub(super) only: Vec<String>,
+}
+
+impl Studies {
+    /// Opens a session with these studies.
+    pub(super) fn open<'a>(&self, registry: &'a Registry, common: &Common) -> Result<Session<'a>, Failure> {
+        let selection = Selection {
+            specs: self.specs.clone(),
+            profile: self.profile.clone(),
+            sets: self.sets.clone(),
+            seeds: self.seeds,
+            only: self.only.clone(),
+        };
+        Session::open(registry, selection, common.machine(), &Person)
+    }
+
+    /// The same for a command that takes the store as it is here, and nothing from a bucket.
+    pub(super) fn open_here<'a>(
+        &self,
+        registry: &'a Registry,
+        common: &Common,
+    ) -> Result<Session<'a>, Failure> {
+        let mut session = self.open(registry, common)?;
+        session.settings.bucket = None;
+        Ok(session)
+    }
+}
+
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct RunArgs {
+    /// Worker processes; `workers` in regimen.toml, else the number of cores. With a queue: tasks at a time;
+    /// `max_tasks`.
+    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = one_or_more)]
+    pub(super) jobs: Option<usize>,
+    /// What runs the trials; `executor` in regimen.toml, else this machine.
+    #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
+    pub(super) executor: Option<String>,
+    /// With a queue: leave after the submission; a later `run` follows it.
+    #[arg(long)]
+    pub(super) detach: bool,
+    /// Say what would run, and run nothing.
+    #[arg(long, short = 'n')]
+    pub(super) dry_run: bool,
+    /// Run failed trials again.
+    #[arg(long)]
+    pub(super) retry_failed: bool,
+    /// Compute no trial of a program a second time to see whether it repeats.
+    #[arg(long)]
+    pub(super) no_rehearsal: bool,
+    #[command(flatten)]
+    pub(super) limits: LimitArgs,
+    #[command(flatten)]
+    pub(super) consent: Consent,
+}
+
+/// What one trial may use, and what is tried again; each in place of what the study and regimen.toml say.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct LimitArgs {
+    /// Stop at the first trial that does not end `ok`; the running ones save a checkpoint.
+    #[arg(long, conflicts_with = "keep_going")]
+    pub(super) fail_fast: bool,
+    /// Go on after trials that fail (the default).
+    #[arg(long)]
+    pub(super) keep_going: bool,
+    /// How often a trial that was killed from outside is tried again.
+    #[arg(long, value_name = "N", value_parser = retries)]
+    pub(super) retries: Option<u32>,
+    /// End states after which a trial is tried again, in place of `killed`.
+    #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = end_state)]
+    pub(super) retry_on: Vec<EndState>,
+    /// Wait before the first retry; it doubles with each further one.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = retry_delay_s)]
+    pub(super) retry_delay_s: Option<f64>,
+    /// Longest time of an attempt at a trial.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = wall_time_s)]
+    pub(super) wall_time_s: Option<f64>,
+    /// Longest time for which nothing may be heard of a program that trains itself.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = stalled_after_s)]
+    pub(super) stalled_after_s: Option<f64>,
+    /// Most memory of a trial's process.
+    #[arg(long, value_name = "MB", value_parser = memory_mb)]
+    pub(super) memory_mb: Option<u64>,
+}
+
+/// A number of processes.
+pub(super) fn one_or_more(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("no process computes nothing: write 1 or more, or leave it out for one per core".into()),
+        Ok(number) => Ok(number),
+        Err(error) => Err(format!("{error}")),
+    }
+}
+
+impl LimitArgs {
+    /// The limits that are said.
+    pub(super) fn limits(&self) -> Limits {
+        Limits {
+            wall_time_s: self.wall_time_s,
+            stalled_after_s: self.stalled_after_s,
+            memory_mb: self.memory_mb,
+            retries: self.retries,
+            retry_on: (!self.retry_on.is_empty()).then(|| self.retry_on.clone()),
+            retry_delay_s: self.retry_delay_s,
+        }
+    }
+}
+
+fn wall_time_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        wall_time_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn stalled_after_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        stalled_after_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn memory_mb(text: &str) -> Result<u64, String> {
+    limit(text, |value| Limits {
+        memory_mb: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn retries(text: &str) -> Result<u32, String> {
+    limit(text, |value| Limits {
+        retries: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn retry_delay_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        retry_delay_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+/// A limit that holds, of the same check as everywhere.
+fn limit<T>(text: &str, limits: impl Fn(T) -> Limits) -> Result<T, String>
+where
+    T: std::str::FromStr<Err: std::fmt::Display> + Copy,
+{
+    let value: T = text.parse().map_err(|error: T::Err| error.to_string())?;
+    let checked = limits(value).check();
+    checked.map(|()| value).map_err(|error| error.instead.to_owned())
+}
+
+/// An end state by its word.
+fn end_state(word: &str) -> Result<EndState, String> {
+    let known = || {
+        EndState::FAILURES
+            .iter()
+            .map(|state| state.name())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    EndState::FAILURES
+        .into_iter()
+        .find(|state| state.name() == word)
+        .ok_or_else(|| format!("known: {}", known()))
+}
+
+/// The trials that `worker` runs, and its limits.
+#[derive(Debug, Args)]
+pub(super) struct WorkerArgs {
+    #[command(flatten)]
+    pub(super) studies: Studies,
+    /// Only every Nth trial, beginning with the Ith (from 0).
+    #[arg(long, value_name = "I/N")]
+    pub(super) index: Option<String>,
+    /// Worker processes.
+    #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
+    pub(super) jobs: usize,
+    /// The submission that it belongs to: nothing runs once nobody waits for it.
+    #[arg(long, value_name = "ID", hide = true)]
+    pub(super) submission: Option<String>,
+    #[command(flatten)]
+    pub(super) limits: LimitArgs,
+    #[command(flatten)]
+    pub(super) consent: Consent,
+    #[command(flatten)]
+    pub(super) summaries: Summaries,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(super) struct ReportArgs {
+    /// Folder for tables, figures and the report, or for those of several studies, each in a folder of its name;
+    /// `results/<study>`, with `-<profile>` and with `+<options>` behind it where the study is not run as it is
+    /// written. Several studies have one page over all of them, too: `index.html` around their folders.
+    #[arg(long, short = 'o', value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Leave with 101 where a published value or a claim differs.
+    #[arg(long)]
+    pub(super) strict: bool,
+    /// Print every table and claim, not the answers and the first table alone.
+    #[arg(long, short = 'v')]
+    pub(super) verbose: bool,
+}
+
+impl ReportArgs {
+    /// Where reports go, and what of them counts.
+    pub(super) fn options(&self) -> ReportOptions {
+        ReportOptions {
+            out: self.out.clone(),
+            strict: self.strict,
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! `check`, `resolve`: studies read, and nothing run.
+
+use super::{Common, Format, Studies, complain, consent::Consent, say};
+use analysis::claim;
+use clap::Args;
+use contract::Registry;
+use document::{
+    count::count,
+    diagnostic::{self, Severity},
+};
+use presentation::claim_spec::ClaimSpec;
+use serde_json::json;
+use session::{Checked, Exit, Failure, Refused, Session, by_study};
+use std::{collections::BTreeSet, path::Path};
+use study::Study;
+
+/// The options of `check`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct CheckOptions {
+    #[command(flatten)]
+    studies: Studies,
+    /// Start each program twice, with one seed, up to its first measurement, and say whether it repeats.
+    #[arg(long)]
+    rehearse: bool,
+    /// Longest time of each of the two runs.
+    #[arg(long, value_name = "SECONDS", requires = "rehearse", default_value_t = 60)]
+    rehearse_for: u32,
+    #[command(flatten)]
+    consent: Consent,
+}
+
+/// `check`, with its rehearsal where that is asked for and every study holds.
+pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common) -> Result<Exit, Failure> {
+    if options.rehearse && common.format == Format::Json {
+        return Err(Failure::refusal(
+            "`--rehearse` prints text: leave out `--format json`",
+        ));
+    }
+    let session = options.studies.open(registry, common)?;
+    let (checked, refused) = session.check()?;
+    if common.format == Format::Json {
+        return Ok(say_as_json(&session, &checked, &refused));
+    }
+    match say_checked(&session, &checked, &refused)? {
+        Exit::Ok if options.rehearse => rehearse(&session, options),
+        exit => Ok(exit),
+    }
+}
+
+/// One line per good study, and one per study that this machine cannot check.
+fn say_checked(session: &Session<'_>, checked: &[Checked], refused: &[Refused]) -> Result<Exit, Failure> {
+    let is_unavailable = |(_, problems): &&Refused| diagnostic::are_unavailable(problems);
+    let unchecked: Vec<&Refused> = refused.iter().filter(is_unavailable).collect();
+    unchecked.iter().for_each(|it| say_unchecked(it));
+    let wrong = refused.iter().filter(|it| !is_unavailable(it));
+    let wrong: Vec<String> = wrong
+        .map(|(_, problems)| diagnostic::render_first(problems))
+        .collect();
+    if !wrong.is_empty() {
+        return Err(Failure {
+            exit: Exit::BadStudy,
+            text: wrong.join("\n"),
+        });
+    }
+    let is_empty = |(trials, study): &Checked| *trials == 0 && study.searches.is_empty();
+    if unchecked.is_empty() && checked.iter().all(is_empty) {
+        return Err(Failure {
+            exit: Exit::NothingSelected,
+            text: "no trial matches what was selected".into(),
+        });
+    }
+    for (_, study) in checked.iter().filter(|(_, study)| !study.warnings.is_empty()) {
+        complain(&diagnostic::render_first(&study.warnings));
+    }
+    session.check_fit(checked)?;
+    for (trials, study) in checked {
+        say(&format!(
+            "{}: ok, {}, {}, {}, {}{}",
+            study.name,
+            count(*trials, "trial"),
+            count(study.tables.len(), "table"),
+            count(study.figures.len(), "figure"),
+            count(study.claims.len(), "claim"),
+            any_difference(study)
+        ));
+        for program in session.programs_of(study.built_agents().iter().map(|it| &**it)) {
+            say(&format!("  `run` starts `{program}`"));
+        }
+    }
+    Ok(match unchecked.is_empty() {
+        true => Exit::Ok,
+        false => Exit::Unchecked,
+    })
+}
+
+/// That any difference decides some claims, for which the study names nothing that matters.
+fn any_difference(study: &Study) -> String {
+    let lacks = |spec: &&ClaimSpec| {
+        let is_direction = claim::parse(&spec.claim).is_ok_and(|claim| claim.relation.is_direction());
+        is_direction && spec.matters.is_none()
+    };
+    match study.claims.iter().filter(lacks).count() {
+        n if n == 0 || study.relevance.is_some() => String::new(),
+        n => format!(" ({n} decided by any difference: `relevance` says which one matters)"),
+    }
+}
+
+/// Says of a study what this machine lacks, in one line.
+fn say_unchecked((path, problems): &Refused) {
+    let lacking = problems.iter().filter(|it| it.severity == Severity::Unavailable);
+    // The first line says it; what Python said of it follows.
+    let lacking: BTreeSet<&str> = lacking.filter_map(|it| it.message.lines().next()).collect();
+    let lacking = lacking.into_iter().collect::<Vec<_>>().join("; ");
+    complain(&format!("{}: not checked: {lacking}", path.display()));
+}
+
+/// The problems of every study, in the order of the command line.
+fn say_as_json(session: &Session<'_>, checked: &[Checked], refused: &[Refused]) -> Exit {
+    let is_refused = |path: &Path| refused.iter().find(|(it, _)| it == path);
+    let (mut good, mut exit, mut reports) = (checked.iter(), Exit::Ok, Vec::new());
+    for path in &session.selection.specs {
+        let problems = match is_refused(path) {
+            Some((_, problems)) => {
+                let is_unchecked = diagnostic::are_unavailable(problems) && exit != Exit::BadStudy;
+                exit = match is_unchecked {
+                    true => Exit::Unchecked,
+                    false => Exit::BadStudy,
+                };
+                problems.as_slice()
+            }
+            None => good.next().map_or(&[][..], |(_, study)| &study.warnings),
+        };
+        reports.push(json!({"spec": path, "problems": diagnostic::to_json(problems)}));
+    }
+    say(&serde_json::Value::Array(reports).to_string());
+    exit
+}
+
+/// Rehearses the programs of studies that hold; 100 where one of them does not come to its first measurement.
+fn rehearse(session: &Session<'_>, options: &CheckOptions) -> Result<Exit, Failure> {
+    let planned = session.load()?;
+    options.consent.ask_for(session.programs_to_rehearse(&planned)?)?;
+    let mut exit = Exit::Ok;
+    for line in session.rehearse(&planned, f64::from(options.rehearse_for))? {
+        say(&line.unwrap_or_else(|problem| {
+            exit = Exit::TrialsFailed;
+            problem
+        }));
+    }
+    Ok(exit)
+}
+
+/// `resolve`: the study with every default.
+pub(super) fn resolve(registry: &Registry, studies: &Studies, common: &Common) -> Result<Exit, Failure> {
+    let planned = studies.open(registry, common)?.load()?;
+    for (one, _) in by_study(&planned) {
+        say(&study::resolved_yaml(&one.study, Path::new(""))?);
+    }
+    Ok(Exit::Ok)
+}

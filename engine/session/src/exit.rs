@@ -1,0 +1,104 @@
+//! How a command ends.
+
+use contract::Error;
+use document::diagnostic::{self, Diagnostic};
+use std::fmt::Display;
+
+/// How a command ended, from best to worst: the worst of several is their maximum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Exit {
+    /// Everything went well.
+    Ok,
+    /// The command line or a study is wrong.
+    BadStudy,
+    /// This machine lacks what studies need, so that they could not be checked; nothing else is wrong.
+    Unchecked,
+    /// Nothing matched what was selected.
+    NothingSelected,
+    /// Some trials failed.
+    TrialsFailed,
+    /// A published value or claim differs under `--strict`, or stored numbers differ that should not.
+    Differs,
+    /// A table or figure of a report could not be made.
+    NotMade,
+    /// Trials are missing.
+    Incomplete,
+}
+
+impl Exit {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Ok,
+        Self::BadStudy,
+        Self::Unchecked,
+        Self::NothingSelected,
+        Self::TrialsFailed,
+        Self::Differs,
+        Self::NotMade,
+        Self::Incomplete,
+    ];
+
+    /// The exit code of a process.
+    #[must_use]
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Ok => 0,
+            Self::BadStudy => 2,
+            Self::Unchecked => 3,
+            Self::NothingSelected => 4,
+            Self::TrialsFailed => 100,
+            Self::Differs => 101,
+            Self::NotMade => 102,
+            Self::Incomplete => 106,
+        }
+    }
+}
+
+/// A command that could not be carried out.
+#[derive(Debug)]
+pub struct Failure {
+    /// How the command ends.
+    pub exit: Exit,
+    /// The message, with `error: ` before it where it is one.
+    pub text: String,
+}
+
+impl Failure {
+    /// Something that was asked for in a wrong way; `error: ` comes before the problem.
+    pub fn refusal(problem: impl Display) -> Self {
+        Self {
+            exit: Exit::BadStudy,
+            text: format!("error: {problem}"),
+        }
+    }
+
+    /// A study that is wrong.
+    #[must_use]
+    pub fn study(problems: &[Diagnostic]) -> Self {
+        Self {
+            exit: Exit::BadStudy,
+            text: diagnostic::render_first(problems),
+        }
+    }
+}
+
+impl Display for Failure {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        out.write_str(&self.text)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        let exit = match error {
+            Error::File { .. } | Error::Store { .. } => Exit::Incomplete,
+            _ => Exit::BadStudy,
+        };
+        Self {
+            exit,
+            text: format!("error: {error}"),
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What a person does with studies, as a library: load, check, plan, run, collect and report.
+//!
+//! The commands of the program are a few lines around a [`Session`] each. A program of others opens one in the same
+//! way:
+//!
+//! ```text
+//! let session = Session::open(&registry, Selection::of("study.yaml"), MachineOptions::default(), &Silent)?;
+//! let mut planned = session.load_with_looks()?;
+//! session.run(&mut planned, &RunOptions::default())?;
+//! let reports = session.report(&planned, &ReportOptions::default())?;
+//! ```
+
+mod absent;
+mod compared;
+mod compute;
+mod confirmations;
+mod exit;
+mod export;
+pub mod export_policy;
+mod fitting;
+mod folders;
+mod hosts;
+mod index;
+mod loading;
+mod looks;
+mod observer;
+pub mod one_trial;
+mod pack;
+mod planned;
+mod prepare;
+mod profiles;
+mod programs;
+mod provenance;
+mod recorded;
+mod rehearse;
+mod reports;
+mod results;
+mod run;
+mod searches;
+mod seen;
+mod selection;
+mod settings;
+mod stages;
+mod state;
+mod submit;
+mod verify;
+mod waiting;
+mod worker;
+
+pub use compared::Other;
+pub use confirmations::{by_study, joined};
+pub use exit::{Exit, Failure};
+pub use export::{Exported, Whole};
+pub use index::{Studied, studies_within, write_index};
+pub use loading::{Checked, Refused, exit_of};
+pub use looks::line as looks_in_words;
+pub use observer::{Follower, Observer, Silent};
+pub use planned::Planned;
+pub use prepare::{failed_in_words, has_failed};
+pub use programs::{Program, of_commands};
+pub use rehearse::Rehearsed;
+pub use reports::{Report, ReportOptions, Reported};
+pub use run::{Computed, RunOptions, WorkerOptions};
+pub use searches::{exit_of_searches, lines as searches_in_words};
+pub use seen::unite;
+pub use selection::{MachineOptions, Selection};
+pub use settings::Settings;
+pub use stages::{lines as stages_in_words, of as stages};
+pub use state::State;
+pub use verify::{Verifiable, VerifyOptions, exit_of_receipt};
+pub use waiting::Waiting;
+pub use worker::serve_if_asked;
+
+use contract::Registry;
+use execution::store::Store;
+use std::cell::OnceCell;
+
+/// Studies that a person has selected, on one machine.
+pub struct Session<'a> {
+    /// What this program is made of.
+    pub registry: &'a Registry,
+    /// The studies.
+    pub selection: Selection,
+    /// The settings of the machine.
+    pub settings: Settings,
+    /// The same as far as it was said beside `regimen.toml`, for the commands that are shown.
+    machine: MachineOptions,
+    observer: &'a dyn Observer,
+    store: OnceCell<Store>,
+}
+
+impl<'a> Session<'a> {
+    /// Reads the settings of the machine. No study is read yet.
+    ///
+    /// # Errors
+    /// What is wrong in `regimen.toml`.
+    pub fn open(
+        registry: &'a Registry,
+        selection: Selection,
+        machine: MachineOptions,
+        observer: &'a dyn Observer,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            registry,
+            selection,
+            settings: Settings::read(&machine)?,
+            machine,
+            observer,
+            store: OnceCell::new(),
+        })
+    }
+
+    /// The store of the machine, with the bucket by which it is shared.
+    ///
+    /// # Errors
+    /// What is wrong with the address or the keys of a bucket.
+    pub fn store(&self) -> Result<&Store, Failure> {
+        if let Some(store) = self.store.get() {
+            return Ok(store);
+        }
+        let store = self.settings.open()?;
+        Ok(self.store.get_or_init(|| store))
+    }
+
+    /// The command `verb` for the same studies, with more words at its end, to be typed as it stands.
+    #[must_use]
+    pub fn command(&self, verb: &str, more: &[&str]) -> String {
+        selection::command(&self.selection, &self.machine, verb, more)
+    }
+
+    /// The command that runs again what failed.
+    #[must_use]
+    pub fn again(&self) -> String {
+        self.command("run", &["--retry-failed"])
+    }
+
+    /// Tells the observer.
+    pub(crate) fn notice(&self, text: &str) {
+        self.observer.notice(text);
+    }
+}

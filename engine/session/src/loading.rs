@@ -1,0 +1,299 @@
+//! Studies read, checked and planned.
+
+use crate::{
+    Exit, Failure, Planned, Selection, Session, absent, confirmations, fitting::Machines, looks, searches,
+};
+use contract::{
+    Registry,
+    trial_end::{EndState, TrialEnd},
+};
+use document::{
+    count::{count, either},
+    diagnostic::{self, Diagnostic},
+};
+use execution::store::{Announcements, Store};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+use study::{Study, plan::Wanted};
+
+/// A study that cannot be planned: its file, and everything that is wrong.
+pub type Refused = (PathBuf, Vec<Diagnostic>);
+
+/// A study that holds, with the number of its trials that are selected.
+pub type Checked = (usize, Study);
+
+impl Session<'_> {
+    /// Plans all selected studies, each with its confirmations behind it; every problem of every file is in the
+    /// failure.
+    ///
+    /// # Errors
+    /// What is wrong with studies, and where no trial is selected.
+    pub fn load(&self) -> Result<Vec<Planned>, Failure> {
+        self.load_with(None)
+    }
+
+    fn load_with(&self, announced: Option<&Announcements>) -> Result<Vec<Planned>, Failure> {
+        let (planned, refused) = self.read(announced);
+        no_error(&refused)?;
+        self.selects_something(&planned)?;
+        Ok(confirmations::planned(planned, self.registry))
+    }
+
+    /// As [`load`](Self::load), with the settings and looks that the stored results ask for.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load), and a store that cannot be read.
+    pub fn load_with_looks(&self) -> Result<Vec<Planned>, Failure> {
+        let store = self.store()?;
+        let mut planned = self.load_with(Some(&Announcements::of(store.root())))?;
+        if let Some(warning) = absent::if_new(store.root()) {
+            self.notice(&warning);
+        }
+        for one in &mut planned {
+            self.grow_one(one, store)?;
+        }
+        confirmations::follow(&mut planned, self.registry);
+        Ok(planned)
+    }
+
+    /// Takes a study as far as the stored results ask for, and those that other machines share.
+    fn grow_one(&self, one: &mut Planned, store: &Store) -> Result<(), Failure> {
+        let mut said = BTreeSet::new();
+        loop {
+            let planned = one.plan.trials.len();
+            let fetched = store.fetch(one.plan.trials.iter().map(|trial| trial.id.as_str()))?;
+            for damage in fetched.damaged {
+                let text =
+                    format!("warning: {damage}; its trial counts as missing, and `run` computes it again");
+                if said.insert(damage) {
+                    self.notice(&text);
+                }
+            }
+            searches::grow(one, self.registry, store)?;
+            looks::grow(one, self.registry, store);
+            // Without anything new there is nothing that could ask for more.
+            if fetched.taken == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Takes every study with searches or planned looks as far as its results ask for; true where trials were added.
+    ///
+    /// # Errors
+    /// What plugins refuse of a setting that a search proposes, and a store that cannot be read.
+    pub fn grow(&self, planned: &mut [Planned]) -> Result<bool, Failure> {
+        let store = self.store()?;
+        let mut grown = false;
+        for one in &mut *planned {
+            if searches::grow(one, self.registry, store)? {
+                for line in searches::lines(one) {
+                    self.notice(&format!("{}:{line}", one.study.name));
+                }
+                grown = true;
+            }
+            if looks::grow(one, self.registry, store) {
+                let line = looks::line(one).unwrap_or_default();
+                self.notice(&format!("{}:{line}", one.study.name));
+                grown = true;
+            }
+        }
+        confirmations::follow(planned, self.registry);
+        Ok(grown)
+    }
+
+    /// The studies that can be planned, and the others.
+    fn read(&self, announced: Option<&Announcements>) -> (Vec<Planned>, Vec<Refused>) {
+        let (mut planned, mut refused) = (Vec::new(), Vec::new());
+        for path in &self.selection.specs {
+            match load_one(
+                self.registry,
+                path,
+                &self.selection.only,
+                options(&self.selection, announced),
+            ) {
+                Ok(one) => planned.push(one),
+                Err(problems) => refused.push((path.clone(), problems)),
+            }
+        }
+        (planned, refused)
+    }
+
+    /// Fails where no trial is selected, or what no study has.
+    fn selects_something(&self, planned: &[Planned]) -> Result<(), Failure> {
+        if let Some(text) = absent::unknown_names(planned, &self.selection.only) {
+            return Err(Failure {
+                exit: Exit::NothingSelected,
+                text,
+            });
+        }
+        // A search has no trials before it is asked for its first settings.
+        if planned
+            .iter()
+            .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
+        {
+            return Err(nothing_selected());
+        }
+        Ok(())
+    }
+
+    /// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them
+    /// has to be planned.
+    ///
+    /// # Errors
+    /// Where names are selected that no study has.
+    pub fn check(&self) -> Result<(Vec<Checked>, Vec<Refused>), Failure> {
+        // The environments of Python are asked anew.
+        let announced = Announcements::of(&self.settings.store).doubted();
+        if !self.selection.only.is_empty() {
+            let (planned, refused) = self.read(Some(&announced));
+            if refused.is_empty() {
+                self.selects_something(&planned)?;
+            }
+            let checked = planned.into_iter().map(|one| (one.plan.trials.len(), one.study));
+            return Ok((checked.collect(), refused));
+        }
+        let (mut checked, mut refused) = (Vec::new(), Vec::new());
+        for path in &self.selection.specs {
+            match study::load(path, self.registry, &options(&self.selection, Some(&announced))) {
+                Ok(study) => checked.push((study.n_trials(), study)),
+                Err(problems) => refused.push((path.clone(), problems)),
+            }
+        }
+        Ok((checked, refused))
+    }
+
+    /// Refuses studies whose trials fit none of the machines that the settings name.
+    ///
+    /// # Errors
+    /// The first agent whose trials fit none.
+    pub fn check_fit(&self, studies: &[Checked]) -> Result<(), Failure> {
+        let Some(machines) = Machines::of(&self.settings)? else {
+            return Ok(());
+        };
+        studies.iter().try_for_each(|(_, study)| {
+            let agents = study.built_agents();
+            machines.refuse_unfit(self.registry, agents.iter().map(|it| &**it))
+        })
+    }
+
+    /// Says what can be run and is probably not meant.
+    pub(crate) fn warn(&self, planned: &[Planned]) {
+        for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
+            self.notice(&diagnostic::render_first(&one.study.warnings));
+        }
+    }
+
+    /// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
+    pub fn ends(&self, store: &Store, one: &Planned) -> Vec<Option<TrialEnd>> {
+        let found = store.outcomes(&one.plan.trials);
+        for (_, error) in &found.unreadable {
+            self.notice(&format!("warning: {error}; the trial counts as missing"));
+        }
+        found.all
+    }
+
+    /// Says what becomes of a study's imported runs, where it has some.
+    pub fn say_imported(&self, one: &Planned, what: &str) {
+        for it in &one.study.imported {
+            self.notice(&format!(
+                "{}: {} of `{}` {} imported and {what}",
+                one.study.name,
+                count(it.trials.len(), "run"),
+                it.origin.name,
+                either(&it.trials.len(), "is", "are")
+            ));
+        }
+    }
+}
+
+/// Fails with everything that is wrong with studies.
+fn no_error(refused: &[Refused]) -> Result<(), Failure> {
+    let problems: Vec<String> = refused
+        .iter()
+        .map(|(_, problems)| diagnostic::render_first(problems))
+        .collect();
+    if problems.is_empty() {
+        return Ok(());
+    }
+    Err(Failure {
+        exit: Exit::BadStudy,
+        text: problems.join("\n"),
+    })
+}
+
+/// The failure where no trial is selected.
+fn nothing_selected() -> Failure {
+    Failure {
+        exit: Exit::NothingSelected,
+        text: "no trial matches what was selected".into(),
+    }
+}
+
+/// Loads and plans one study.
+pub(crate) fn load_one(
+    registry: &Registry,
+    path: &Path,
+    only: &[String],
+    options: study::Options,
+) -> Result<Planned, Vec<Diagnostic>> {
+    let study = study::load(path, registry, &options)?;
+    let mut planned = Planned::of(path, study, options, only);
+    planned.replan(registry, Wanted::new());
+    if planned
+        .options
+        .announced
+        .as_ref()
+        .is_some_and(Announcements::has_store)
+    {
+        keep_announced(&planned);
+    }
+    Ok(planned)
+}
+
+/// The options with which the studies of a selection are read.
+pub(crate) fn options(selection: &Selection, announced: Option<&Announcements>) -> study::Options {
+    study::Options {
+        profile: selection.profile.clone(),
+        sets: selection.sets.clone(),
+        seeds: selection.seeds,
+        announced: announced.cloned(),
+        ..study::Options::default()
+    }
+}
+
+fn keep_announced(one: &Planned) {
+    if let Some(records) = &one.options.announced {
+        one.study
+            .announced
+            .iter()
+            .for_each(|(id, announced)| records.keep(id, announced));
+    }
+}
+
+/// Tries out the environments of a study of which only their records are known, before its trials run, and keeps what
+/// all of them announced.
+pub(crate) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure> {
+    if !one.study.is_recalled {
+        keep_announced(one);
+        return Ok(());
+    }
+    let options = study::Options {
+        announced: one.options.announced.clone().map(Announcements::doubted),
+        ..one.options.clone()
+    };
+    let tried = study::load(&one.path, registry, &options);
+    tried.map(drop).map_err(|problems| Failure::study(&problems))
+}
+
+/// The exit that fits the states of trials; `None` for one that has not run.
+pub fn exit_of(states: impl IntoIterator<Item = Option<EndState>>) -> Exit {
+    let exit = |state: Option<EndState>| match state {
+        Some(EndState::Ok) => Exit::Ok,
+        None | Some(EndState::Killed | EndState::Paused) => Exit::Incomplete,
+        Some(_) => Exit::TrialsFailed,
+    };
+    states.into_iter().map(exit).max().unwrap_or(Exit::Ok)
+}

@@ -1,0 +1,143 @@
+//! A study with its trials.
+
+use crate::confirmations::Confirms;
+use analysis::results::SearchResult;
+use contract::{
+    Registry,
+    complete_config::CompleteConfig,
+    trial::{Trial, TrialKey},
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+use study::{
+    Study,
+    plan::{Plan, Wanted},
+};
+
+/// A study that passed its checks, and its trials.
+pub struct Planned {
+    /// Its file.
+    pub path: PathBuf,
+    /// The study.
+    pub study: Study,
+    /// Its trials, narrowed by `--only`.
+    pub plan: Plan,
+    /// Steps of every trial, for progress and estimates.
+    pub costs: Vec<u64>,
+    /// The combinations that have come to a later look.
+    pub(crate) wanted: Wanted,
+    /// How many judged values and claims are open; `None` where that was not looked at.
+    pub(crate) open: Option<usize>,
+    /// Steps at which searches pause trials, by id.
+    pub(crate) pauses: BTreeMap<String, u64>,
+    /// Trials of searches that have come to their pause; none of them is missing.
+    pub paused: Vec<Arc<Trial>>,
+    set_aside: BTreeSet<String>,
+    /// The confirmation that it is; `None` for a study that stands for itself.
+    pub(crate) confirms: Option<Confirms>,
+    /// What the searches came to.
+    pub searched: Vec<SearchResult>,
+    /// The options that it was read with.
+    pub(crate) options: study::Options,
+    /// Names of environments and agents whose trials are selected; all where empty.
+    pub(crate) only: Vec<String>,
+}
+
+impl Planned {
+    /// True for a confirmation of the study before it.
+    #[must_use]
+    pub fn is_confirmation(&self) -> bool {
+        self.confirms.is_some()
+    }
+
+    /// A study that is not planned yet.
+    pub(crate) fn of(path: &Path, study: Study, options: study::Options, only: &[String]) -> Self {
+        Self {
+            path: path.to_owned(),
+            plan: Plan {
+                study: study.name.clone(),
+                title: study.title.clone(),
+                trials: Vec::new(),
+            },
+            study,
+            costs: Vec::new(),
+            wanted: Wanted::new(),
+            open: None,
+            pauses: BTreeMap::new(),
+            paused: Vec::new(),
+            set_aside: BTreeSet::new(),
+            confirms: None,
+            searched: Vec::new(),
+            options,
+            only: only.to_vec(),
+        }
+    }
+
+    /// Plans the study anew, with other numbers of seeds.
+    pub(crate) fn replan(&mut self, registry: &Registry, wanted: Wanted) {
+        self.plan = self.study.plan_with(&wanted);
+        self.wanted = wanted;
+        if let Some(confirms) = &self.confirms {
+            self.plan
+                .keep(|trial| confirms.cells.contains(&trial.cell.names()));
+        }
+        narrow(&mut self.plan, &self.only);
+        self.pauses = self.study.pauses(&self.plan);
+        let has_paused = |trial: &mut Arc<Trial>| {
+            self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id)
+        };
+        self.paused = self.plan.trials.extract_if(.., has_paused).collect();
+        self.costs = costs(registry, &self.plan);
+    }
+
+    /// Takes trials that have come to their pause out of the plan.
+    pub(crate) fn set_aside(&mut self, registry: &Registry, paused: BTreeSet<String>) {
+        if paused != self.set_aside {
+            self.set_aside = paused;
+            let wanted = std::mem::take(&mut self.wanted);
+            self.replan(registry, wanted);
+        }
+    }
+}
+
+/// Keeps the trials of some environments and agents, with those that they take from; all where none is named.
+fn narrow(plan: &mut Plan, only: &[String]) {
+    if only.is_empty() {
+        return;
+    }
+    let named = |name: &String| only.contains(name);
+    let by_environment = plan.trials.iter().any(|trial| named(&trial.cell.environment));
+    let by_agent = plan.trials.iter().any(|trial| named(&trial.cell.agent));
+    plan.keep(|trial| {
+        let known = by_environment || by_agent;
+        known
+            && (!by_environment || named(&trial.cell.environment))
+            && (!by_agent || named(&trial.cell.agent))
+    });
+}
+
+/// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
+pub(crate) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
+    let mut known: Option<(&CompleteConfig, u64)> = None;
+    let mut costs = Vec::with_capacity(plan.trials.len());
+    for trial in &plan.trials {
+        let config = &trial.key.protocol.config;
+        let steps = match known {
+            Some((same, steps)) if same.is_same(config) => steps,
+            _ => total_steps(registry, &trial.key).unwrap_or(0),
+        };
+        known = Some((config, steps));
+        costs.push(steps);
+    }
+    costs
+}
+
+/// `None` for a protocol that this program does not know.
+pub(crate) fn total_steps(registry: &Registry, key: &TrialKey) -> Option<u64> {
+    let entry = registry.protocols.get(key.protocol.plugin.as_str())?;
+    let protocol = (entry.build)(&key.protocol.config).ok()?;
+    Some(protocol.total_steps())
+}

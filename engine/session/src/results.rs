@@ -1,0 +1,215 @@
+//! The results of a study, and the facts on it that a report shows.
+
+use crate::{Planned, Session, rehearse, stages};
+use analysis::{
+    results::{Results, SearchResult},
+    search::{Progress, Search},
+};
+use contract::{
+    Error, ProductKind, Registry,
+    drawing::Drawings,
+    product::Taken,
+    standard_metrics::names_times,
+    trial::{Part, Trial},
+    trial_result::TrialResult,
+};
+use execution::store::Store;
+use report::StudyInfo;
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+use study::Study;
+
+impl Session<'_> {
+    /// The results of a study from the store. What is damaged is said and counts as missing.
+    ///
+    /// # Errors
+    /// A store that cannot be opened.
+    pub fn collect(&self, one: &Planned) -> Result<Results, crate::Failure> {
+        let store = self.store()?;
+        let mend = self.command("run", &[]);
+        let is_missing = |error: &Error| {
+            let then = match error {
+                Error::Damaged { .. } => format!(": `{mend}` sets it aside and runs it again"),
+                _ => String::new(),
+            };
+            self.notice(&format!("warning: {error}; the trial counts as missing{then}"));
+        };
+        let trials = load(one, store, is_missing);
+        Ok(Results {
+            drawings: drawings(self, one, store, &trials),
+            ..of_trials(one, store, trials)
+        })
+    }
+}
+
+/// The same without a word, for verdicts alone: no figure is shown of it.
+pub(crate) fn judged(one: &Planned, store: &Store) -> Results {
+    of_trials(one, store, load(one, store, |_| {}))
+}
+
+/// All trials of a study with what they recorded; what cannot be read counts as missing, and `say` says why.
+fn load(one: &Planned, store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
+    // In the order of the settings that searches try, some of which are set aside.
+    let planned: Vec<&Arc<Trial>> = one.paused.iter().chain(&one.plan.trials).collect();
+    let (mut trials, unreadable) = store.load_all(&planned);
+    unreadable.iter().for_each(|(_, error)| say(error));
+    for it in &mut trials {
+        if let Err(error) = store.read_partial(it) {
+            it.end = None;
+            say(&error);
+        }
+    }
+    if names_times_of(&one.study) {
+        trials.iter_mut().for_each(TrialResult::add_times);
+    }
+    trials
+}
+
+fn of_trials(one: &Planned, store: &Store, trials: Vec<TrialResult>) -> Results {
+    Results {
+        repeated: rehearse::answers(&trials, store),
+        ..assembled(&one.study, trials)
+    }
+}
+
+/// The facts on a study.
+pub(crate) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
+    let study = &one.study;
+    StudyInfo {
+        name: study.name.clone(),
+        title: study.title.clone(),
+        source: study.source.clone(),
+        family: study.family.clone(),
+        summary: study.summary.clone(),
+        answers: study.answers.clone(),
+        departures: study.departures.clone(),
+        repeats: study.repeats,
+        tables: study.tables.clone(),
+        figures: study.figures.clone(),
+        claims: study.claims.clone(),
+        confirm: study.confirm.clone(),
+        agents: study.agents.clone(),
+        environments: study.environments.clone(),
+        is_rehearsal: study.profile.as_deref() == Some(report::REHEARSAL),
+        floors: study.floors.clone(),
+        relevance: study.relevance.clone(),
+        better: study
+            .metrics
+            .iter()
+            .map(|it| (it.name.clone(), it.better))
+            .collect(),
+        units: study.units.clone(),
+        stages: stages::of(one),
+        learners: learners(one, registry),
+        defaults: defaults(one, registry),
+        ..StudyInfo::default()
+    }
+}
+
+/// The agents that learn.
+fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
+    let learns = |trial: &&Arc<Trial>| {
+        let learns = |part: &Part| {
+            let entry = registry.agents.get(part.plugin.as_str());
+            entry.is_some_and(|entry| entry.learns_with(&part.config))
+        };
+        trial.key.agent.agent().is_some_and(learns)
+    };
+    one.plan
+        .trials
+        .iter()
+        .filter(learns)
+        .map(|trial| trial.cell.agent.clone())
+        .collect()
+}
+
+/// Configs with every default of the plugins that trials use, by kind and name.
+fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
+    let mut defaults = BTreeMap::new();
+    for key in one.plan.trials.iter().map(|trial| &trial.key) {
+        let [environment, protocol] = [&key.environment, &key.protocol].map(|part| part.plugin.as_str());
+        let abouts = [
+            (
+                "environment",
+                environment,
+                registry.environments.get(environment).map(|entry| &entry.about),
+            ),
+            (
+                "protocol",
+                protocol,
+                registry.protocols.get(protocol).map(|entry| &entry.about),
+            ),
+        ];
+        let agents = key.agent.parts().into_iter().map(|part| part.plugin.as_str());
+        let agents = agents.map(|name| ("agent", name, registry.agents.get(name).map(|entry| &entry.about)));
+        for (kind, name, about) in abouts.into_iter().chain(agents) {
+            let Some(about) = about else { continue };
+            defaults
+                .entry(format!("{kind} {name}"))
+                .or_insert_with(|| about.defaults.clone());
+        }
+    }
+    defaults
+}
+
+/// True where something of a study shows how long trials took.
+pub(crate) fn names_times_of(study: &Study) -> bool {
+    names_times(&(&study.tables, &study.figures, &study.claims, &study.success))
+}
+
+/// The results of a study from those of its trials.
+pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results {
+    // Nobody here knows how long runs of others took.
+    trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
+    if let Some(success) = &study.success {
+        trials.iter_mut().for_each(|trial| trial.judge_success(success));
+    }
+    let of_search = |(search, progress): &(Search, Progress)| SearchResult::of(search, progress, &trials);
+    let searches = study.searches.iter().map(of_search).collect();
+    Results {
+        searches,
+        design: study.design.clone(),
+        first_seed: study.first_seed(),
+        success: study.success.clone(),
+        paper_budget: study.paper_budget.clone(),
+        imported: study.imported.iter().map(|it| it.origin.clone()).collect(),
+        ..Results::of(trials)
+    }
+}
+
+/// What trials left that figures of the study show, by id. What cannot be read is said, and the figure says it
+/// too.
+fn drawings(
+    session: &Session<'_>,
+    one: &Planned,
+    store: &Store,
+    trials: &[TrialResult],
+) -> BTreeMap<String, Drawings> {
+    let figures = one.study.figures.iter();
+    let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
+    let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
+    // Runs of others left nothing here.
+    let own = trials.iter().filter(|trial| !trial.is_imported());
+    for trial in own.filter(|trial| trial.is_ok()) {
+        for kind in &kinds {
+            let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());
+            if let Err(error) = read_drawing(store, id, *kind, drawings) {
+                session.notice(&format!("warning: {error}; it is not shown"));
+                drawings.problem = Some(error.to_string());
+            }
+        }
+    }
+    all
+}
+
+fn read_drawing(store: &Store, id: &str, kind: ProductKind, drawings: &mut Drawings) -> Result<(), Error> {
+    let taken = Taken {
+        trial: id.to_owned(),
+        kind,
+    };
+    let folder = store.product_if_left(&taken)?;
+    folder.map_or(Ok(()), |folder| drawings.read(kind, &folder))
+}

@@ -1,0 +1,172 @@
+//! Runs: what is missing is computed here, on hosts or through a queue, as far as looks and searches ask for.
+
+use crate::{
+    Exit, Failure, Planned, Session, compute::Compute, hosts, rehearse, searches, seen, submit::Submitting,
+};
+use execution::{
+    executor::{self, Kind, Way},
+    limits::Limits,
+};
+
+/// How missing trials are computed.
+#[derive(Debug, Clone, Default)]
+pub struct RunOptions {
+    /// Worker processes, or tasks of a queue at a time; as the machine says where absent.
+    pub jobs: Option<usize>,
+    /// What runs the trials; as the machine says where absent.
+    pub executor: Option<String>,
+    /// With a queue: leave after the submission.
+    pub detach: bool,
+    /// Run failed trials again.
+    pub retry_failed: bool,
+    /// Compute no trial of a program a second time to see whether it repeats.
+    pub no_rehearsal: bool,
+    /// Limits in the place of those of study and machine.
+    pub limits: Limits,
+    /// Stop at the first trial that does not end `ok`.
+    pub fail_fast: bool,
+}
+
+/// What a worker computes.
+#[derive(Debug, Clone)]
+pub struct WorkerOptions {
+    /// Every so many-th trial alone, beginning with one: `(part, parts)`.
+    pub part: (usize, usize),
+    /// Worker processes.
+    pub jobs: usize,
+    /// Limits in the place of those of study and machine.
+    pub limits: Limits,
+    /// Stop at the first trial that does not end `ok`.
+    pub fail_fast: bool,
+}
+
+/// What came of computing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Computed {
+    /// Everything that was asked for was tried; reports can follow.
+    Ended {
+        /// How it ended.
+        exit: Exit,
+        /// True where no queue was in between.
+        is_here: bool,
+    },
+    /// The command leaves, and others go on.
+    Left(Exit),
+}
+
+impl Session<'_> {
+    /// Computes what is missing, look by look where looks are planned, and whether programs repeat. The studies are as
+    /// [`load_with_looks`](Self::load_with_looks) answers them, and grow.
+    ///
+    /// # Errors
+    /// Trials that fit no machine, executors that cannot be reached, and a store that cannot be written.
+    pub fn run(&self, planned: &mut [Planned], options: &RunOptions) -> Result<Computed, Failure> {
+        let store = self.store()?;
+        self.warn(planned);
+        let mut how = Compute {
+            limits: options.limits.clone(),
+            fail_fast: options.fail_fast,
+            retry_failed: options.retry_failed,
+            ..Compute::of(self, options.jobs.unwrap_or(self.settings.workers))
+        };
+        let kind = place(&mut how, planned, options)?;
+        seen::fix(self, planned, store)?;
+        // Programs start where the trials do.
+        let is_here = kind.is_none() && how.hosts.all.is_empty();
+        let candidates = match is_here && !options.no_rehearsal {
+            true => rehearse::candidates(self.registry, planned, store),
+            false => Vec::new(),
+        };
+        let computed = self.compute_all(&mut how, kind.as_ref(), planned, options)?;
+        // A run that was stopped starts nothing more.
+        if !matches!(
+            computed,
+            Computed::Ended {
+                exit: Exit::Incomplete,
+                ..
+            } | Computed::Left(_)
+        ) {
+            rehearse::compute_again(&how, &candidates, store)?;
+        }
+        Ok(computed)
+    }
+
+    /// Computes what is missing, look by look where looks are planned.
+    fn compute_all(
+        &self,
+        how: &mut Compute<'_>,
+        kind: Option<&Kind>,
+        planned: &mut [Planned],
+        options: &RunOptions,
+    ) -> Result<Computed, Failure> {
+        loop {
+            let exit = match kind {
+                None => how.run(planned, |_| true)?,
+                Some(kind) => match (Submitting { kind, planned, how }).run(options)? {
+                    Some(exit) => return Ok(Computed::Left(exit)),
+                    None => Exit::Ok,
+                },
+            };
+            if !goes_on(exit, how) || !self.grow(planned)? {
+                return Ok(Computed::Ended {
+                    exit: exit.max(searches::tell(self, planned)),
+                    is_here: kind.is_none(),
+                });
+            }
+            // What fails now is not tried again at every look.
+            how.retry_failed = false;
+        }
+    }
+
+    /// Computes the missing trials of a part, and leaves to others what they run.
+    ///
+    /// # Errors
+    /// Trials that do not fit the machine, and a store that cannot be written.
+    pub fn work(&self, planned: &mut [Planned], options: &WorkerOptions) -> Result<Exit, Failure> {
+        let how = Compute {
+            limits: options.limits.clone(),
+            fail_fast: options.fail_fast,
+            whole: false,
+            ..Compute::of(self, options.jobs)
+        };
+        seen::fix(self, planned, self.store()?)?;
+        let (part, parts) = options.part;
+        let mut exit = Exit::Ok;
+        loop {
+            // What failed at one look is not made good by the next.
+            exit = exit.max(how.run(planned, |position| position % parts == part)?);
+            if !goes_on(exit, &how) || !self.grow(planned)? {
+                return Ok(exit.max(searches::tell(self, planned)));
+            }
+        }
+    }
+}
+
+/// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.
+fn place(how: &mut Compute<'_>, planned: &[Planned], options: &RunOptions) -> Result<Option<Kind>, Failure> {
+    let settings = &how.session.settings;
+    let mut kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    let on_hosts = kind.take_if(|kind| matches!(kind.way, Way::Hosts(_)));
+    if kind.is_none() && options.detach {
+        return Err(Failure::refusal(
+            "--detach needs --executor slurm or another that has a queue",
+        ));
+    }
+    if let Some(kind) = &on_hosts {
+        let executor = settings.executor(kind, options.jobs)?;
+        if let Some(access) = executor.access() {
+            hosts::reach(how, planned, access)?;
+        }
+    }
+    Ok(kind)
+}
+
+/// The executor of a name that starts workers on other machines.
+fn elsewhere(name: &str) -> Option<Kind> {
+    executor::find(name).filter(|kind| kind.options().is_some())
+}
+
+/// Whether a further look may follow what was computed: what is missing now would be missing then too.
+fn goes_on(computed: Exit, how: &Compute<'_>) -> bool {
+    computed != Exit::Incomplete && !(computed == Exit::TrialsFailed && how.fail_fast)
+}

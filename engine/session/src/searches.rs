@@ -1,0 +1,126 @@
+//! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
+//! running elsewhere come to the same settings.
+
+use crate::{Exit, Failure, Planned, Session, results};
+
+use analysis::{
+    results::{SearchResult, Sight},
+    search::{Next, Progress},
+};
+use contract::{Registry, trial::Purpose, trial_result::TrialResult};
+use execution::store::Store;
+use std::collections::BTreeSet;
+
+/// Takes every search of a study as far as the stored results say. True where something was added.
+///
+/// # Errors
+/// What plugins refuse of a setting that a search proposes.
+pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<bool, Failure> {
+    let mut grown = false;
+    loop {
+        if one.study.searches.is_empty() || one.confirms.is_some() {
+            return Ok(grown);
+        }
+        let results = results::judged(one, store);
+        one.searched = results.searches;
+        let next = |it: &SearchResult| (it.search.name.clone(), progress(it));
+        let searches = one.searched.iter().map(next).collect();
+        let options = study::Options {
+            searches,
+            ..one.options.clone()
+        };
+        if options == one.options {
+            one.set_aside(registry, paused(&results.tried, one));
+            return Ok(grown);
+        }
+        grown = true;
+        one.study =
+            study::load(&one.path, registry, &options).map_err(|problems| Failure::study(&problems))?;
+        one.options = options;
+        let wanted = std::mem::take(&mut one.wanted);
+        one.replan(registry, wanted);
+    }
+}
+
+fn progress(it: &SearchResult) -> Progress {
+    let known = it.known();
+    let parents = it.search.parents(&known);
+    match it.search.next(&known) {
+        Next::Try(points, stops) => Progress {
+            points,
+            stops,
+            parents,
+            chosen: None,
+        },
+        Next::Chosen(chosen, stops) => Progress {
+            points: it.tried.iter().map(|tried| tried.point.clone()).collect(),
+            stops,
+            parents,
+            chosen,
+        },
+    }
+}
+
+/// Ids of the trials of which the search asks for no more than what was measured: they wait for nothing and are not
+/// missing. What became of one afterwards, for another study, is none of the search's.
+fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
+    let has_paused = |it: &&TrialResult| {
+        let search = match &it.trial.cell.purpose {
+            Purpose::Tried(name) => one.study.searches.iter().find(|(search, _)| search.name == *name),
+            _ => None,
+        };
+        let stop = one.pauses.get(&it.trial.id).copied();
+        let (Some((search, _)), Some(stop)) = (search, stop) else {
+            return false;
+        };
+        !it.is_ok() && it.measured_at(&search.by, stop).is_some()
+    };
+    tried
+        .iter()
+        .filter(has_paused)
+        .map(|it| it.trial.id.clone())
+        .collect()
+}
+
+/// The exit code that fits what the searches of a study came to: without a setting their agents cannot run, and
+/// with one that was chosen without a look at another the choice is one among fewer.
+#[must_use]
+pub fn exit_of_searches(one: &Planned) -> Exit {
+    let saw_all = |it: &SearchResult| {
+        [Sight::Failed, Sight::Last]
+            .iter()
+            .all(|sight| it.seen_so(*sight).is_empty())
+    };
+    match one.searched.iter().all(|it| !it.found_nothing() && saw_all(it)) {
+        true => Exit::Ok,
+        false => Exit::TrialsFailed,
+    }
+}
+
+/// Says why searches cannot choose a setting, or what they could not see beside their choice; answers
+/// [`exit_of_searches`] of all.
+pub(crate) fn tell(session: &Session<'_>, planned: &[Planned]) -> Exit {
+    let again = session.again();
+    for it in planned.iter().flat_map(|one| &one.searched) {
+        let (words, by) = (analysis::results::search_in_words(it), &it.search.by);
+        if !it.seen_so(Sight::Failed).is_empty() {
+            session.notice(&format!("error: {words}: `{again}` runs them again"));
+        } else if it.found_nothing() {
+            session.notice(&format!(
+                "error: {words}: no trial has a final value of `{by}`, so no setting can be chosen"
+            ));
+        } else if it.chosen.is_some() && !it.seen_so(Sight::Last).is_empty() {
+            session.notice(&format!("warning: {words}"));
+        }
+    }
+    planned.iter().map(exit_of_searches).max().unwrap_or(Exit::Ok)
+}
+
+/// How far the searches of a study are, a line for each.
+#[must_use]
+pub fn lines(one: &Planned) -> Vec<String> {
+    one.searched
+        .iter()
+        .map(|it| format!("  {}", analysis::results::search_in_words(it)))
+        .collect()
+}

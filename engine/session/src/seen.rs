@@ -1,0 +1,337 @@
+//! The record of verdicts that were seen, and of the rounds of confirmations that were fixed.
+
+use crate::{Observer, Planned, Session};
+use analysis::results::Results;
+use contract::{
+    Error,
+    trial::{self, CellName},
+    trial_end::is_missing,
+};
+use execution::store::{self, Fixed, SeenVerdicts, Store};
+use presentation::{claim_spec::Relevance, table::Grid};
+use report::{ClaimLine, Contents};
+use serde_json::json;
+use statistics::{Reference, Verdict};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+use study::Study;
+
+/// Notes rounds of confirmations that are computed for the first time, before their first trial: what each asks of
+/// which seeds.
+///
+/// # Errors
+/// [`Error::File`] where a record cannot be written.
+pub(crate) fn fix(session: &Session<'_>, planned: &[Planned], store: &Store) -> Result<(), Error> {
+    for one in planned.iter().filter(|one| one.confirms.is_some()) {
+        let study = &one.study.name;
+        let mut seen = read(session.observer, store, study)?;
+        if seen.fixed.is_some() {
+            continue;
+        }
+        let has_ended =
+            |trial: &&Arc<trial::Trial>| store.end(&trial.id).is_ok_and(|end| !is_missing(end.as_ref()));
+        seen.fixed = Some(Fixed {
+            digest: digest_of_round(&one.study),
+            at: store::now(),
+            ended: one.plan.trials.iter().filter(has_ended).count(),
+        });
+        store.keep_seen(study, &seen)?;
+    }
+    Ok(())
+}
+
+/// The hash of what a round asks of which seeds. Texts are none of it.
+fn digest_of_round(round: &Study) -> String {
+    let claims = round.claims.iter();
+    let claims: Vec<_> = claims
+        .map(|it| json!([it.claim, it.environment, it.matters]))
+        .collect();
+    let tables = round.tables.iter();
+    let tables: Vec<_> = tables
+        .map(|(name, spec)| json!([name, spec.published, spec.margin]))
+        .collect();
+    let looks = round.design.as_ref().map(|design| design.looks().to_vec());
+    contract::digest::of_bytes(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
+}
+
+/// A sentence on when a round was fixed; `None` where nobody noted it.
+pub(crate) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<String> {
+    let Fixed { digest, at, ended } = seen.fixed.as_ref()?;
+    let name = round.name.rsplit('/').next().unwrap_or(&round.name);
+    let day = at.get(..10).unwrap_or(at);
+    let before = match ended {
+        0 => "before its first trial".into(),
+        1 => "after 1 of its trials had ended".into(),
+        n => format!("after {n} of its trials had ended"),
+    };
+    let changed = if *digest == digest_of_round(round) {
+        ""
+    } else {
+        "; it was changed since"
+    };
+    Some(format!(
+        "`{name}` was fixed on {day}, {before} (hash {digest:.12}){changed}."
+    ))
+}
+
+/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by
+/// another margin than when they were first seen, and records those that are seen now. It answers the record as
+/// far as it is of these verdicts and these trials, by what is judged alone.
+///
+/// # Errors
+/// [`Error::File`] where the record cannot be written.
+pub(crate) fn record(
+    session: &Session<'_>,
+    one: &Planned,
+    store: &Store,
+    results: &Results,
+    contents: &mut Contents,
+) -> Result<SeenVerdicts, Error> {
+    let study = &one.study.name;
+    let mut noting = Noting::of(one, read(session.observer, store, study)?, results);
+    noting.ids = Some(FirstIds::of(results));
+    noting.all(contents);
+    // A record of an earlier program gets its check.
+    if noting.changed || !noting.seen.is_sealed() && !noting.seen.verdicts.is_empty() {
+        store.keep_seen(study, &noting.seen)?;
+    }
+    Ok(noting.noted)
+}
+
+/// The same with a record that is of these trials, and goes on with what is no more judged now.
+pub(crate) fn record_again(
+    one: &Planned,
+    seen: SeenVerdicts,
+    results: &Results,
+    contents: &mut Contents,
+) -> SeenVerdicts {
+    let mut noting = Noting::of(one, seen, results);
+    noting.all(contents);
+    let Noting { mut noted, seen, .. } = noting;
+    noted.extend(seen);
+    noted
+}
+
+/// The record of verdicts while those of a report are held against it.
+struct Noting<'a> {
+    seen: SeenVerdicts,
+    /// The part of it that is of this report's verdicts, by what is judged alone.
+    noted: SeenVerdicts,
+    changed: bool,
+    relevance: Option<&'a Relevance>,
+    /// How many trials each combination has.
+    numbers: BTreeMap<CellName, usize>,
+    /// The ids of first trials, where the record is also of others.
+    ids: Option<FirstIds<'a>>,
+    /// The numbers of seeds of planned looks.
+    planned: BTreeSet<u32>,
+}
+
+impl<'a> Noting<'a> {
+    fn of(one: &'a Planned, seen: SeenVerdicts, results: &Results) -> Self {
+        let mut numbers: BTreeMap<CellName, usize> = BTreeMap::new();
+        for it in &results.trials {
+            *numbers.entry(it.cell()).or_default() += 1;
+        }
+        let design = one.study.design.iter();
+        let mut noted = SeenVerdicts::default();
+        noted.lost.clone_from(&seen.lost);
+        noted.fixed.clone_from(&seen.fixed);
+        Self {
+            noted,
+            seen,
+            changed: false,
+            relevance: one.study.relevance.as_ref(),
+            numbers,
+            ids: None,
+            planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
+        }
+    }
+
+    /// Holds everything that is judged against the record.
+    fn all(&mut self, contents: &mut Contents) {
+        let tables = contents.tables.iter_mut();
+        tables
+            .filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?)))
+            .for_each(|(name, grid)| self.table(name, grid));
+        contents.claims.iter_mut().for_each(|line| self.claim(line));
+        contents.lost_record.clone_from(&self.seen.lost);
+        // What is exploratory is in no family.
+        contents.adjust();
+    }
+
+    /// The most trials that a combination has of those behind a verdict.
+    fn most_planned(&self, cells: &BTreeSet<CellName>) -> usize {
+        let numbers = cells.iter().filter_map(|cell| self.numbers.get(cell));
+        numbers.copied().max().unwrap_or(0)
+    }
+
+    /// The name of what is judged in the record: another version of a trial is another experiment.
+    fn key(&self, place: &str, rests_on: &BTreeSet<CellName>) -> String {
+        match &self.ids {
+            Some(ids) => format!("{place} @ {}", ids.hash(rests_on)),
+            None => place.to_owned(),
+        }
+    }
+
+    fn table(&mut self, name: &str, grid: &mut Grid) {
+        for (row, cells) in grid.rows.iter().zip(&mut grid.cells) {
+            for (column, cell) in grid.columns.iter().zip(cells) {
+                let judged = cell.verdict().is_some_and(Verdict::is_judged);
+                let seeds = number(judged, cell.planned, cell.seeds.len() + cell.failed, &cell.looks);
+                let place = format!("{name}: {}, {}", row.name, column.name);
+                cell.seen_at = self.look(&place, &cell.rests_on, seeds);
+                let rule = cell.judgement.as_ref().map(|it| rule_of_value(&it.reference));
+                cell.first_judged_by = self.first_rule(&place, &cell.rests_on, seeds.and(rule));
+            }
+        }
+    }
+
+    fn claim(&mut self, line: &mut ClaimLine) {
+        let judged = line.verdict.as_ref().is_ok_and(|claim| claim.verdict.is_judged());
+        let n = line.verdict.as_ref().map_or(0, |claim| claim.n);
+        let seeds = number(judged, self.most_planned(&line.rests_on), n, &line.looks);
+        let place = format!("{} in {}", line.spec.claim, line.place);
+        line.seen_at = self.look(&place, &line.rests_on, seeds);
+        let rule = rule_of_claim(line.spec.matters, self.relevance);
+        line.first_judged_by = self.first_rule(&place, &line.rests_on, seeds.map(|_| rule));
+    }
+
+    /// Notes what a verdict is passed by that is seen; what it was when the verdict was first seen, where that was
+    /// something else.
+    fn first_rule(
+        &mut self,
+        place: &str,
+        rests_on: &BTreeSet<CellName>,
+        rule: Option<String>,
+    ) -> Option<String> {
+        let rule = rule?;
+        let key = self.key(place, rests_on);
+        let first = self.seen.rules.get(&key).cloned();
+        if first.is_none() {
+            self.seen.rules.insert(key, rule.clone());
+            self.changed = true;
+        }
+        let first = first.unwrap_or_else(|| rule.clone());
+        self.noted.rules.insert(place.to_owned(), first.clone());
+        Some(first).filter(|first| *first != rule)
+    }
+
+    /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
+    /// it: more seeds that were seen and are not shown are no better than fewer.
+    fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
+        let seeds = seeds?;
+        let key = self.key(place, rests_on);
+        let plans = self.seen.plans.entry(key.clone()).or_default();
+        let before = self.seen.verdicts.entry(key).or_default();
+        if before.insert(seeds) {
+            self.changed = true;
+            plans.insert(seeds, self.planned.clone());
+        }
+        let [place, noted] = [place.to_owned(), place.to_owned()];
+        self.noted.verdicts.insert(place, before.clone());
+        if !plans.is_empty() {
+            self.noted.plans.insert(noted, plans.clone());
+        }
+        // A look of this plan is none of it where it was seen before there was this plan: then it had the whole level.
+        let was_planned = |earlier: &u32| {
+            self.planned.contains(earlier) && plans.get(earlier).is_none_or(|plan| *plan == self.planned)
+        };
+        before
+            .iter()
+            .copied()
+            .find(|other| *other != seeds && !was_planned(other))
+    }
+}
+
+/// What a published value is held by: what counts as the same, in words.
+fn rule_of_value(reference: &Reference) -> String {
+    let (low, high) = reference.band;
+    format!("a band from {low} to {high}")
+}
+
+/// What a claim is held by besides its words, which name it: the difference that matters.
+fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String {
+    match (matters, relevance) {
+        (Some(matters), _) => format!("differences of {matters} or more"),
+        (None, Some(relevance)) => format!("differences of {relevance} or more"),
+        (None, None) => "any difference".into(),
+    }
+}
+
+/// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.
+fn number(judged: bool, planned: usize, ended: usize, looks: &statistics::Seeds) -> Option<u32> {
+    let seeds = match &looks.design {
+        Some(design) => design.looks()[..looks.complete()].last().copied(),
+        None => u32::try_from(planned).ok().filter(|_| ended >= planned),
+    };
+    seeds.filter(|_| judged)
+}
+
+/// The record of a study's verdicts. A damaged one is set aside, with a warning.
+fn read(observer: &dyn Observer, store: &Store, study: &str) -> Result<SeenVerdicts, Error> {
+    let (seen, problem) = store.seen_or_begun(study)?;
+    if let (Some(problem), Some(lost)) = (problem, &seen.lost) {
+        observer.notice(&format!(
+            "warning: the record of verdicts of `{study}` that were seen is damaged: {problem}; it was set aside as `{}` \
+             of the store, and the report says that what was seen before is not known",
+            lost.display()
+        ));
+    }
+    Ok(seen)
+}
+
+/// Adds to the records of one store what another one says was seen: who takes its trials has seen its verdicts
+/// as well. True where every record of the other one could be read.
+///
+/// # Errors
+/// [`Error::File`] where a record cannot be read or written.
+pub fn unite(observer: &dyn Observer, into: &Store, from: &Store, dry_run: bool) -> Result<bool, Error> {
+    let mut all = true;
+    for study in from.studies_seen()? {
+        let more = match from.seen_verdicts(&study) {
+            Ok(more) => more.unwrap_or_default(),
+            Err(error @ (Error::Damaged { .. } | Error::Newer { .. })) => {
+                observer.notice(&format!(
+                    "warning: {error}; the verdicts that it says were seen are not taken"
+                ));
+                all = false;
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        if dry_run {
+            continue;
+        }
+        let before = read(observer, into, &study)?;
+        let mut seen = before.clone();
+        seen.extend(more);
+        if seen != before {
+            into.keep_seen(&study, &seen)?;
+        }
+    }
+    Ok(all)
+}
+
+/// The id of the trial of the first seed of every combination.
+struct FirstIds<'a>(BTreeMap<CellName, &'a str>);
+
+impl<'a> FirstIds<'a> {
+    fn of(results: &'a Results) -> Self {
+        let mut by_cell = BTreeMap::new();
+        for it in &results.trials {
+            by_cell.entry(it.cell()).or_insert(it.trial.id.as_str());
+        }
+        Self(by_cell)
+    }
+
+    fn hash(&self, cells: &BTreeSet<CellName>) -> String {
+        let ids: Vec<&str> = cells
+            .iter()
+            .filter_map(|cell| self.0.get(cell).copied())
+            .collect();
+        trial::hash(&json!(ids))
+    }
+}

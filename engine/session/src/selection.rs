@@ -1,0 +1,130 @@
+//! Which trials of which studies, and the commands that say the same.
+
+use std::path::PathBuf;
+
+/// Which studies, and with which budget.
+#[derive(Debug, Clone, Default)]
+pub struct Selection {
+    /// Study files.
+    pub specs: Vec<PathBuf>,
+    /// Profile of the study; its own values where absent.
+    pub profile: Option<String>,
+    /// Values in the place of the study's, as `dsac.discount=0.999`.
+    pub sets: Vec<String>,
+    /// Number of seeds in the place of the study's.
+    pub seeds: Option<u64>,
+    /// Names of environments and agents whose trials are selected; all where empty.
+    pub only: Vec<String>,
+}
+
+impl Selection {
+    /// A whole study, as it is written.
+    pub fn of(study: impl Into<PathBuf>) -> Self {
+        Self {
+            specs: vec![study.into()],
+            ..Self::default()
+        }
+    }
+
+    /// True where the whole study is selected, with its own budget.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.profile.is_none() && self.only.is_empty()
+    }
+
+    /// True where one study is named.
+    pub(crate) fn is_one(&self) -> bool {
+        self.specs.len() == 1
+    }
+
+    /// What selects among the trials of the studies, as words of a command line.
+    pub(crate) fn options(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        let mut with = |name: &str, value: &str| all.extend([name.to_owned(), value.to_owned()]);
+        self.profile.iter().for_each(|profile| with("--profile", profile));
+        self.sets.iter().for_each(|set| with("--set", set));
+        self.seeds
+            .iter()
+            .for_each(|seeds| with("--seeds", &seeds.to_string()));
+        self.only.iter().for_each(|name| with("--only", name));
+        all
+    }
+}
+
+/// What the command line says of the machine, in the place of `regimen.toml`.
+#[derive(Debug, Clone, Default)]
+pub struct MachineOptions {
+    /// Folder of the store.
+    pub store: Option<PathBuf>,
+    /// Bucket by which stores are shared, as `s3://bucket/prefix`.
+    pub bucket: Option<String>,
+    /// Profile of `regimen.toml`.
+    pub machine: Option<String>,
+    /// Largest file that is read, in megabytes.
+    pub input_mb: Option<u64>,
+}
+
+impl MachineOptions {
+    /// The same as words of a command line, without the store.
+    pub(crate) fn words(&self) -> impl Iterator<Item = String> {
+        let machine = self.machine.iter().map(|name| ("--machine", name.clone()));
+        let input = self.input_mb.iter().map(|size| ("--input-mb", size.to_string()));
+        let bucket = self.bucket.iter().map(|url| ("--bucket", url.clone()));
+        machine
+            .chain(input)
+            .chain(bucket)
+            .flat_map(|(option, value)| [option.to_owned(), value])
+    }
+}
+
+/// The command `verb` for a selection, with more words at its end, to be typed as it stands.
+pub(crate) fn command(selection: &Selection, machine: &MachineOptions, verb: &str, more: &[&str]) -> String {
+    let specs = selection.specs.iter().map(|path| path.display().to_string());
+    let store = machine
+        .store
+        .iter()
+        .flat_map(|store| ["--store".to_owned(), store.display().to_string()]);
+    let words = ["regimen".to_owned(), verb.to_owned()]
+        .into_iter()
+        .chain(specs)
+        .chain(selection.options())
+        .chain(store)
+        .chain(machine.words())
+        .chain(more.iter().map(|&word| word.to_owned()));
+    words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ")
+}
+
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_alphanumeric() || "-_./=:,+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shown_command_says_what_the_given_one_said() {
+        let selection = Selection {
+            specs: vec!["a b.yaml".into()],
+            profile: Some("smoke".into()),
+            sets: vec!["dsac.weights=[1, 2]".into(), "x.y='".into()],
+            seeds: Some(2),
+            only: vec!["dsac".into()],
+        };
+        let machine = MachineOptions {
+            store: Some("else/where".into()),
+            ..MachineOptions::default()
+        };
+        assert_eq!(
+            command(&selection, &machine, "run", &["--retry-failed"]),
+            "regimen run 'a b.yaml' --profile smoke --set 'dsac.weights=[1, 2]' --set 'x.y='\\''' --seeds 2 \
+             --only dsac \
+             --store else/where --retry-failed"
+        );
+    }
+}

@@ -1,0 +1,90 @@
+//! How far a study is: how its trials ended, what the missing ones wait for, and what they will cost.
+
+use crate::{Failure, Planned, Session, planned::total_steps, waiting::Waiting};
+use contract::{
+    Registry,
+    trial::Trial,
+    trial_end::{TrialEnd, is_missing},
+};
+use execution::store::StoredCell;
+use std::sync::Arc;
+use study::plan::{self, Estimate, Novelty};
+
+/// Stored trials among which the nearest to a missing one is looked for.
+const MOST_STORED: usize = 500_000;
+
+/// How far a study is.
+pub struct State {
+    /// How its trials ended; `None` where one is missing.
+    pub ends: Vec<Option<TrialEnd>>,
+    /// Why missing trials are not stored, where that was asked for.
+    pub novelties: Vec<Novelty>,
+    /// The missing trials that take what others leave.
+    pub waiting: Waiting,
+    /// About how long the missing trials take.
+    pub estimate: Estimate,
+}
+
+impl Session<'_> {
+    /// How far a study is; its trials are each in the plan once then. `explained` asks why missing trials are not
+    /// stored.
+    ///
+    /// # Errors
+    /// A store that cannot be opened.
+    pub fn state(&self, one: &mut Planned, explained: bool) -> Result<State, Failure> {
+        let store = self.store()?;
+        one.plan.keep_once();
+        let trials = &one.plan.trials;
+        let found = store.outcomes(trials);
+        for (_, error) in &found.unreadable {
+            self.notice(&format!("warning: {error}; the trial counts as missing"));
+        }
+        if !found.unreadable.is_empty() {
+            self.notice(&format!(
+                "`{}` sets aside what is damaged and runs it again",
+                self.command("run", &[])
+            ));
+        }
+        let ends = found.all;
+        let known = known(trials, &ends);
+        // Where every trial is there, nothing else of the store is looked at.
+        let cells = match explained {
+            true if known.len() == trials.len() => Vec::new(),
+            true => store.cells(&known, MOST_STORED),
+            false => store.cells(&known, 0),
+        };
+        let waiting = Waiting::of(trials, &ends, store);
+        Ok(State {
+            novelties: match explained {
+                true => plan::novelties(trials, &ends, &cells),
+                false => Vec::new(),
+            },
+            estimate: estimate(self.registry, one, &ends, &waiting, &cells),
+            waiting,
+            ends,
+        })
+    }
+}
+
+/// The trials that have ended, and how.
+fn known<'a>(trials: &'a [Arc<Trial>], ends: &'a [Option<TrialEnd>]) -> Vec<(&'a Trial, &'a TrialEnd)> {
+    let known = trials.iter().zip(ends);
+    known
+        .filter_map(|(trial, end)| Some((&**trial, end.as_ref()?)))
+        .collect()
+}
+
+/// An estimate for the trials that are missing and not blocked, from stored ones.
+fn estimate(
+    registry: &Registry,
+    one: &Planned,
+    ends: &[Option<TrialEnd>],
+    waiting: &Waiting,
+    stored: &[StoredCell],
+) -> Estimate {
+    let trials = one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate();
+    let missing = trials
+        .filter(|(index, (_, end))| is_missing(end.as_ref()) && !waiting.is_blocked(*index))
+        .map(|(_, ((trial, cost), _))| (&**trial, *cost));
+    plan::estimate(missing, stored, |key| total_steps(registry, key).unwrap_or(0))
+}

@@ -1,0 +1,158 @@
+//! What missing trials wait for: products of other trials that are to come, or that will not come by
+//! themselves.
+
+use contract::{
+    trial::Trial,
+    trial_end::{EndState, TrialEnd, is_missing},
+};
+use document::count::{count, either};
+use execution::store::Store;
+use serde_json::{Value, json};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+
+/// Missing trials that take what other trials leave.
+#[derive(Debug, Default)]
+pub struct Waiting {
+    /// How many take what is still to come.
+    to_come: usize,
+    /// Why others are blocked, and how many for that reason.
+    because: BTreeMap<String, usize>,
+    /// Those that are blocked, by their places among the trials.
+    blocked: BTreeSet<usize>,
+}
+
+/// Whether what a trial leaves can be taken.
+#[derive(Debug, Clone, PartialEq)]
+enum Source {
+    /// It is there.
+    There,
+    /// The trial is missing.
+    ToCome,
+    /// It will not come by itself, and why.
+    Never(String),
+}
+
+impl Waiting {
+    /// Looks at what every missing trial takes.
+    pub(crate) fn of(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], store: &Store) -> Self {
+        // Where nothing takes anything, nothing is looked up.
+        if !trials.iter().any(|trial| trial.key.takes()) {
+            return Self::default();
+        }
+        let known = trials.iter().map(|trial| (trial.id.as_str(), &**trial)).collect();
+        let mut sources = Known {
+            store,
+            trials: known,
+            seen: BTreeMap::new(),
+        };
+        let mut waiting = Self::default();
+        for (place, (trial, _)) in trials
+            .iter()
+            .zip(ends)
+            .enumerate()
+            .filter(|(_, (_, end))| is_missing(end.as_ref()))
+        {
+            match sources.of_all(trial) {
+                Source::There => {}
+                Source::ToCome => waiting.to_come += 1,
+                Source::Never(because) => {
+                    waiting.blocked.insert(place);
+                    *waiting.because.entry(because).or_default() += 1;
+                }
+            }
+        }
+        waiting
+    }
+
+    /// True for a trial, by its place, that does not run by itself.
+    #[must_use]
+    pub fn is_blocked(&self, place: usize) -> bool {
+        self.blocked.contains(&place)
+    }
+
+    /// A line each, for people.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        let verb = either(&self.to_come, "waits", "wait");
+        let trials = count(self.to_come, "trial");
+        let to_come = (self.to_come > 0).then(|| format!("  {trials} {verb} for what other trials leave"));
+        let blocked = self.because.iter().map(|(because, number)| {
+            let verb = either(number, "is", "are");
+            format!("  {} {verb} blocked: {because}", count(*number, "trial"))
+        });
+        to_come.into_iter().chain(blocked).collect()
+    }
+
+    /// The same for programs.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let blocked = self
+            .because
+            .iter()
+            .map(|(because, trials)| json!({ "trials": trials, "because": because }));
+        json!({ "to_come": self.to_come, "blocked": blocked.collect::<Vec<_>>() })
+    }
+}
+
+struct Known<'a> {
+    store: &'a Store,
+    trials: BTreeMap<&'a str, &'a Trial>,
+    seen: BTreeMap<String, Source>,
+}
+
+impl Known<'_> {
+    /// What stands in the way of a trial: what never comes before what is to come.
+    fn of_all(&mut self, trial: &Trial) -> Source {
+        let mut answer = Source::There;
+        for taken in trial.key.taken() {
+            let left = self.source(&taken.trial);
+            let left = match left {
+                // It ended well; what it left may still be damaged or of another kind.
+                Source::There => self
+                    .store
+                    .product(&taken)
+                    .map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
+                other => other,
+            };
+            match left {
+                Source::Never(because) => return Source::Never(because),
+                Source::ToCome => answer = Source::ToCome,
+                Source::There => {}
+            }
+        }
+        answer
+    }
+
+    /// How a source ended or, where it is missing, whether it can run.
+    fn source(&mut self, id: &str) -> Source {
+        if let Some(known) = self.seen.get(id) {
+            return known.clone();
+        }
+        let found = match self.store.end(id).unwrap_or(None) {
+            Some(end) if end.state == EndState::Ok => Source::There,
+            Some(end) if !is_missing(Some(&end)) => Source::Never(self.line(&end, id)),
+            _ => match self.trials.get(id).copied().map(|trial| self.of_all(trial)) {
+                Some(Source::Never(because)) => Source::Never(because),
+                _ => Source::ToCome,
+            },
+        };
+        self.seen.insert(id.to_owned(), found.clone());
+        found
+    }
+
+    fn line(&self, end: &TrialEnd, id: &str) -> String {
+        let title = self
+            .trials
+            .get(id)
+            .map_or_else(|| format!("trial {id}"), |trial| trial.title());
+        let reason = if end.reason.is_empty() {
+            String::new()
+        } else {
+            format!(": {}", end.reason)
+        };
+        format!("{title} ended as {}{reason}", end.state.name())
+    }
+}
