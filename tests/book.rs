@@ -1,7 +1,7 @@
 //! The reference in `docs/`: generated pages are those that the program makes now, links lead somewhere, studies in it
 //! pass `check`, and its reader of policies reads policies.
 //!
-//! `REGIMEN_DOCS=write cargo test --release --workspace book` writes the generated pages.
+//! The book is the pages of `docs/src` with the reference that the program writes.
 
 use crate::{
     needs,
@@ -21,10 +21,23 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Command,
+    sync::LazyLock,
 };
 
-fn source() -> PathBuf {
-    repository().join("docs/src")
+/// The pages of `docs/src` beside the reference, which the program wrote.
+fn source() -> &'static Path {
+    static BOOK: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+        let book = tempfile::tempdir().unwrap();
+        let pages = fs::read_dir(repository().join("docs/src")).unwrap();
+        let pages = pages.map(|it| it.unwrap().path()).filter(|it| it.is_file());
+        for page in pages {
+            fs::copy(&page, book.path().join(page.file_name().unwrap())).unwrap();
+        }
+        let reference = book.path().join("reference");
+        Bench::new().ok(&["describe", "--pages", &reference.to_string_lossy()]);
+        book
+    });
+    BOOK.path()
 }
 
 /// Every page by its path below `docs/src`.
@@ -40,7 +53,7 @@ fn pages() -> Vec<(PathBuf, String)> {
         }
     }
     let mut found = Vec::new();
-    visit(&source(), &mut found);
+    visit(source(), &mut found);
     found.sort();
     found
 }
@@ -66,33 +79,21 @@ pub(crate) fn blocks(text: &str, language: &str) -> Vec<String> {
 }
 
 #[test]
-fn generated_pages_are_what_the_program_knows() {
-    let folder = source().join("reference");
-    let write = std::env::var_os("REGIMEN_DOCS").is_some_and(|word| word == "write");
+fn the_reference_has_a_page_for_every_group_and_no_other() {
+    let reference = source().join("reference");
     let mut names = BTreeSet::new();
     for page in markdown::pages(&registry()) {
-        let path = folder.join(&page.file);
-        if write {
-            fs::write(&path, &page.text).unwrap();
-        }
-        let found = fs::read_to_string(&path).unwrap_or_default();
-        let stale = found
-            .lines()
-            .zip(page.text.lines())
-            .find(|(found, now)| found != now);
-        assert!(
-            found == page.text,
-            "docs/src/reference/{} is stale at {stale:?}; write it by `REGIMEN_DOCS=write cargo test --release --workspace \
-             book`",
-            page.file
-        );
+        let written = fs::read_to_string(reference.join(&page.file)).unwrap();
+        assert_eq!(written, page.text, "{}", page.file);
         names.insert(page.file);
     }
-    let there: BTreeSet<String> = fs::read_dir(&folder)
-        .unwrap()
+    let there = fs::read_dir(&reference).unwrap();
+    let there: BTreeSet<String> = there
         .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
         .collect();
-    assert_eq!(there, names, "every page of the folder is generated");
+    assert_eq!(there, names);
+    let refused = Bench::new().run(&["describe", "battery", "--pages", "x"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
 }
 
 /// The anchor that mdBook gives a heading.

@@ -224,7 +224,7 @@ fn summaries_for_continuous_integration_say_how_every_trial_ended() {
     bench.ok(&["worker", "study.yaml", "--junit", "worker.xml"]);
     assert!(
         read("worker.xml")
-            .contains("<testsuites name=\"regimen\" tests=\"6\" failures=\"0\" errors=\"0\" skipped=\"0\"")
+            .contains("<testsuites name=\"regimen\" tests=\"6\" skipped=\"0\" failures=\"0\" errors=\"0\"")
     );
     bench.ok(&[
         "run",
@@ -240,6 +240,6 @@ fn summaries_for_continuous_integration_say_how_every_trial_ended() {
         (&0.into(), &6.into())
     );
     assert_eq!(after["studies"][0]["not_ok"], serde_json::json!([]));
-    let named = "<testcase classname=\"growing.bandit\" name=\"gradient/action_sd=0.2/seed 1\"";
+    let named = "<testcase name=\"gradient/action_sd=0.2/seed 1\" classname=\"growing.bandit\"";
     assert!(read("after.xml").contains(named), "{}", read("after.xml"));
 }

@@ -1,5 +1,6 @@
 //! Which trials of which studies, and the commands that say the same.
 
+use execution::executor::quoted;
 use std::path::PathBuf;
 
 /// Which studies, and with which budget.
@@ -91,16 +92,6 @@ pub(crate) fn command(selection: &Selection, machine: &MachineOptions, verb: &st
         .chain(machine.words())
         .chain(more.iter().map(|&word| word.to_owned()));
     words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ")
-}
-
-/// A word as a shell reads it.
-fn quoted(word: &str) -> String {
-    let plain = |letter: char| letter.is_alphanumeric() || "-_./=:,+@%".contains(letter);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
-    }
 }
 
 #[cfg(test)]

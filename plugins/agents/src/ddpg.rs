@@ -342,34 +342,7 @@ impl Agent for Ddpg {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.policy.store("policy", &mut file);
-        self.critic.store("critic", &mut file);
-        store(&self.target_policy, "target_policy", &mut file);
-        store(&self.target_critic, "target_critic", &mut file);
-        self.replay.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.schedule)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, schedule): (_, UpdateSchedule) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        self.policy.restore("policy", &file).map_err(&misfit)?;
-        self.critic.restore("critic", &file).map_err(&misfit)?;
-        self.target_policy = restore(self.target_policy.clone(), "target_policy", &file).map_err(&misfit)?;
-        self.target_critic = restore(self.target_critic.clone(), "target_critic", &file).map_err(&misfit)?;
-        self.replay.restore(&file).map_err(&misfit)?;
-        self.schedule = schedule;
-        Ok(())
-    }
+    checkpoint::keeps!(NAME; trained: policy, critic; targets: target_policy, target_critic; counters:);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let policy = Policy::new(

@@ -1,10 +1,12 @@
 //! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
 
 use super::{Common, Format, say};
-use crate::describe::{self, Asked, FORMAT, Group, text};
-use contract::Registry;
+use crate::describe::{self, Asked, FORMAT, Group, markdown, text};
+use contract::{Error, Registry};
+use execution::{store::write_durably, world::fs};
 use serde_json::{Value, json};
 use session::{Exit, Failure};
+use std::path::Path;
 
 /// Lists names with a line each.
 pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<Exit, Failure> {
@@ -50,10 +52,7 @@ pub(super) fn describe(
         });
         return Ok(Exit::Ok);
     };
-    let found = describe::find(registry, name, Asked { fits: true, why }).map_err(|error| Failure {
-        exit: Exit::BadStudy,
-        text: format!("error: {error}"),
-    })?;
+    let found = describe::find(registry, name, Asked { fits: true, why }).map_err(Failure::refusal)?;
     say(&match common.format {
         Format::Text => text::write(&found),
         Format::Json => format!("{:#}", json!({ "format": FORMAT, "found": found })),
@@ -65,6 +64,16 @@ pub(super) fn describe(
 fn groups(registry: &Registry) -> Value {
     let groups = Group::ALL.map(|group| (group.word(), json!(describe::names(registry, group))));
     json!({ "format": FORMAT, "groups": Value::Object(groups.into_iter().collect()) })
+}
+
+/// Writes the reference, a page for each group of names.
+pub(super) fn write_pages(registry: &Registry, folder: &Path) -> Result<Exit, Failure> {
+    fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    for page in markdown::pages(registry) {
+        write_durably(&folder.join(&page.file), page.text.as_bytes())?;
+    }
+    say(&format!("the reference lies in `{}`", folder.display()));
+    Ok(Exit::Ok)
 }
 
 /// Prints the JSON Schema of a study, for editors.

@@ -160,6 +160,9 @@ enum Verb {
         /// Say besides which agents or environments do not fit, and why.
         #[arg(long)]
         why: bool,
+        /// Write the reference into a folder instead: a Markdown page for each group of names.
+        #[arg(long, value_name = "DIR", conflicts_with_all = ["name", "why"])]
+        pages: Option<PathBuf>,
     },
     /// Write a first study with comments, to be changed.
     New(new::NewOptions),
@@ -256,7 +259,10 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<Exit, Fail
         Verb::Resolve(studies) => check::resolve(registry, &studies, common),
         Verb::Rollout(options) => rollout::rollout(registry, &options, common),
         Verb::List { group } => describe::list(registry, group, common),
-        Verb::Describe { name, why } => describe::describe(registry, name.as_deref(), why, common),
+        Verb::Describe {
+            pages: Some(folder), ..
+        } => describe::write_pages(registry, &folder),
+        Verb::Describe { name, why, .. } => describe::describe(registry, name.as_deref(), why, common),
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
         Verb::Completions { shell } => shell::completions(shell),

@@ -28,7 +28,7 @@ pub use best_settings::BestSettings;
 pub(crate) use best_settings::metric_of_search;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
-pub use comparison::{Along, AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
+pub use comparison::{Along, Axis, Comparison, Form, Improvement, Statistic, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};

@@ -1,8 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    Along, AtStep, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, NumberFormat, Published,
-    PublishedCell, PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
+    Along, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, Published, PublishedCell,
+    PublishedValue, Statistic, TableSpec, build, csv, html, latex, markdown, terminal,
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::Success};
@@ -103,18 +103,11 @@ fn learning() -> Results {
     ])
 }
 
-fn last_two_until(steps: &[u64]) -> Taken {
-    Taken::AtSteps {
-        steps: steps.to_vec(),
-        of: AtStep::Last(2),
-    }
-}
-
 #[test]
 fn the_last_measurements_during_learning() {
     let comparison = Comparison {
-        taken: Taken::Last(2),
-        format: Some(NumberFormat::Fixed(2)),
+        last: Some(2),
+        decimals: Some(2),
         ..Comparison::default()
     };
     let grid = build(&TableSpec::of(comparison), &learning()).unwrap();
@@ -153,11 +146,9 @@ fn values_of_many_sizes_have_powers_of_ten() {
 #[test]
 fn results_against_the_budget() {
     let comparison = Comparison {
-        taken: Taken::AtSteps {
-            steps: vec![15, 30, 31],
-            of: AtStep::Average(0.5),
-        },
-        format: Some(NumberFormat::Fixed(1)),
+        at_steps: vec![15, 30, 31],
+        smooth: Some(0.5),
+        decimals: Some(1),
         ..Comparison::default()
     };
     let published = BTreeMap::from([(
@@ -192,7 +183,8 @@ fn results_against_the_budget() {
     assert_eq!(seeds(2), [vec![], vec![], vec![(0, 3.0), (1, 3.0)]]);
     insta::assert_snapshot!(markdown(&grid));
     let comparison = Comparison {
-        taken: last_two_until(&[10, 20]),
+        at_steps: vec![10, 20],
+        last: Some(2),
         ..Comparison::default()
     };
     let last_two = super::compare(&comparison, &results).unwrap();
@@ -225,7 +217,8 @@ fn published_curves_are_compared_at_equal_steps() {
         ..PublishedCurve::default()
     };
     let comparison = Comparison {
-        taken: last_two_until(&[10, 20, 30, 60]),
+        at_steps: vec![10, 20, 30, 60],
+        last: Some(2),
         ..Comparison::default()
     };
     let spec = TableSpec {
@@ -258,10 +251,8 @@ fn published_curves_are_compared_at_equal_steps() {
 #[test]
 fn the_steps_until_a_level_or_why_there_are_none() {
     let comparison = Comparison {
-        taken: Taken::StepsUntilAbove {
-            level: 5.0,
-            smooth: 0.5,
-        },
+        steps_until_above: Some(5.0),
+        smooth: Some(0.5),
         ..Comparison::default()
     };
     let spec = TableSpec::of(comparison);
@@ -291,17 +282,17 @@ fn a_metric_of_learning_has_last_values_and_the_final_one_says_so() {
         (Phase::Final, 20, 0, "return", 1.0),
     ];
     let results = Results::of(vec![trial("e", "a", "", 0, &rows)]);
-    let of = |taken| {
+    let of = |last| {
         let comparison = Comparison {
             value: "loss".into(),
-            taken,
+            last,
             ..Comparison::default()
         };
         build(&TableSpec::of(comparison), &results).unwrap()
     };
-    assert_eq!(of(Taken::Last(1)).cells[0][0].seeds, [(0, 2.0)]);
+    assert_eq!(of(Some(1)).cells[0][0].seeds, [(0, 2.0)]);
     assert_eq!(
-        of(Taken::default()).cells[0][0].incompleteness(),
+        of(None).cells[0][0].incompleteness(),
         "0 of 1 seeds; seed 0: `loss` was recorded while learning and not at the end, so that `last: 1` has it"
     );
 }

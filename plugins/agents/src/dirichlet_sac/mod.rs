@@ -63,7 +63,6 @@ use numerics::{
     tensor_file::{TensorFile, TensorFileError},
 };
 use rand::RngCore;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "dirichlet_sac";
@@ -94,14 +93,6 @@ struct PolicyMeans {
     log_pi: f64,
     concentration: f64,
     value: f64,
-}
-
-/// What is stored of the agent besides tensors.
-#[derive(Serialize, Deserialize)]
-struct Counters {
-    log_temperature: f64,
-    temperature_adam: ScalarAdam,
-    schedule: UpdateSchedule,
 }
 
 /// Registers the agent.
@@ -396,54 +387,7 @@ impl Agent for DirichletSac {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.policy.store("policy", &mut file);
-        self.critics.store("critics", &mut file);
-        store(&self.target_critics, "target_critics", &mut file);
-        self.replay.store(&mut file);
-        let Self {
-            log_temperature,
-            temperature_adam,
-            schedule,
-            ..
-        } = *self;
-        checkpoint::write(
-            NAME,
-            dir,
-            file,
-            &Counters {
-                log_temperature,
-                temperature_adam,
-                schedule,
-            },
-        )
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, counters): (_, Counters) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        self.policy.restore("policy", &file).map_err(&misfit)?;
-        self.critics.restore("critics", &file).map_err(&misfit)?;
-        self.target_critics =
-            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
-        self.replay.restore(&file).map_err(&misfit)?;
-        let Counters {
-            log_temperature,
-            temperature_adam,
-            schedule,
-        } = counters;
-        (self.log_temperature, self.temperature_adam, self.schedule) =
-            (log_temperature, temperature_adam, schedule);
-        Ok(())
-    }
+    checkpoint::keeps!(NAME; trained: policy, critics; targets: target_critics; counters: log_temperature, temperature_adam);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.scaling.ports(&self.shares);

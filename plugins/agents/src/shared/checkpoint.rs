@@ -41,6 +41,56 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
+/// Writes `updates`, `save` and `load` of a learner that trains from a replay by its schedule, from one list of its
+/// fields: networks with their optimisers, networks that follow them, and what else it counts.
+macro_rules! keeps {
+    ($name:expr; trained: $($trained:ident),+; targets: $($target:ident),+; counters: $($counter:ident),*) => {
+        fn updates(&self) -> Option<Updates> {
+            let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
+            Some(self.schedule.updates(first, per_step))
+        }
+
+        fn save(&self, dir: &Path) -> Result<(), Error> {
+            let mut file = TensorFile::default();
+            $(self.$trained.store(stringify!($trained), &mut file);)+
+            $(store(&self.$target, stringify!($target), &mut file);)+
+            self.replay.store(&mut file);
+            checkpoint::write($name, dir, file, &checkpoint::keeps!(@save self; $($counter),*))
+        }
+
+        fn load(&mut self, dir: &Path) -> Result<(), Error> {
+            let (file, counters): (_, serde_json::Value) = checkpoint::read($name, dir)?;
+            let misfit = checkpoint::error_of($name);
+            $(self.$trained.restore(stringify!($trained), &file).map_err(&misfit)?;)+
+            $(self.$target = restore(self.$target.clone(), stringify!($target), &file).map_err(&misfit)?;)+
+            self.replay.restore(&file).map_err(&misfit)?;
+            checkpoint::keeps!(@load self, $name, counters; $($counter),*);
+            Ok(())
+        }
+    };
+    // The schedule alone stands without a name.
+    (@save $self:ident;) => { $self.schedule };
+    (@save $self:ident; $($counter:ident),+) => {
+        serde_json::json!({ $(stringify!($counter): $self.$counter,)+ "schedule": $self.schedule })
+    };
+    (@load $self:ident, $name:expr, $counters:ident;) => {
+        $self.schedule = checkpoint::counter($name, &$counters)?;
+    };
+    (@load $self:ident, $name:expr, $counters:ident; $($counter:ident),+) => {
+        $($self.$counter = checkpoint::counter($name, &$counters[stringify!($counter)])?;)+
+        $self.schedule = checkpoint::counter($name, &$counters["schedule"])?;
+    };
+}
+pub(crate) use keeps;
+
+/// A counter of a checkpoint.
+///
+/// # Errors
+/// [`Error::Checkpoint`] where it is something else.
+pub fn counter<C: DeserializeOwned>(agent: &'static str, value: &serde_json::Value) -> Result<C, Error> {
+    C::deserialize(value).map_err(|source| misfit(agent, source))
+}
+
 /// Takes the network of a policy file in `dir` over into `policy`, whose agent would write the same ports and
 /// head.
 ///

@@ -1,6 +1,6 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
+use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, along::Axes, measure};
 use crate::table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem};
 use analysis::results::Results;
 use contract::{Error, standard_metrics::SUCCESS, trial_result::TrialResult};
@@ -108,7 +108,7 @@ impl<'a> Relation<'a> {
         };
         let relative = self.other().map(|agent| (self.form, label(comparison, agent)));
         Quantity {
-            value: comparison.taken.phrase(&value),
+            value: comparison.taken().phrase(&value),
             relative,
         }
     }
@@ -196,7 +196,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
     let free = |along: &Along| *along != comparison.rows && axes.vary(along);
     let cells = axes.all();
     let all = || Axis::ALL.into_iter().map(Along::from);
-    let over_steps = matches!(comparison.taken, Taken::AtSteps { .. });
+    let over_steps = !comparison.at_steps.is_empty();
     let column_axis = comparison
         .columns
         .clone()
@@ -204,7 +204,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
         .filter(|_| !over_steps);
     let columns = match &column_axis {
         _ if over_steps => comparison
-            .steps()
+            .at_steps
             .iter()
             .map(|step| step_column(comparison, *step))
             .collect(),
@@ -284,7 +284,7 @@ fn step_column(comparison: &Comparison, step: u64) -> Place {
 }
 
 fn only_column(comparison: &Comparison) -> Heading {
-    let counts_steps = matches!(comparison.taken, Taken::StepsUntilAbove { .. });
+    let counts_steps = comparison.steps_until_above.is_some();
     let label = if counts_steps {
         "steps".into()
     } else {
@@ -372,7 +372,7 @@ fn of_agent<'a>(agent: &str, results: &'a Results) -> HashMap<(&'a str, u64), Ve
 }
 
 fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFormat {
-    match (comparison.format, form) {
+    match (comparison.format(), form) {
         (Some(format), _) => format,
         (None, Form::PercentChange) => NumberFormat::Fixed(1),
         _ => NumberFormat::fitting(cells.iter().flatten().filter_map(|cell| cell.estimate)),

@@ -1,6 +1,6 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, Taken};
+use super::{AS_GIVEN, Along, Axis, Comparison, Form, taken::Taken};
 use crate::request::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;
@@ -18,7 +18,7 @@ pub(super) fn comparison(
         None if is_relative(spec) => without_reference(names, place),
         None => {}
     }
-    if let Some(pair) = spec.steps().windows(2).find(|pair| pair[0] >= pair[1]) {
+    if let Some(pair) = spec.at_steps.windows(2).find(|pair| pair[0] >= pair[1]) {
         let message = format!("steps must rise, {} follows {}", pair[1], pair[0]);
         names.say(place.value("at_steps"), message, "");
     }
@@ -92,7 +92,7 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
             "remove one of the two",
         );
     }
-    let while_learning = match &spec.taken {
+    let while_learning = match spec.taken() {
         Taken::Final => None,
         Taken::RootMeanSquare => Some("root_mean_square"),
         Taken::Last(_) => Some("last"),
@@ -202,8 +202,8 @@ fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
 /// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that
 /// varies and is no row.
 fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
-    if !spec.steps().is_empty() {
-        return spec.steps().iter().map(u64::to_string).collect();
+    if !spec.at_steps.is_empty() {
+        return spec.at_steps.iter().map(u64::to_string).collect();
     }
     if let Some(along) = &spec.columns {
         return names_of(along, names, picked);

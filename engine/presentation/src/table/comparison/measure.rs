@@ -1,6 +1,10 @@
 //! The number of one seed: which of its trial's measurements, and how they relate to another agent's.
 
-use super::{AtStep, Comparison, Taken, build::Relation};
+use super::{
+    Comparison,
+    build::Relation,
+    taken::{AtStep, Taken},
+};
 use crate::table::{NoValue, Scope};
 use contract::{Phase, trial_result::TrialResult};
 use statistics::estimators::{mean, moving_average};
@@ -64,18 +68,18 @@ impl Measure<'_> {
     fn of(&self, trial: &TrialResult) -> Result<f64, NoValue> {
         let curve = self.curve(trial);
         let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
-        match (&self.comparison.taken, self.at_step) {
+        match (self.comparison.taken(), self.at_step) {
             (Taken::StepsUntilAbove { level, smooth }, _) => {
-                steps_until(*level, *smooth, &curve, &values, trial)
+                steps_until(level, smooth, &curve, &values, trial)
             }
-            (Taken::Last(last), _) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
+            (Taken::Last(last), _) if !values.is_empty() => Ok(mean_of_last(last, &values)),
             (Taken::AtSteps { of, .. }, Some(step)) if values.len() > 1 => {
                 match curve.partition_point(|(measured_at, _)| *measured_at <= step) {
                     0 => Err(NoValue::NotMeasured {
                         seed: trial.trial.key.seed,
                         until: step,
                     }),
-                    end => Ok(at_step(*of, &values[..end])),
+                    end => Ok(at_step(of, &values[..end])),
                 }
             }
             // The only measurement during learning is the last one, whatever the step.
@@ -85,7 +89,7 @@ impl Measure<'_> {
                     ..
                 },
                 _,
-            ) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
+            ) if !values.is_empty() => Ok(mean_of_last(last, &values)),
             (Taken::RootMeanSquare, _) => self.recorded(trial, TrialResult::root_mean_square),
             _ => self.recorded(trial, TrialResult::mean),
         }
@@ -137,42 +141,4 @@ fn mean_of_last(last: u64, values: &[f64]) -> f64 {
             .len()
             .saturating_sub(usize::try_from(last).unwrap_or(usize::MAX))..],
     )
-}
-
-impl Taken {
-    /// The quantity that a metric becomes, in words.
-    pub(super) fn phrase(&self, value: &str) -> String {
-        match self {
-            Taken::Final => value.into(),
-            Taken::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
-            Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
-            Taken::StepsUntilAbove { level, smooth } => {
-                format!(
-                    "environment steps until the moving average (weight {smooth}) of {value} is above {level}"
-                )
-            }
-            Taken::AtSteps {
-                of: AtStep::Last(last),
-                ..
-            } => {
-                format!(
-                    "{value}, mean of the last {last} measurements until the environment steps of each column"
-                )
-            }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
-                ..
-            } if *smooth == 0.0 => {
-                format!("{value} after the environment steps of each column")
-            }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
-                ..
-            } => {
-                format!(
-                    "{value}, moving average (weight {smooth}) after the environment steps of each column"
-                )
-            }
-        }
-    }
 }

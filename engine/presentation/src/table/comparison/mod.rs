@@ -4,7 +4,7 @@ mod along;
 mod build;
 mod check;
 mod measure;
-mod written;
+mod taken;
 
 pub use along::Along;
 pub use build::compare;
@@ -21,78 +21,62 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use written::Written;
+use taken::{AtStep, Taken};
 
 /// The name of what no sweep varies, beside settings that one does.
 const AS_GIVEN: &str = "as given";
 
-/// Rows, columns and the value of a comparison.
+/// Rows, columns and the value of a comparison. Some options exclude each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(try_from = "Written", into = "Written")]
+#[serde(deny_unknown_fields, default)]
 pub struct Comparison {
-    /// What the rows are.
+    /// What the rows are: `agent`, `environment`, `setting`, or a swept key.
     pub rows: Along,
     /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
-    /// row, or none. Has no effect where the columns are steps.
+    /// row, or none.
     pub columns: Option<Along>,
     /// The metric.
     pub value: String,
-    /// Which measurements of a trial become its number.
-    pub taken: Taken,
     /// How the seeds become one number.
     pub statistic: Statistic,
-    /// Take the seeds with success alone.
+    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of
+    /// the final one.
+    #[schemars(range(min = 1))]
+    pub last: Option<u64>,
+    /// Take the root of the mean square over the episodes of the final measurement in place of their mean, as for
+    /// errors that are roots of mean squares themselves.
+    pub root_mean_square: bool,
+    /// Take the environment steps until the moving average of the measurements during learning is above this
+    /// value.
+    pub steps_until_above: Option<f64>,
+    /// Make these environment steps the columns: what was measured there during learning, the final
+    /// measurement of agents that do not learn. A column that no trial trains for is empty.
+    pub at_steps: Vec<u64>,
+    /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`,
+    /// 0 where absent.
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub smooth: Option<f64>,
+    /// Take the seeds with success alone, where the study says what success is.
     pub given_success: bool,
     /// Print the environment steps and updates of each agent beside its name.
     pub budgets: bool,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
     /// How the comparison is written.
+    #[serde(rename = "as")]
     pub form: Option<Form>,
     /// Which agents, in this order; all where empty.
     pub agents: Vec<String>,
     /// Which environments, in this order; all where empty.
     pub environments: Vec<String>,
-    /// How numbers are written; as they need where absent.
-    pub format: Option<NumberFormat>,
+    /// Digits after the decimal point.
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Digits of every number, which has a power of ten: for values of many sizes.
+    #[schemars(range(min = 1, max = 10))]
+    pub significant_digits: Option<usize>,
     /// Names to print instead of the study's own.
     pub labels: BTreeMap<String, String>,
-}
-
-/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
-/// which is taken.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub enum Taken {
-    /// The final measurement.
-    #[default]
-    Final,
-    /// The root of the mean square over the episodes of the final measurement.
-    RootMeanSquare,
-    /// The mean of the last so many measurements during learning.
-    Last(u64),
-    /// The environment steps until the moving average of the measurements during learning is above a level.
-    StepsUntilAbove {
-        /// The level, in the unit of the metric.
-        level: f64,
-        /// Weight of the past in the moving average.
-        smooth: f64,
-    },
-    /// What was measured during learning at each of these environment steps, which become the columns.
-    AtSteps {
-        /// The steps, rising.
-        steps: Vec<u64>,
-        /// Which measurements up to a step.
-        of: AtStep,
-    },
-}
-
-/// Which measurements up to a step become a number.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum AtStep {
-    /// Their moving average with this weight of the past; the last one where it is 0.
-    Average(f64),
-    /// The mean of the last so many.
-    Last(u64),
 }
 
 impl Default for Comparison {
@@ -101,15 +85,20 @@ impl Default for Comparison {
             rows: Axis::Agent.into(),
             columns: None,
             value: "return".into(),
-            taken: Taken::Final,
             statistic: Statistic::Mean,
+            last: None,
+            root_mean_square: false,
+            steps_until_above: None,
+            at_steps: Vec::new(),
+            smooth: None,
             given_success: false,
             budgets: false,
             relative_to: None,
             form: None,
             agents: Vec::new(),
             environments: Vec::new(),
-            format: None,
+            decimals: None,
+            significant_digits: None,
             labels: BTreeMap::new(),
         }
     }
@@ -126,14 +115,12 @@ impl Comparison {
         })
     }
 
-    /// The steps that are the columns; none where the columns are something else.
-    #[must_use]
-    pub fn steps(&self) -> &[u64] {
-        if let Taken::AtSteps { steps, .. } = &self.taken {
-            steps
-        } else {
-            &[]
-        }
+    /// How numbers are written; as they need where absent.
+    fn format(&self) -> Option<NumberFormat> {
+        let scientific = |digits: usize| NumberFormat::Scientific(digits.saturating_sub(1));
+        self.decimals
+            .map(NumberFormat::Fixed)
+            .or_else(|| self.significant_digits.map(scientific))
     }
 }
 
@@ -143,7 +130,7 @@ impl Table for Comparison {
     }
 
     fn contradiction(value: &Value) -> Option<Contradiction> {
-        Written::deserialize(value).ok()?.contradiction()
+        taken::contradiction(&Self::deserialize(value).ok()?)
     }
 
     fn check(
@@ -164,8 +151,8 @@ impl Table for Comparison {
     }
 
     fn metric_of_unit(&self) -> Option<&str> {
-        let counts_steps = matches!(self.taken, Taken::StepsUntilAbove { .. });
-        let has_unit = !counts_steps && matches!(self.resolved_form(), Form::Value | Form::Difference);
+        let has_unit = self.steps_until_above.is_none()
+            && matches!(self.resolved_form(), Form::Value | Form::Difference);
         has_unit.then_some(&self.value)
     }
 
@@ -178,9 +165,9 @@ impl Table for Comparison {
     }
 
     fn measurements_by_step(&self) -> Option<u64> {
-        match &self.taken {
+        match self.taken() {
             Taken::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
-                AtStep::Last(last) => Some(*last),
+                AtStep::Last(last) => Some(last),
                 AtStep::Average(_) => Some(1),
             },
             _ => None,

@@ -54,7 +54,6 @@ use numerics::{
     squashed::{mean_action, sample_exact},
     tensor_file::TensorFile,
 };
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "soft_actor_critic";
@@ -72,13 +71,6 @@ pub struct SoftActorCritic {
     target_critics: TwinMlp,
     temperature: Multiplier,
     replay: Replay,
-    schedule: UpdateSchedule,
-}
-
-/// What is stored of the agent besides tensors.
-#[derive(Serialize, Deserialize)]
-struct Counters {
-    temperature: Multiplier,
     schedule: UpdateSchedule,
 }
 
@@ -286,46 +278,7 @@ impl Agent for SoftActorCritic {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.policy.store("policy", &mut file);
-        self.critics.store("critics", &mut file);
-        store(&self.target_critics, "target_critics", &mut file);
-        self.replay.store(&mut file);
-        let Self {
-            temperature,
-            schedule,
-            ..
-        } = *self;
-        checkpoint::write(
-            NAME,
-            dir,
-            file,
-            &Counters {
-                temperature,
-                schedule,
-            },
-        )
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, counters): (_, Counters) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        self.policy.restore("policy", &file).map_err(&misfit)?;
-        self.critics.restore("critics", &file).map_err(&misfit)?;
-        self.target_critics =
-            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
-        self.replay.restore(&file).map_err(&misfit)?;
-        (self.temperature, self.schedule) = (counters.temperature, counters.schedule);
-        Ok(())
-    }
+    checkpoint::keeps!(NAME; trained: policy, critics; targets: target_critics; counters: temperature);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let policy = Policy::new(self.policy.network(), self.seat.ports(), Head::Tanh);

@@ -1,0 +1,240 @@
+//! Which measurements of a trial become its number in a comparison, and the options that exclude each other.
+
+use super::Comparison;
+use crate::kinds::Contradiction;
+
+/// Weight of the past in the moving average of `steps_until_above`, where a study gives none.
+const WEIGHT_UNTIL_ABOVE: f64 = 0.9;
+/// Weight of the past in the moving average of `at_steps`, where a study gives none.
+const WEIGHT_AT_STEPS: f64 = 0.0;
+
+/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
+/// which is taken.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) enum Taken {
+    /// The final measurement.
+    #[default]
+    Final,
+    /// The root of the mean square over the episodes of the final measurement.
+    RootMeanSquare,
+    /// The mean of the last so many measurements during learning.
+    Last(u64),
+    /// The environment steps until the moving average of the measurements during learning is above a level.
+    StepsUntilAbove {
+        /// The level, in the unit of the metric.
+        level: f64,
+        /// Weight of the past in the moving average.
+        smooth: f64,
+    },
+    /// What was measured during learning at each of these environment steps, which become the columns.
+    AtSteps {
+        /// The steps, rising.
+        steps: Vec<u64>,
+        /// Which measurements up to a step.
+        of: AtStep,
+    },
+}
+
+/// Which measurements up to a step become a number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum AtStep {
+    /// Their moving average with this weight of the past; the last one where it is 0.
+    Average(f64),
+    /// The mean of the last so many.
+    Last(u64),
+}
+
+impl Comparison {
+    /// Which measurements of a trial become its number.
+    pub(super) fn taken(&self) -> Taken {
+        let weight = |usual| self.smooth.unwrap_or(usual);
+        match (self.steps_until_above, self.last) {
+            _ if self.root_mean_square => Taken::RootMeanSquare,
+            (Some(level), _) => Taken::StepsUntilAbove {
+                level,
+                smooth: weight(WEIGHT_UNTIL_ABOVE),
+            },
+            (None, last) if !self.at_steps.is_empty() => {
+                let of = last.map_or(AtStep::Average(weight(WEIGHT_AT_STEPS)), AtStep::Last);
+                Taken::AtSteps {
+                    steps: self.at_steps.clone(),
+                    of,
+                }
+            }
+            (None, Some(last)) => Taken::Last(last),
+            (None, None) => Taken::Final,
+        }
+    }
+}
+
+impl Taken {
+    /// The quantity that a metric becomes, in words.
+    pub(super) fn phrase(&self, value: &str) -> String {
+        match self {
+            Taken::Final => value.into(),
+            Taken::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
+            Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
+            Taken::StepsUntilAbove { level, smooth } => {
+                format!(
+                    "environment steps until the moving average (weight {smooth}) of {value} is above {level}"
+                )
+            }
+            Taken::AtSteps {
+                of: AtStep::Last(last),
+                ..
+            } => {
+                format!(
+                    "{value}, mean of the last {last} measurements until the environment steps of each column"
+                )
+            }
+            Taken::AtSteps {
+                of: AtStep::Average(smooth),
+                ..
+            } if *smooth == 0.0 => {
+                format!("{value} after the environment steps of each column")
+            }
+            Taken::AtSteps {
+                of: AtStep::Average(smooth),
+                ..
+            } => {
+                format!(
+                    "{value}, moving average (weight {smooth}) after the environment steps of each column"
+                )
+            }
+        }
+    }
+}
+
+/// An option that another one excludes, as the first to be removed.
+pub(super) fn contradiction(of: &Comparison) -> Option<Contradiction> {
+    let (over_steps, until) = (!of.at_steps.is_empty(), of.steps_until_above.is_some());
+    let found = |key, message: String, help| {
+        Some(Contradiction {
+            at: vec![key],
+            message,
+            help,
+        })
+    };
+    if of.smooth.is_some() && !until && !over_steps {
+        return found(
+            "smooth",
+            "`smooth` has no effect without `steps_until_above` or `at_steps`".into(),
+            "",
+        );
+    }
+    let kinds = [
+        ("at_steps", over_steps && until),
+        ("smooth", over_steps && of.smooth.is_some() && !until),
+        ("steps_until_above", until),
+        ("last", of.last.is_some()),
+        ("root_mean_square", of.root_mean_square),
+    ];
+    let given: Vec<&'static str> = kinds
+        .into_iter()
+        .filter(|(_, given)| *given)
+        .map(|(kind, _)| kind)
+        .collect();
+    match given.as_slice() {
+        _ if of.decimals.is_some() && of.significant_digits.is_some() => found(
+            "significant_digits",
+            "`significant_digits` and `decimals` are two ways to write a number".into(),
+            "remove one of the two",
+        ),
+        [first, .., last] => found(
+            last,
+            format!("`{last}` and `{first}` are two different values"),
+            "remove one of the two",
+        ),
+        _ if over_steps && of.columns.is_some() => found(
+            "columns",
+            "the steps of `at_steps` are the columns".into(),
+            "remove one of the two",
+        ),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn read(options: serde_json::Value) -> Comparison {
+        serde_json::from_value(options).unwrap()
+    }
+
+    #[test]
+    fn options_become_one_way_to_take_measurements() {
+        let cases = [
+            (json!({}), Taken::Final),
+            (json!({"last": 5}), Taken::Last(5)),
+            (json!({"root_mean_square": true}), Taken::RootMeanSquare),
+            (
+                json!({"steps_until_above": 3.0}),
+                Taken::StepsUntilAbove {
+                    level: 3.0,
+                    smooth: 0.9,
+                },
+            ),
+            (
+                json!({"steps_until_above": 3.0, "smooth": 0.5}),
+                Taken::StepsUntilAbove {
+                    level: 3.0,
+                    smooth: 0.5,
+                },
+            ),
+            (
+                json!({"at_steps": [1, 2]}),
+                Taken::AtSteps {
+                    steps: vec![1, 2],
+                    of: AtStep::Average(0.0),
+                },
+            ),
+            (
+                json!({"at_steps": [1], "smooth": 0.5}),
+                Taken::AtSteps {
+                    steps: vec![1],
+                    of: AtStep::Average(0.5),
+                },
+            ),
+            (
+                json!({"at_steps": [1], "last": 2}),
+                Taken::AtSteps {
+                    steps: vec![1],
+                    of: AtStep::Last(2),
+                },
+            ),
+        ];
+        for (options, taken) in cases {
+            let comparison = read(options);
+            assert_eq!(comparison.taken(), taken);
+            assert_eq!(read(json!(comparison)), comparison);
+        }
+    }
+
+    #[test]
+    fn options_that_exclude_each_other_are_refused_with_both_names() {
+        let message = |options| contradiction(&read(options)).unwrap().message;
+        assert_eq!(
+            message(json!({"last": 5, "steps_until_above": 3})),
+            "`last` and `steps_until_above` are two different values"
+        );
+        assert_eq!(
+            message(json!({"at_steps": [1], "smooth": 0.5, "last": 2})),
+            "`last` and `smooth` are two different values"
+        );
+        assert_eq!(
+            message(json!({"at_steps": [1], "steps_until_above": 2})),
+            "`steps_until_above` and `at_steps` are two different values"
+        );
+        assert_eq!(
+            message(json!({"last": 5, "root_mean_square": true})),
+            "`root_mean_square` and `last` are two different values"
+        );
+        assert!(message(json!({"smooth": 0.5})).starts_with("`smooth` has no effect without"));
+        assert_eq!(
+            message(json!({"at_steps": [1], "columns": "agent"})),
+            "the steps of `at_steps` are the columns"
+        );
+    }
+}
