@@ -102,7 +102,10 @@ const ARROWS: [(&str, &[&str]); 24] = [
         ],
     ),
     // Nothing stands on the Python package, which knows them all.
-    ("plugins/wheel", &["contract", "document", "regimen", "study"]),
+    (
+        "plugins/wheel",
+        &["contract", "document", "regimen", "session", "study"],
+    ),
 ];
 
 /// The crates of this project among the dependencies of a crate, but for those of its tests.

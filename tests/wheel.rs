@@ -221,6 +221,18 @@ fn what_is_wrong_is_refused_in_the_words_of_the_program() {
 }
 
 #[test]
+fn what_a_study_came_to_is_collected_from_its_store() {
+    let bench = Bench::new();
+    let table = "tables: { returns: { caption: Return, comparison: { rows: agent, value: return } } }\n";
+    let study = crate::slurm::STUDY.replace("final_episodes: 2000", "final_episodes: 5");
+    let study = bench.write("study.yaml", &format!("{study}{table}"));
+    bench.ok(&["run", "study.yaml", "--out", "results"]);
+    let [store, seeds] = ["store", "results/tables/returns-seeds.csv"].map(|it| bench.path(it));
+    let arguments = [study, store, seeds].map(|it| it.to_string_lossy().into_owned());
+    check("wheel_collect.py", MODULES, &arguments);
+}
+
+#[test]
 fn what_the_page_shows_runs() {
     let page = std::fs::read_to_string(repository().join("docs/src/python-package.md")).unwrap();
     let shown = blocks(&page, "python").concat();

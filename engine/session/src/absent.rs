@@ -1,11 +1,11 @@
-//! What was asked for and is not there: names after `--only`, and stores.
+//! Names after `--only` and stores that are not there.
 
 use crate::Planned;
 use document::diagnostic;
 use execution::world::fs;
 use std::{collections::BTreeSet, path::Path};
 
-/// What is said of names after `--only` that no study has; `None` where every one is known.
+/// The message on names after `--only` that no study has; `None` where every one is known.
 pub(crate) fn unknown_names(planned: &[Planned], only: &[String]) -> Option<String> {
     let studies = || planned.iter().map(|one| &one.study);
     let of_trials = planned.iter().flat_map(|one| &one.plan.trials);

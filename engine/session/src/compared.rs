@@ -183,7 +183,7 @@ fn is_compared(name: &str) -> bool {
         || ["verdicts.json", "resolved.yaml", "manifest.json"].contains(&name)
 }
 
-/// What `git` prints.
+/// The output of `git`.
 fn git(arguments: &[&str]) -> Result<Vec<u8>, Failure> {
     let output = Command::new("git").args(arguments).output();
     let output = output.map_err(|error| Failure::refusal(format!("cannot start `git`: {error}")))?;

@@ -31,13 +31,13 @@ use std::{
 pub(crate) struct Compute<'a> {
     /// The studies and the machine.
     pub(crate) session: &'a Session<'a>,
-    /// Limits in the place of those of study and machine.
+    /// Limits that replace those of study and machine.
     pub(crate) limits: Limits,
     /// Whether the first trial that fails stops the others.
     pub(crate) fail_fast: bool,
     /// Worker processes, on this machine or on all hosts.
     pub(crate) workers: usize,
-    /// The hosts that run trials in the place of this machine, where there are any.
+    /// The hosts that run trials instead of this machine; empty where there are none.
     pub(crate) hosts: Hosts,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(crate) retry_failed: bool,
@@ -46,7 +46,7 @@ pub(crate) struct Compute<'a> {
     pub(crate) whole: bool,
 }
 
-/// What is known of a run besides what it stored.
+/// Facts on a run that its store does not hold.
 #[derive(Default)]
 pub(crate) struct Ran {
     /// Whether some of its trials ended otherwise than `ok`.
@@ -94,7 +94,7 @@ impl Compute<'_> {
             .clone()
             .by(self.session.registry.build.clone());
         let ends = self.prepare(planned, &store)?;
-        // What is damaged is set aside by now.
+        // Damaged trials are set aside by now.
         self.bring(planned, &store)?;
         let mut tasks = self.tasks(planned, &ends, mine);
         tasks.extend(self.unsealed(planned, &store));
@@ -199,7 +199,7 @@ impl Compute<'_> {
         Ok(ran)
     }
 
-    /// What is said where no trial is missing.
+    /// The sentence where no trial is missing.
     pub(crate) fn nothing_runs(&self, planned: &[Planned], ends: &Ends) -> String {
         let failed = self.failed(of_all(planned, ends));
         failed.map_or_else(
@@ -287,7 +287,7 @@ impl Compute<'_> {
                 one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate()
             {
                 let after = trial.key.sources();
-                // A part of the trials may lack what the other parts leave: whoever finds it there runs what
+                // A part of the trials may lack what the other parts leave: the part that finds it there runs what
                 // takes it.
                 let mine = mine(position) || !after.is_empty();
                 if !mine || !is_missing(end.as_ref()) {
@@ -295,7 +295,7 @@ impl Compute<'_> {
                 }
                 let until = one.pauses.get(&trial.id).copied();
                 if let Some(place) = seen.get(trial.id.as_str()) {
-                    // What somebody needs whole goes to its end.
+                    // A trial that one study needs whole goes to its end.
                     let task = &mut tasks[*place];
                     task.until = task.until.zip(until).map(|(one, other)| one.max(other));
                 } else {

@@ -227,7 +227,7 @@ impl Packing<'_> {
         )
     }
 
-    /// What every trial that ended well recorded, and what acknowledges it.
+    /// The record of every trial that ended well, and its acknowledgement.
     fn trials(&mut self, subject: &Subject<'_>, store: &Store) -> Result<(), Error> {
         const ACKNOWLEDGEMENT: &str =
             "what determined the numbers, how the trial ended, and a hash of its metrics";

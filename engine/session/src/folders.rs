@@ -61,7 +61,7 @@ pub(crate) fn around(reporting: &ReportOptions) -> PathBuf {
     reporting.out.clone().unwrap_or_else(|| "results".into())
 }
 
-/// What tells the names of what was asked for in this way from that of the studies as they are written: nothing,
+/// The part of a folder's name that tells this selection from the studies as they are written: nothing,
 /// `-<profile>`, `+<options>`.
 pub(crate) fn asked(selection: &Selection) -> String {
     let profile = selection.profile.iter().map(|profile| format!("-{profile}"));
@@ -70,7 +70,7 @@ pub(crate) fn asked(selection: &Selection) -> String {
         .collect()
 }
 
-/// What the command line changes besides the profile, as a part of a folder's name.
+/// The changes of the command line besides the profile, as a part of a folder's name.
 fn changes(selection: &Selection) -> Option<String> {
     let seeds = selection.seeds.iter().map(|seeds| format!("seeds={seeds}"));
     let only = selection.only.iter().map(|name| format!("only={name}"));
@@ -87,7 +87,7 @@ fn changes(selection: &Selection) -> Option<String> {
         .chars()
         .map(|letter| if keep(letter) { letter } else { '-' })
         .collect();
-    // What was left out of the name still tells it from others.
+    // The part that was left out of the name still tells it from others.
     let whole = name == all && name.len() <= LONGEST;
     let named = || {
         if whole {

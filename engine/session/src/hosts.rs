@@ -7,7 +7,7 @@ use execution::{executor::Access, scheduler::hosts::Found, world::fs};
 /// Lets the hosts of `access` run what is computed.
 ///
 /// # Errors
-/// What hosts cannot run, and where none can be reached.
+/// Trials that hosts cannot run, and hosts that cannot be reached.
 pub(crate) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access) -> Result<(), Failure> {
     if access.hosts.is_empty() {
         return Err(Failure::refusal(

@@ -1,4 +1,4 @@
-//! What a person does with studies, as a library: load, check, plan, run, collect and report.
+//! The use cases of studies as a library: load, check, plan, run, collect and report.
 //!
 //! The commands of the program are a few lines around a [`Session`] each. A program of others opens one in the same
 //! way:
@@ -77,7 +77,7 @@ use std::cell::OnceCell;
 
 /// Studies that a person has selected, on one machine.
 pub struct Session<'a> {
-    /// What this program is made of.
+    /// The plugins of this program.
     pub registry: &'a Registry,
     /// The studies.
     pub selection: Selection,
@@ -93,7 +93,7 @@ impl<'a> Session<'a> {
     /// Reads the settings of the machine. No study is read yet.
     ///
     /// # Errors
-    /// What is wrong in `regimen.toml`.
+    /// A mistake in `regimen.toml`.
     pub fn open(
         registry: &'a Registry,
         selection: Selection,
@@ -113,7 +113,7 @@ impl<'a> Session<'a> {
     /// The store of the machine, with the bucket by which it is shared.
     ///
     /// # Errors
-    /// What is wrong with the address or the keys of a bucket.
+    /// A bucket whose address or keys are wrong.
     pub fn store(&self) -> Result<&Store, Failure> {
         if let Some(store) = self.store.get() {
             return Ok(store);

@@ -29,7 +29,7 @@ impl Session<'_> {
     /// failure.
     ///
     /// # Errors
-    /// What is wrong with studies, and where no trial is selected.
+    /// Studies that are wrong, and a selection without trials.
     pub fn load(&self) -> Result<Vec<Planned>, Failure> {
         self.load_with(None)
     }
@@ -83,7 +83,7 @@ impl Session<'_> {
     /// Takes every study with searches or planned looks as far as its results ask for; true where trials were added.
     ///
     /// # Errors
-    /// What plugins refuse of a setting that a search proposes, and a store that cannot be read.
+    /// A setting that a search proposes and a plugin refuses, and a store that cannot be read.
     pub fn grow(&self, planned: &mut [Planned]) -> Result<bool, Failure> {
         let store = self.store()?;
         let mut grown = false;
@@ -273,7 +273,7 @@ fn keep_announced(one: &Planned) {
     }
 }
 
-/// Tries out the environments of a study of which only their records are known, before its trials run, and keeps what
+/// Tries out the environments that a study knows by their records alone, before its trials run, and keeps what
 /// all of them announced.
 pub(crate) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure> {
     if !one.study.is_recalled {

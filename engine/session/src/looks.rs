@@ -1,6 +1,6 @@
 //! Planned looks: combinations get seeds until what is judged is decided.
 //!
-//! What a combination gets is a function of the stored results alone, so that running, resuming, reporting
+//! The seeds of a combination are a function of the stored results alone, so that running, resuming, reporting
 //! and running elsewhere come to the same trials.
 
 use crate::{Planned, results};
@@ -90,7 +90,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
             };
             if seen.insert((*id, seeds)) {
                 open.push((*source, seeds));
-                // What is prepared has no seeds of its own: it runs for those that take from it.
+                // A prepared trial has no seeds of its own: it runs for those that take from it.
                 if source.cell.purpose != trial::Purpose::Prepared {
                     raise(wanted, &source.cell.names(), seeds);
                 }
@@ -99,7 +99,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
     }
 }
 
-/// What a study plans and how far it is, as a line; `None` where its number of seeds is fixed.
+/// The planned looks of a study and how far it is, as a line; `None` where its number of seeds is fixed.
 #[must_use]
 pub fn line(one: &Planned) -> Option<String> {
     let looks = one

@@ -38,7 +38,7 @@ pub struct Planned {
     set_aside: BTreeSet<String>,
     /// The confirmation that it is; `None` for a study that stands for itself.
     pub(crate) confirms: Option<Confirms>,
-    /// What the searches came to.
+    /// The results of the searches.
     pub searched: Vec<SearchResult>,
     /// The options that it was read with.
     pub(crate) options: study::Options,

@@ -167,7 +167,7 @@ fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTre
         .collect()
 }
 
-/// Trials of searches that have not ended `ok`, of which what they had recorded at a pause is damaged.
+/// Trials of searches that have not ended `ok` and whose record at a pause is damaged.
 fn damaged_pauses<'p>(one: &'p Planned, ends: &[Option<TrialEnd>], store: &Store) -> Vec<&'p str> {
     let is_ok = |end: &Option<TrialEnd>| end.as_ref().is_some_and(|end| end.state == EndState::Ok);
     let open = one.plan.trials.iter().zip(ends).filter(|(_, end)| !is_ok(end));

@@ -73,7 +73,7 @@ fn planned(registry: &Registry, one: &Planned, profile: Option<String>, store: &
         ..study::Options::default()
     };
     let trials = study::load(&one.path, registry, &options).ok()?.plan().trials;
-    // What is damaged was complained of when the report's own trials were read, or is no concern of this
+    // Damage was reported when the report's own trials were read, or is no concern of this
     // report.
     let states = store.stored_of(&trials, |it| it.end.state).all;
     Some(Ends::of(&trials, &states))

@@ -103,7 +103,7 @@ fn is_program(registry: &Registry, trial: &Trial) -> bool {
     agent.is_some_and(|part| registry.program(part).is_some())
 }
 
-/// The missing trials of a program in an environment of which no trial was computed twice: one of them will be.
+/// The missing trials of a program in an environment where no trial was computed twice yet: one of them will be.
 pub(crate) struct Candidates {
     trials: Vec<Arc<Trial>>,
     /// The limits of their study.

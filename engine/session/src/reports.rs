@@ -46,7 +46,7 @@ pub struct Report {
     pub exit: Exit,
 }
 
-/// What came of the report of a study.
+/// The outcome of the report of a study.
 pub enum Reported {
     /// It was written.
     Written(Box<Report>),

@@ -162,7 +162,7 @@ pub(crate) fn names_times_of(study: &Study) -> bool {
 
 /// The results of a study from those of its trials.
 pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results {
-    // Nobody here knows how long runs of others took.
+    // The time that runs of others took is not known here.
     trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
     if let Some(success) = &study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
@@ -180,7 +180,7 @@ pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results 
     }
 }
 
-/// What trials left that figures of the study show, by id. What cannot be read is said, and the figure says it
+/// The drawings that trials left and figures of the study show, by id. An unreadable one is reported, and the figure says it
 /// too.
 fn drawings(
     session: &Session<'_>,

@@ -13,7 +13,7 @@ use execution::{
 pub struct RunOptions {
     /// Worker processes, or tasks of a queue at a time; as the machine says where absent.
     pub jobs: Option<usize>,
-    /// What runs the trials; as the machine says where absent.
+    /// Name of the executor; that of the machine where absent.
     pub executor: Option<String>,
     /// With a queue: leave after the submission.
     pub detach: bool,
@@ -21,26 +21,26 @@ pub struct RunOptions {
     pub retry_failed: bool,
     /// Compute no trial of a program a second time to see whether it repeats.
     pub no_rehearsal: bool,
-    /// Limits in the place of those of study and machine.
+    /// Limits that replace those of study and machine.
     pub limits: Limits,
     /// Stop at the first trial that does not end `ok`.
     pub fail_fast: bool,
 }
 
-/// What a worker computes.
+/// The share of a worker.
 #[derive(Debug, Clone)]
 pub struct WorkerOptions {
     /// Every so many-th trial alone, beginning with one: `(part, parts)`.
     pub part: (usize, usize),
     /// Worker processes.
     pub jobs: usize,
-    /// Limits in the place of those of study and machine.
+    /// Limits that replace those of study and machine.
     pub limits: Limits,
     /// Stop at the first trial that does not end `ok`.
     pub fail_fast: bool,
 }
 
-/// What came of computing.
+/// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Computed {
     /// Everything that was asked for was tried; reports can follow.
@@ -113,7 +113,7 @@ impl Session<'_> {
                     is_here: kind.is_none(),
                 });
             }
-            // What fails now is not tried again at every look.
+            // A trial that fails now is not tried again at every look.
             how.retry_failed = false;
         }
     }
@@ -133,7 +133,7 @@ impl Session<'_> {
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;
         loop {
-            // What failed at one look is not made good by the next.
+            // A failure at one look is not made good by the next.
             exit = exit.max(how.run(planned, |position| position % parts == part)?);
             if !goes_on(exit, &how) || !self.grow(planned)? {
                 return Ok(exit.max(searches::tell(self, planned)));

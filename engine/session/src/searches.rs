@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 /// Takes every search of a study as far as the stored results say. True where something was added.
 ///
 /// # Errors
-/// What plugins refuse of a setting that a search proposes.
+/// A setting that a search proposes and a plugin refuses.
 pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<bool, Failure> {
     let mut grown = false;
     loop {
@@ -61,7 +61,7 @@ fn progress(it: &SearchResult) -> Progress {
     }
 }
 
-/// Ids of the trials of which the search asks for no more than what was measured: they wait for nothing and are not
+/// Ids of the trials that the search has measured as far as it asks: they wait for nothing and are not
 /// missing. What became of one afterwards, for another study, is none of the search's.
 fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
     let has_paused = |it: &&TrialResult| {

@@ -42,7 +42,7 @@ pub(crate) fn fix(session: &Session<'_>, planned: &[Planned], store: &Store) -> 
     Ok(())
 }
 
-/// The hash of what a round asks of which seeds. Texts are none of it.
+/// The hash of the claims and published values of a round, and of its seeds. Texts do not enter it.
 fn digest_of_round(round: &Study) -> String {
     let claims = round.claims.iter();
     let claims: Vec<_> = claims
@@ -56,7 +56,7 @@ fn digest_of_round(round: &Study) -> String {
     contract::digest::of_bytes(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
 }
 
-/// A sentence on when a round was fixed; `None` where nobody noted it.
+/// A sentence on when a round was fixed; `None` where that was not noted.
 pub(crate) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<String> {
     let Fixed { digest, at, ended } = seen.fixed.as_ref()?;
     let name = round.name.rsplit('/').next().unwrap_or(&round.name);
@@ -158,7 +158,7 @@ impl<'a> Noting<'a> {
             .for_each(|(name, grid)| self.table(name, grid));
         contents.claims.iter_mut().for_each(|line| self.claim(line));
         contents.lost_record.clone_from(&self.seen.lost);
-        // What is exploratory is in no family.
+        // Exploratory verdicts are in no family.
         contents.adjust();
     }
 
@@ -246,13 +246,13 @@ impl<'a> Noting<'a> {
     }
 }
 
-/// What a published value is held by: what counts as the same, in words.
+/// The rule of a published value: the band that counts as the same, in words.
 fn rule_of_value(reference: &Reference) -> String {
     let (low, high) = reference.band;
     format!("a band from {low} to {high}")
 }
 
-/// What a claim is held by besides its words, which name it: the difference that matters.
+/// The rule of a claim besides its words, which name it: the difference that matters.
 fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String {
     match (matters, relevance) {
         (Some(matters), _) => format!("differences of {matters} or more"),

@@ -10,9 +10,9 @@ pub struct Selection {
     pub specs: Vec<PathBuf>,
     /// Profile of the study; its own values where absent.
     pub profile: Option<String>,
-    /// Values in the place of the study's, as `dsac.discount=0.999`.
+    /// Values that replace the study's, as `dsac.discount=0.999`.
     pub sets: Vec<String>,
-    /// Number of seeds in the place of the study's.
+    /// Number of seeds; the study's where absent.
     pub seeds: Option<u64>,
     /// Names of environments and agents whose trials are selected; all where empty.
     pub only: Vec<String>,
@@ -37,7 +37,7 @@ impl Selection {
         self.specs.len() == 1
     }
 
-    /// What selects among the trials of the studies, as words of a command line.
+    /// The options that select among the trials of the studies, as words of a command line.
     pub(crate) fn options(&self) -> Vec<String> {
         let mut all = Vec::new();
         let mut with = |name: &str, value: &str| all.extend([name.to_owned(), value.to_owned()]);
@@ -51,7 +51,7 @@ impl Selection {
     }
 }
 
-/// What the command line says of the machine, in the place of `regimen.toml`.
+/// Options of the machine that replace those of `regimen.toml`.
 #[derive(Debug, Clone, Default)]
 pub struct MachineOptions {
     /// Folder of the store.

@@ -47,7 +47,7 @@ use toml::{
 
 const FILE: &str = reach::PROJECT;
 
-/// What holds on this machine.
+/// The settings of this machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Folder of the store.
@@ -73,7 +73,7 @@ pub struct Settings {
 /// Options of executors by name; a key that is not given is null.
 type Tables = BTreeMap<&'static str, Value>;
 
-/// What is said outside the tables of executors, at the top or in a profile.
+/// The keys outside the tables of executors, at the top or in a profile.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Table {
@@ -176,7 +176,7 @@ impl Settings {
     /// names is seen from its folder.
     ///
     /// # Errors
-    /// What is wrong in the file.
+    /// A mistake in the file.
     pub fn read(machine: &MachineOptions) -> Result<Self, Failure> {
         let here = std::env::current_dir().unwrap_or_default();
         let mut folder = PathBuf::new();
@@ -193,7 +193,7 @@ impl Settings {
     /// The store, with the bucket by which it is shared.
     ///
     /// # Errors
-    /// What is wrong with the address or the keys of the bucket.
+    /// A bucket whose address or keys are wrong.
     #[expect(
         clippy::disallowed_methods,
         reason = "keys of a service are in the environment, and reach no result"
@@ -267,7 +267,7 @@ fn combine(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settin
             "the store's path `{store}` is no UTF-8 text: name another folder"
         )));
     }
-    // What an executor cannot use is said now, also where another one runs the trials.
+    // Options that an executor cannot use are refused now, also where another one runs the trials.
     for kind in executor::all().iter().filter(|kind| kind.options().is_some()) {
         settings.executor(kind, None)?;
     }

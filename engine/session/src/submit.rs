@@ -71,7 +71,7 @@ impl Session<'_> {
         Ok(submitting.run(&options)?.unwrap_or(Exit::Ok))
     }
 
-    /// What would be handed over for the trials that are missing now; nobody is asked and nothing is touched.
+    /// The script or manifest for the trials that are missing now; no queue is asked and nothing is changed.
     ///
     /// # Errors
     /// Options of the executor that are wrong, and trials that fit no task.
@@ -108,7 +108,7 @@ impl Session<'_> {
         )?)
     }
 
-    /// What queues hold of this store's submissions.
+    /// The submissions of this store that queues still hold.
     ///
     /// # Errors
     /// A queue that cannot be asked.
@@ -203,7 +203,7 @@ impl Submitting<'_> {
         Machines::tasks(executor, self.kind.name).refuse_unfit(self.how.session.registry, agents)
     }
 
-    /// What a worker runs, and the store as it finds it. Where workers see other paths than those of this
+    /// The command of a worker, and the path of its store. Where workers see other paths than those of this
     /// machine, paths stay as they were written.
     fn work(&self, executor: &dyn Executor) -> Result<(PathBuf, Work), Failure> {
         let path = |path: &Path| {
@@ -243,7 +243,7 @@ impl Submitting<'_> {
         ))
     }
 
-    /// What would be handed over for the trials that are missing now; nobody is asked and nothing is touched.
+    /// The script or manifest for the trials that are missing now; no queue is asked and nothing is changed.
     fn written(&self) -> Result<String, Failure> {
         let executor = self.how.session.settings.executor(self.kind, None)?;
         let (store, work) = self.work(&*executor)?;
@@ -279,7 +279,7 @@ fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, E
     let before: BTreeSet<String> = before.into_iter().map(|submission| submission.id).collect();
     let view = dispatch.begin(&watching.missing(), watching)?;
     for holding in &view.live {
-        // What existed and lives is followed; what lives without having existed was submitted just now.
+        // A living submission that existed before is followed; a new one was submitted just now.
         let existed = before.contains(&holding.submission.id) && !holding.tasks.is_empty();
         let word = if existed { "following" } else { "submitted" };
         watching.say(&format!("{word} {}", describe(&holding.submission)));
@@ -350,7 +350,7 @@ struct Watching<'a> {
     left: BTreeSet<usize>,
     store: Store,
     follower: Box<dyn Follower + 'a>,
-    /// What the queue is called, and what was last said of it.
+    /// The name of the queue, and the last summary of it.
     title: &'static str,
     queue: String,
 }
@@ -389,7 +389,7 @@ impl Watch for Watching<'_> {
                 }
                 _ => true,
             });
-        // What takes from trials that are still to come needs no worker yet, and none at all where they never
+        // A trial that takes from trials still to come needs no worker yet, and none at all where they never
         // end well.
         let ready = self
             .left

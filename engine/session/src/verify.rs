@@ -24,7 +24,7 @@ use study::plan::Plan;
 /// Version of the receipt's form.
 const SCHEMA: u32 = 1;
 
-/// What is computed again, and how.
+/// The trials that are computed again, and how.
 #[derive(Debug, Clone, Default)]
 pub struct VerifyOptions {
     /// So many trials, drawn by the seed; all where absent.
@@ -33,7 +33,7 @@ pub struct VerifyOptions {
     pub seed: u64,
     /// Worker processes; as the machine says where absent.
     pub jobs: Option<usize>,
-    /// Limits in the place of those of study and machine.
+    /// Limits that replace those of study and machine.
     pub limits: Limits,
 }
 
@@ -50,7 +50,7 @@ struct Candidate {
 pub struct Verifiable {
     /// By id.
     candidates: BTreeMap<String, Candidate>,
-    /// Trials of which nothing can be computed.
+    /// Trials that cannot be computed again.
     others: Vec<Entry>,
     missing: usize,
     not_ok: usize,
@@ -151,7 +151,7 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Verifiable, Failure> {
     let mut found = Verifiable::default();
     let limits = Arc::new(how.limits_of(&Limits::default()));
     for id in store.ids_beginning_with("") {
-        // What cannot be read has no names.
+        // An unreadable trial has no names.
         let ended = store.file(&id).ok().flatten().map(|file| file.key);
         let has_ended = ended.is_some();
         let paused = || Some(store.partial(&id).ok()??.file.key);
@@ -192,7 +192,7 @@ impl Verifiable {
         store: &Store,
     ) -> Result<Option<Arc<Trial>>, Failure> {
         match store.end(&trial.id) {
-            // What it had recorded at a pause may be damaged.
+            // Its record at a pause may be damaged.
             Ok(None) => match store.partial(&trial.id) {
                 Err(Error::Damaged { .. }) => self.look_at_pause(&trial, limits, store)?,
                 _ => return Ok(Some(trial)),
@@ -256,7 +256,7 @@ impl Verifiable {
         }
     }
 
-    /// Finds stored trials that other versions of plugins computed in the place of those that are missing.
+    /// Finds stored trials that other versions of plugins computed instead of the missing ones.
     fn of_other_versions(
         &mut self,
         absent: &BTreeMap<String, Arc<Trial>>,
@@ -362,14 +362,14 @@ fn one_round(
     Ok(entries)
 }
 
-/// What is said of a trial before it has ended.
+/// The problem of a trial before it has ended.
 const NOT_ENDED: &str = "it did not end";
 
 fn is_open(entry: &Entry) -> bool {
     matches!(&entry.outcome, Outcome::NotComputed { problem } if problem == NOT_ENDED)
 }
 
-/// What acknowledges a trial in a store, at its end or at its pause, with a look at all that it names.
+/// The file that acknowledges a trial in a store, at its end or at its pause, once all that it names was looked at.
 fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Error> {
     match member.until {
         None => store.sound(&member.trial.id),

@@ -1,4 +1,4 @@
-//! What missing trials wait for: products of other trials that are to come, or that will not come by
+//! The reasons why missing trials wait: products of other trials that are to come, or that will not come by
 //! themselves.
 
 use contract::{
@@ -104,7 +104,7 @@ struct Known<'a> {
 }
 
 impl Known<'_> {
-    /// What stands in the way of a trial: what never comes before what is to come.
+    /// The obstacle of a trial: a product that never comes counts before one that is to come.
     fn of_all(&mut self, trial: &Trial) -> Source {
         let mut answer = Source::There;
         for taken in trial.key.taken() {

@@ -14,10 +14,14 @@ version is that of the environment's numbers.
 
 from __future__ import annotations
 
+import json
+import os
+
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
 from ._native import ActionError, ConfigError, EpisodeError, SimulationError
+from ._native import collect as _collect
 from ._native import environments as _environments
 from ._trial import Trial, trial
 from .single import SimulatedEnv
@@ -33,6 +37,7 @@ __all__ = [
     "SimulatedVectorEnv",
     "SimulationError",
     "Trial",
+    "collect",
     "environments",
     "from_logits",
     "make",
@@ -40,6 +45,20 @@ __all__ = [
     "make_vec",
     "trial",
 ]
+
+
+def collect(study, *, profile=None, set=(), store=None):
+    """The trials of a study: for each what it is, how it ended (`None` where it has not run), and the mean of every metric
+    of its final measurement, in one flat mapping, as `pandas.DataFrame` takes them.
+
+    `profile` and `set` are those of `regimen run`; the store is that of the machine where none is named. Nothing is run.
+    Raises `ConfigError` in the words of `regimen check`.
+    """
+    sets = [set] if isinstance(set, str) else list(set)
+    rows = json.loads(_collect(os.fspath(study), profile, sets, None if store is None else os.fspath(store)))
+    for row in rows:
+        row.update(row.pop("final"))
+    return rows
 
 
 def environments():

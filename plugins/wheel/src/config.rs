@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use serde_json::Value;
 use std::{path::Path, sync::LazyLock};
 
-static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
+pub static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
 
 /// An environment that can be built as often as asked.
 pub struct Configured {

@@ -10,6 +10,7 @@ mod config;
 mod episodes;
 mod layout;
 mod refusal;
+mod results;
 mod simulation;
 mod spaces;
 
@@ -22,6 +23,7 @@ mod _native {
     use crate::{
         config::environments,
         refusal::{ActionError, ConfigError, EpisodeError, SimulationError},
+        results::collect,
         simulation::Simulation,
     };
 }

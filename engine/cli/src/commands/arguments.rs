@@ -7,7 +7,7 @@ use execution::limits::Limits;
 use session::{Failure, MachineOptions, ReportOptions, Selection, Session};
 use std::path::PathBuf;
 
-/// What every command understands.
+/// Options of every command.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Common {
     /// Folder of the store; `store` in regimen.toml, else `store`.
@@ -30,7 +30,7 @@ pub(super) struct Common {
 }
 
 impl Common {
-    /// What the command line says of the machine.
+    /// The options of the machine.
     pub(super) fn machine(&self) -> MachineOptions {
         MachineOptions {
             store: self.store.clone(),
@@ -98,7 +98,7 @@ pub(super) struct RunArgs {
     /// `max_tasks`.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = one_or_more)]
     pub(super) jobs: Option<usize>,
-    /// What runs the trials; `executor` in regimen.toml, else this machine.
+    /// Executor that runs the trials; `executor` in regimen.toml, else this machine.
     #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
     pub(super) executor: Option<String>,
     /// With a queue: leave after the submission; a later `run` follows it.
@@ -119,7 +119,7 @@ pub(super) struct RunArgs {
     pub(super) consent: Consent,
 }
 
-/// What one trial may use, and what is tried again; each in place of what the study and regimen.toml say.
+/// Limits of one trial and retries; each replaces that of the study and of regimen.toml.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct LimitArgs {
     /// Stop at the first trial that does not end `ok`; the running ones save a checkpoint.

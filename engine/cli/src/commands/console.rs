@@ -1,4 +1,4 @@
-//! What the program prints: results on standard output, progress and warnings on standard error.
+//! Printing: results on standard output, progress and warnings on standard error.
 
 use super::progress::Progress;
 use document::plain_text;

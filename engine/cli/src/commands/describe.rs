@@ -60,7 +60,7 @@ pub(super) fn describe(
     Ok(Exit::Ok)
 }
 
-/// What can be described, as data.
+/// The names that can be described, as data.
 fn groups(registry: &Registry) -> Value {
     let groups = Group::ALL.map(|group| (group.word(), json!(describe::names(registry, group))));
     json!({ "format": FORMAT, "groups": Value::Object(groups.into_iter().collect()) })

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Options that say what of a study is taken away; one trial has none of them.
 const OF_A_STUDY: [&str; 7] = ["specs", "profile", "sets", "seeds", "only", "form", "license"];
 
-/// What is taken away, where to, and how.
+/// The numbers that are taken away, where to, and how.
 #[derive(Debug, Clone, Args)]
 #[command(mut_arg("specs", |specs| specs.required(false).required_unless_present_any(["onnx", "minari"])))]
 pub(super) struct ExportOptions {

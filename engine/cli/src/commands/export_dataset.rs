@@ -1,6 +1,6 @@
 //! `export --minari TRIAL`: episodes of a stored trial as a dataset that Minari reads.
 //!
-//! What a trial gathered is copied, every file held against its acknowledged hash. A trial that gathered nothing is
+//! A gathered dataset is copied, every file held against its acknowledged hash. A trial that gathered nothing is
 //! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a
 //! dataset by its place below its root, which is the id that the dataset gets.
 
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.
 const LONGEST_EPISODE: u64 = 100_000;
 
-/// What is played where nothing was gathered.
+/// The episodes that are played where nothing was gathered.
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct Play {
     /// With `--minari`, of a trial that gathered no dataset: how many episodes its policy plays.

@@ -11,7 +11,7 @@ use serde_json::json;
 use session::{Exit, Failure, Settings};
 use std::path::{Path, PathBuf};
 
-/// What is taken, and where to.
+/// The stores that are taken, and the destination.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MergeOptions {
     /// Stores to take from; nothing in them is changed.
@@ -25,7 +25,7 @@ pub(super) struct MergeOptions {
     dry_run: bool,
 }
 
-/// What became of the trials of one source.
+/// The fate of the trials of one source.
 struct Taking<'a> {
     from: &'a Path,
     trials: Vec<Merged>,

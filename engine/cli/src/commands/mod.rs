@@ -148,7 +148,7 @@ enum Verb {
     Rollout(rollout::RolloutOptions),
     /// List what is registered.
     List {
-        /// What to list; everything where absent.
+        /// Group of names; all where absent.
         #[arg(value_enum)]
         group: Option<crate::describe::Group>,
     },

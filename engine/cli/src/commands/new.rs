@@ -20,7 +20,7 @@ use std::{
 };
 use study::Options;
 
-/// What the study is made of.
+/// The parts of the study.
 #[derive(Debug, Args)]
 pub(super) struct NewOptions {
     /// Name of the study; `NAME.yaml` is written into this folder.

@@ -56,7 +56,7 @@ pub(super) fn status(registry: &Registry, studies: &Studies, common: &Common) ->
     Ok(exit)
 }
 
-/// What missing trials wait for, and what runs again those that did not end well.
+/// Says why missing trials wait, and which command runs failed ones again.
 fn say_open(session: &Session<'_>, one: &Planned, state: &State) {
     let lines = state.waiting.lines();
     if !lines.is_empty() {

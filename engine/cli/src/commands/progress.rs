@@ -17,13 +17,13 @@ use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, Progre
 use session::Follower;
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 
-/// What has been shown so far.
+/// The run as it was shown so far.
 pub(super) struct Progress<'a> {
     tasks: &'a [Task<'a>],
     done: usize,
     /// Trials that other programs have, each said once.
     held: BTreeSet<usize>,
-    /// What was said of sources that lack, each once though several trials take from them.
+    /// Messages on sources that lack, each once though several trials take from them.
     lacking: BTreeSet<String>,
     bars: Option<Bars>,
     stopping: bool,

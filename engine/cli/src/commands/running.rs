@@ -1,4 +1,4 @@
-//! What `status` says of trials that are being computed now: who has them, and how far their log is; and of
+//! The lines of `status` on trials that are being computed now: who has them, and how far their log is; and on
 //! those that are tried again: how they ended before.
 
 use contract::{

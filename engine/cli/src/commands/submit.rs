@@ -34,7 +34,7 @@ fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SubmitOptions {
-    /// What they are handed to.
+    /// Executor that they are handed to.
     #[arg(long, value_name = "NAME", value_parser = that_take())]
     executor: String,
     /// Print the script or manifest and submit nothing.
@@ -88,7 +88,7 @@ pub(super) fn cancel(registry: &Registry, studies: &Studies, common: &Common) ->
     Ok(Exit::Ok)
 }
 
-/// What queues hold of this store's submissions; nothing where there is none.
+/// Says which submissions of this store queues still hold.
 pub(super) fn show(session: &Session<'_>, format: Format) {
     let holdings = match session.holdings() {
         Ok(holdings) => holdings,

@@ -1,4 +1,4 @@
-//! What a worker does that belongs to a submission whose queue cannot be told to cancel it: it reads the record itself.
+//! Workers of a submission whose queue cannot be told to cancel them: they read the record themselves.
 
 use super::complain;
 use execution::{

@@ -40,7 +40,7 @@ impl Summaries {
         let answer = command();
         let exit = answer.as_ref().map_or_else(|failure| failure.exit, |exit| *exit);
         let written = self.write(registry, studies, common, started, exit.code());
-        // What went wrong first is what is told.
+        // The first failure is the one that is reported.
         answer.and_then(|exit| written.map(|()| exit))
     }
 

@@ -7,7 +7,7 @@ use execution::store::write_durably;
 use session::{Exit, Failure, VerifyOptions, exit_of_receipt};
 use std::path::PathBuf;
 
-/// What is computed again.
+/// The trials that are computed again.
 #[derive(Debug, Clone, Args)]
 pub(super) struct VerifyArgs {
     /// Study files; every trial of the store where none is given.

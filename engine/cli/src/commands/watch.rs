@@ -27,7 +27,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What is watched, and how it is shown.
+/// The studies that are watched, and how they are shown.
 #[derive(Debug, Clone, Args)]
 pub(super) struct WatchOptions {
     #[command(flatten)]
@@ -152,7 +152,7 @@ struct Watching<'a> {
 }
 
 impl Watching<'_> {
-    /// What is there now. Studies whose trials depend on results are planned again from time to time; as long as one
+    /// The trials as they are now. Studies whose trials depend on results are planned again from time to time; as long as one
     /// cannot be read, because it is being edited, the last plan holds.
     fn look(&mut self) -> View {
         let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();

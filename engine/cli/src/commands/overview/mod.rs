@@ -114,7 +114,7 @@ fn in_words(studies: &[Studied]) -> String {
         .join("\n\n")
 }
 
-/// What is open, for people.
+/// The open verdicts, for people.
 fn open(studies: &[Verdicts]) -> String {
     let decided = report::Decided::of(studies).in_words();
     let table = report::open_as_markdown(&report::still_open(studies));
