@@ -8,6 +8,12 @@
 //! cd examples/third_party && third-party
 //! ```
 
+#![expect(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "the program speaks to a person"
+)]
+
 mod episodes;
 mod proportional;
 mod thermostat;
@@ -22,19 +28,15 @@ use engine::{
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    if let Some(code) = serve_if_asked(registry) {
-        return code;
-    }
-    if std::env::args_os().len() > 1 {
-        return engine::cli::main(registry);
-    }
-    match run_own_study() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprintln!("{failure}");
-            ExitCode::from(failure.exit.code())
-        }
-    }
+    let ended = match serve_if_asked(registry) {
+        Some(served) => served,
+        None if std::env::args_os().len() > 1 => return engine::cli::main(registry),
+        None => run_own_study().map(|()| ExitCode::SUCCESS),
+    };
+    ended.unwrap_or_else(|failure| {
+        eprintln!("{failure}");
+        ExitCode::from(failure.exit.code())
+    })
 }
 
 /// Runs the study and prints what its claims come to.

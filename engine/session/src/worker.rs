@@ -1,5 +1,6 @@
 //! Processes that a run starts of the same program.
 
+use crate::Failure;
 use contract::{Registry, panics};
 use document::{input_file, reach};
 use execution::{guard, scheduler};
@@ -9,14 +10,17 @@ use std::process::ExitCode;
 /// program that opens a session asks this first, since a run starts the program itself again, once a core.
 ///
 /// `None` where a person started it.
+///
+/// # Errors
+/// A run that cannot be heard or answered any more.
 #[expect(
     clippy::disallowed_methods,
     reason = "the run says by a variable how large files may be, as it was told"
 )]
-pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<ExitCode> {
+pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<Result<ExitCode, Failure>> {
     // Once for every trial of a program, before anything is built.
     if let Some(code) = guard::serve_if_asked() {
-        return Some(code);
+        return Some(Ok(code));
     }
     if std::env::args_os().nth(1)? != scheduler::WORKER {
         return None;
@@ -29,11 +33,5 @@ pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<ExitCode> {
     reach::quote_nothing();
     let input = std::io::BufReader::new(std::io::stdin());
     let served = scheduler::serve(&registry(), input, std::io::stdout());
-    Some(match served {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    })
+    Some(served.map(|()| ExitCode::SUCCESS).map_err(Failure::from))
 }

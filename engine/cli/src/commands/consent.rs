@@ -119,7 +119,7 @@ fn agreed() -> BTreeSet<Program> {
 
 fn keep(all: BTreeSet<Program>) -> Result<(), Failure> {
     let Some(path) = agreements() else { return Ok(()) };
-    let text = serde_json::to_vec_pretty(&all).map_err(|error| Failure::refusal(error))?;
+    let text = serde_json::to_vec_pretty(&all).map_err(Failure::refusal)?;
     let folder = path.parent().unwrap_or(&path);
     let kept = fs::create_dir_all(folder).map_err(Error::file("create", folder));
     // Who cannot be remembered is asked again.

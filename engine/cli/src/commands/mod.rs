@@ -190,8 +190,8 @@ enum Verb {
 /// Reads the command line and does what it says.
 #[must_use]
 pub fn main(registry: impl Fn() -> Registry) -> ExitCode {
-    if let Some(code) = session::serve_if_asked(&registry) {
-        return code;
+    if let Some(served) = session::serve_if_asked(&registry) {
+        return served.unwrap_or_else(|failure| failed(&failure));
     }
     let registry = &registry();
     panics::print_no_caught_ones();
@@ -199,11 +199,13 @@ pub fn main(registry: impl Fn() -> Registry) -> ExitCode {
     common.input_mb.into_iter().for_each(input_file::allow);
     patience::say_by(complain);
     let answered = answer(registry, verb, &common).and_then(console::if_said);
-    let exit = answered.unwrap_or_else(|failure| {
-        complain(&failure.text);
-        failure.exit
-    });
-    ExitCode::from(exit.code())
+    answered.map_or_else(|failure| failed(&failure), |exit| ExitCode::from(exit.code()))
+}
+
+/// Says why a command was not carried out.
+fn failed(failure: &Failure) -> ExitCode {
+    complain(&failure.text);
+    ExitCode::from(failure.exit.code())
 }
 
 fn parse(registry: &Registry) -> Command {
