@@ -1,6 +1,6 @@
 //! Confirmations of studies: planned and computed behind their study as studies of their own, and shown in its report.
 
-use crate::{Planned, ReportOptions, Selection, folders, results};
+use crate::{Planned, ReportOptions, Selection, folders, planned::Confirms, results};
 use contract::{Registry, trial::CellName, trial_result::TrialResult};
 use report::Contents;
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
@@ -62,14 +62,6 @@ pub(crate) fn follow(planned: &mut [Planned], registry: &Registry) {
             _ => study = Some(one.study.clone()).filter(|it| !it.searches.is_empty()),
         }
     }
-}
-
-/// The place of a confirmation in its study.
-pub(crate) struct Confirms {
-    /// Its index among the confirmations of the study.
-    index: usize,
-    /// The combinations behind what it confirms.
-    pub(crate) cells: BTreeSet<CellName>,
 }
 
 /// The confirmation of a study.

@@ -1,12 +1,13 @@
 //! A study's numbers in a folder, in a form that other programs read.
 
 use crate::{
-    Exit, Failure, Planned, ReportOptions, Session, exit_of, exit_of_searches, export_policy, folders, joined,
+    Exit, Failure, Planned, ReportOptions, Session, exit_of, exit_of_searches, export_policy, folders,
+    joined, whole::Whole,
 };
 use contract::{Error, trial_end::EndState, trial_result::TrialResult};
 use execution::{
     store::{self, Store, write_durably},
-    world::{fs, process},
+    world::fs,
 };
 use report::{
     Manifest,
@@ -65,12 +66,12 @@ impl Session<'_> {
         let whole = Whole::begin(to)?;
         match form {
             Form::Parquet | Form::Csv => {
-                write_tables(&subject, form == Form::Csv, &whole.folder)?;
+                write_tables(&subject, form == Form::Csv, whole.folder())?;
             }
-            Form::Tensorboard => write_event_files(&subject, &whole.folder)?,
-            Form::Trace => write_trace(&subject, &whole.folder)?,
-            Form::RoCrate => pack(self, &subject, one, license, &whole.folder)?,
-            Form::Onnx => export_policy::of_study(self, &subject, &whole.folder)?,
+            Form::Tensorboard => write_event_files(&subject, whole.folder())?,
+            Form::Trace => write_trace(&subject, whole.folder())?,
+            Form::RoCrate => pack(self, &subject, one, license, whole.folder())?,
+            Form::Onnx => export_policy::of_study(self, &subject, whole.folder())?,
         }
         whole.end()?;
         let ok = results.iter().filter(|result| result.is_ok()).count();
@@ -107,63 +108,6 @@ fn load(session: &Session<'_>, one: &Planned, store: &Store) -> Vec<TrialResult>
         }
     }
     results
-}
-
-/// A folder that appears whole or not at all: it is filled beside its place and renamed.
-pub struct Whole {
-    folder: PathBuf,
-    to: PathBuf,
-}
-
-impl Whole {
-    /// Begins one; `to` must hold nothing yet.
-    /// Begins a folder.
-    ///
-    /// # Errors
-    /// A folder that is not empty, or cannot be made.
-    pub fn begin(to: &Path) -> Result<Self, Failure> {
-        if !store::names(to)?.is_empty() {
-            return Err(Failure::refusal(format!(
-                "`{}` is not empty; name a new folder",
-                to.display()
-            )));
-        }
-        let name = to.file_name().ok_or_else(|| {
-            Failure::refusal(format!(
-                "`{}` is no name of a folder that could be made",
-                to.display()
-            ))
-        })?;
-        let beside = format!(".{}.{}.tmp", name.to_string_lossy(), process::id());
-        let folder = to.with_file_name(beside);
-        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let to = to.to_owned();
-        Ok(Self { folder, to })
-    }
-
-    /// Where it is filled.
-    /// The folder to be filled.
-    #[must_use]
-    pub fn folder(&self) -> &Path {
-        &self.folder
-    }
-
-    /// Lets it appear.
-    /// Puts it in its place.
-    ///
-    /// # Errors
-    /// [`Error::File`] where it cannot be renamed.
-    pub fn end(self) -> Result<(), Error> {
-        // An empty folder of the name is in the way of none.
-        fs::rename(&self.folder, &self.to).map_err(Error::file("rename to", &self.to))
-    }
-}
-
-impl Drop for Whole {
-    fn drop(&mut self) {
-        // Where it was renamed there is nothing; where something went wrong, half a folder helps nobody.
-        let _ = fs::remove_dir_all(&self.folder);
-    }
 }
 
 /// Fills a crate: study, tables, report, metrics, and what describes them.

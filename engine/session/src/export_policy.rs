@@ -1,6 +1,6 @@
 //! `export --onnx TRIAL` and `export STUDY --as onnx`: policies of stored trials as files that other runtimes take.
 
-use crate::{Exit, Failure, Session, export::Whole, one_trial};
+use crate::{Exit, Failure, Session, one_trial, whole::Whole};
 use contract::{
     Error, ProductKind, Registry,
     product::{SAVED_FILE, Taken},

@@ -1,11 +1,10 @@
 //! A study with its trials.
 
-use crate::confirmations::Confirms;
 use analysis::results::SearchResult;
 use contract::{
     Registry,
     complete_config::CompleteConfig,
-    trial::{Trial, TrialKey},
+    trial::{CellName, Trial, TrialKey},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -101,6 +100,14 @@ impl Planned {
             self.replan(registry, wanted);
         }
     }
+}
+
+/// The place of a confirmation in its study.
+pub(crate) struct Confirms {
+    /// Its index among the confirmations of the study.
+    pub(crate) index: usize,
+    /// The combinations behind what it confirms.
+    pub(crate) cells: BTreeSet<CellName>,
 }
 
 /// Keeps the trials of some environments and agents, with those that they take from; all where none is named.

@@ -6,7 +6,6 @@ use crate::{
     compute::Compute,
     programs::{self, Program},
 };
-use analysis::results::RepeatCheck;
 use contract::{
     Error, Registry,
     metrics_file::MetricsTable,
@@ -14,7 +13,6 @@ use contract::{
     resources::Needs,
     trial::Trial,
     trial_end::EndState,
-    trial_result::TrialResult,
 };
 use execution::{limits::Limits, scheduler::Task, store::Store};
 use std::{
@@ -202,23 +200,6 @@ fn limits_again(how: &Compute<'_>, of: &Candidates) -> Limits {
         retries: Some(0),
         ..limits
     }
-}
-
-/// The answers in the store on programs that were computed twice.
-pub(crate) fn answers(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {
-    let known = store.repeats();
-    let check = |it: &TrialResult| {
-        let trial = &it.trial;
-        Some(RepeatCheck {
-            environment: trial.cell.environment.to_string(),
-            agent: trial.cell.agent.to_string(),
-            seed: trial.key.seed,
-            repeats: known.get(&trial.id)?.clone(),
-        })
-    };
-    let mut cells = BTreeSet::new();
-    let is_first = |it: &RepeatCheck| cells.insert((it.environment.clone(), it.agent.clone()));
-    trials.iter().filter_map(check).filter(is_first).collect()
 }
 
 /// A trial of a program as a task, up to its first measurement.

@@ -1,8 +1,8 @@
 //! Reports: the tables, figures and page of a study with its confirmations, wherever its results come from.
 
 use crate::{
-    Exit, Failure, Planned, Selection, Session, by_study, confirmations, exit_of, exit_of_searches, folders,
-    profiles, provenance, results, searches, seen,
+    Exit, Failure, Planned, ReportOptions, Selection, Session, by_study, confirmations, exit_of,
+    exit_of_searches, folders, profiles, provenance, results, searches, seen,
 };
 use analysis::results::Results;
 use contract::{Build, Error, Registry, trial_end::EndState};
@@ -16,21 +16,11 @@ use report::{
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 /// The file of a folder of results with the study and every default.
 pub(crate) const RESOLVED: &str = "resolved.yaml";
-
-/// Where reports go, and what of them counts.
-#[derive(Debug, Clone, Default)]
-pub struct ReportOptions {
-    /// Folder of the report, or of those of several studies, each in a folder of its name; `results/<study>` where
-    /// absent.
-    pub out: Option<PathBuf>,
-    /// Whether a published value or a claim that differs is a failure.
-    pub strict: bool,
-}
 
 /// A report that was written.
 pub struct Report {

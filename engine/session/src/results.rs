@@ -1,8 +1,8 @@
 //! The results of a study, and the facts on it that a report shows.
 
-use crate::{Planned, Session, rehearse, stages};
+use crate::{Planned, Session, stages};
 use analysis::{
-    results::{Results, SearchResult},
+    results::{RepeatCheck, Results, SearchResult},
     search::{Progress, Search},
 };
 use contract::{
@@ -70,7 +70,7 @@ fn load(one: &Planned, store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> 
 
 fn of_trials(one: &Planned, store: &Store, trials: Vec<TrialResult>) -> Results {
     Results {
-        repeated: rehearse::answers(&trials, store),
+        repeated: repeat_checks(&trials, store),
         ..assembled(&one.study, trials)
     }
 }
@@ -153,6 +153,23 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
         }
     }
     defaults
+}
+
+/// Whether programs repeat, as far as the store knows: the first answer of each combination.
+fn repeat_checks(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {
+    let known = store.repeats();
+    let check = |it: &TrialResult| {
+        let trial = &it.trial;
+        Some(RepeatCheck {
+            environment: trial.cell.environment.to_string(),
+            agent: trial.cell.agent.to_string(),
+            seed: trial.key.seed,
+            repeats: known.get(&trial.id)?.clone(),
+        })
+    };
+    let mut cells = BTreeSet::new();
+    let is_first = |it: &RepeatCheck| cells.insert((it.environment.clone(), it.agent.clone()));
+    trials.iter().filter_map(check).filter(is_first).collect()
 }
 
 /// True where something of a study shows how long trials took.

@@ -1,44 +1,10 @@
 //! Runs: what is missing is computed here, on hosts or through a queue, as far as looks and searches ask for.
 
 use crate::{
-    Exit, Failure, Planned, Session, compute::Compute, hosts, rehearse, searches, seen, submit::Submitting,
+    Exit, Failure, Planned, RunOptions, Session, WorkerOptions, compute::Compute, hosts, rehearse, searches,
+    seen, submit::Submitting,
 };
-use execution::{
-    executor::{self, Kind, Way},
-    limits::Limits,
-};
-
-/// How missing trials are computed.
-#[derive(Debug, Clone, Default)]
-pub struct RunOptions {
-    /// Worker processes, or tasks of a queue at a time; as the machine says where absent.
-    pub jobs: Option<usize>,
-    /// Name of the executor; that of the machine where absent.
-    pub executor: Option<String>,
-    /// With a queue: leave after the submission.
-    pub detach: bool,
-    /// Run failed trials again.
-    pub retry_failed: bool,
-    /// Compute no trial of a program a second time to see whether it repeats.
-    pub no_rehearsal: bool,
-    /// Limits that replace those of study and machine.
-    pub limits: Limits,
-    /// Stop at the first trial that does not end `ok`.
-    pub fail_fast: bool,
-}
-
-/// The share of a worker.
-#[derive(Debug, Clone)]
-pub struct WorkerOptions {
-    /// Every so many-th trial alone, beginning with one: `(part, parts)`.
-    pub part: (usize, usize),
-    /// Worker processes.
-    pub jobs: usize,
-    /// Limits that replace those of study and machine.
-    pub limits: Limits,
-    /// Stop at the first trial that does not end `ok`.
-    pub fail_fast: bool,
-}
+use execution::executor::{self, Kind, Way};
 
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

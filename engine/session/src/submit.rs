@@ -2,9 +2,8 @@
 
 use crate::{
     Exit, Failure, Follower, Planned, RunOptions, Session,
-    compute::{Compute, has_paused},
+    compute::{Compute, Ends, has_paused},
     fitting::Machines,
-    prepare::Ends,
     programs,
 };
 use contract::trial_end::is_missing;

@@ -1,7 +1,8 @@
 //! Before trials run: what is damaged is set aside, and what is to be tried again is marked, so that both are
 //! missing for this command and for every later one.
 
-use crate::{Failure, Planned, Session, compute::Compute};
+use super::Compute;
+use crate::{Failure, Planned, Session};
 use contract::{
     Error,
     trial::Trial,

@@ -1,11 +1,11 @@
 //! Computes the missing trials of studies on this machine, and says what happens.
 
-use crate::{
-    Exit, Failure, Observer, Planned, Session, Silent,
-    fitting::Machines,
-    loading,
-    prepare::{Ends, failed_in_words},
-};
+mod prepare;
+
+pub(crate) use prepare::Ends;
+pub use prepare::{failed_in_words, has_failed};
+
+use crate::{Exit, Failure, Observer, Planned, Session, Silent, fitting::Machines, loading};
 use contract::{
     resources::{Capacity, Needs},
     trial::Trial,
