@@ -383,9 +383,9 @@ fn inspect(bench: &Bench) {
     }
 }
 
-/// How many seeds are run, where whoever runs the tests does not say.
+/// How many seeds are run; REGIMEN_SIM_SEEDS replaces it.
 fn seeds() -> u64 {
-    let usual = if variable("CI").is_some() { 10_000 } else { 1_000 };
+    let usual = if variable("CI").is_some() { 5_000 } else { 1_000 };
     variable("REGIMEN_SIM_SEEDS").map_or(usual, |text| text.parse().unwrap())
 }
 
