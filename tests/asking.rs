@@ -162,6 +162,10 @@ fn no_process_and_unknown_names_are_refused() {
         let answer = refused(&bench, &[&command[..], &["-j", "0"]].concat(), 2);
         assert!(answer.err.contains("write 1 or more"), "{}", answer.err);
     }
+    let checked = bench.run(&["check", "small.yaml", "--only", "eqaul", "--format", "json"]);
+    assert_eq!(checked.code, 4, "{}", checked.err);
+    assert!(checked.out.contains("\"problems\":[]"), "{}", checked.out);
+    assert!(checked.err.contains("did you mean `equal`?"), "{}", checked.err);
     let answer = refused(&bench, &["run", "small.yaml", "--only", "eqaul"], 4);
     assert!(
         answer

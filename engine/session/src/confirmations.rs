@@ -31,8 +31,7 @@ pub fn by_study(planned: &[Planned]) -> Vec<(&Planned, &[Planned])> {
 }
 
 /// Each study with the trials of its confirmations among its own.
-#[must_use]
-pub fn joined(planned: Vec<Planned>) -> Vec<Planned> {
+pub(crate) fn joined(planned: Vec<Planned>) -> Vec<Planned> {
     let mut all: Vec<Planned> = Vec::new();
     for one in planned {
         match all.last_mut().filter(|_| one.confirms.is_some()) {

@@ -80,6 +80,27 @@ impl Failure {
             text: diagnostic::render_first(problems),
         }
     }
+
+    /// Everything that is wrong with studies; `None` where nothing is.
+    pub fn studies<'p>(refused: impl IntoIterator<Item = &'p Vec<Diagnostic>>) -> Option<Self> {
+        let texts: Vec<String> = refused
+            .into_iter()
+            .map(|problems| diagnostic::render_first(problems))
+            .collect();
+        (!texts.is_empty()).then(|| Self {
+            exit: Exit::BadStudy,
+            text: texts.join("\n"),
+        })
+    }
+
+    /// A selection without trials.
+    #[must_use]
+    pub fn nothing_selected() -> Self {
+        Self {
+            exit: Exit::NothingSelected,
+            text: "no trial matches what was selected".into(),
+        }
+    }
 }
 
 impl Display for Failure {

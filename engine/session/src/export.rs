@@ -1,8 +1,8 @@
 //! A study's numbers in a folder, in a form that other programs read.
 
 use crate::{
-    Exit, Failure, Planned, ReportOptions, Session, exit_of, exit_of_searches, export_policy, folders,
-    joined, whole::Whole,
+    Exit, Failure, Planned, ReportOptions, Session, confirmations::joined, exit_of, exit_of_searches,
+    export_policy, folders, whole::Whole,
 };
 use contract::{Error, trial_end::EndState, trial_result::TrialResult};
 use execution::{

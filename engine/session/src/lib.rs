@@ -49,12 +49,12 @@ mod whole;
 mod worker;
 
 pub use compared::Other;
-pub use compute::{failed_in_words, has_failed};
-pub use confirmations::{by_study, joined};
+pub use compute::failed_in_words;
+pub use confirmations::by_study;
 pub use exit::{Exit, Failure};
 pub use export::Exported;
 pub use index::{Studied, studies_within, write_index};
-pub use loading::{Checked, Refused, exit_of};
+pub use loading::{Check, Checked, Refused, exit_of};
 pub use looks::line as looks_in_words;
 pub use observer::{Follower, Observer, Silent};
 pub use options::{ReportOptions, RunOptions, WorkerOptions};

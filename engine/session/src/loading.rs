@@ -24,6 +24,16 @@ pub type Refused = (PathBuf, Vec<Diagnostic>);
 /// A study that holds, with the number of its trials that are selected.
 pub type Checked = (usize, Study);
 
+/// Studies that were checked.
+pub struct Check {
+    /// Those that hold.
+    pub good: Vec<Checked>,
+    /// Those that do not.
+    pub refused: Vec<Refused>,
+    /// Why nothing is selected of studies that all hold, where names are given.
+    pub unselected: Option<Failure>,
+}
+
 impl Session<'_> {
     /// Plans all selected studies, each with its confirmations behind it; every problem of every file is in the
     /// failure.
@@ -36,7 +46,9 @@ impl Session<'_> {
 
     fn load_with(&self, announced: Option<&Announcements>) -> Result<Vec<Planned>, Failure> {
         let (planned, refused) = self.read(announced);
-        no_error(&refused)?;
+        if let Some(failure) = Failure::studies(refused.iter().map(|(_, problems)| problems)) {
+            return Err(failure);
+        }
         self.selects_something(&planned)?;
         Ok(confirmations::planned(planned, self.registry))
     }
@@ -134,35 +146,40 @@ impl Session<'_> {
             .iter()
             .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
         {
-            return Err(nothing_selected());
+            return Err(Failure::nothing_selected());
         }
         Ok(())
     }
 
     /// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them
     /// has to be planned.
-    ///
-    /// # Errors
-    /// Where names are selected that no study has.
-    pub fn check(&self) -> Result<(Vec<Checked>, Vec<Refused>), Failure> {
+    #[must_use]
+    pub fn check(&self) -> Check {
         // The environments of Python are asked anew.
         let announced = Announcements::of(&self.settings.store).doubted();
         if !self.selection.only.is_empty() {
             let (planned, refused) = self.read(Some(&announced));
-            if refused.is_empty() {
-                self.selects_something(&planned)?;
-            }
-            let checked = planned.into_iter().map(|one| (one.plan.trials.len(), one.study));
-            return Ok((checked.collect(), refused));
+            let selects = || self.selects_something(&planned).err();
+            let unselected = refused.is_empty().then(selects).flatten();
+            let good = planned.into_iter().map(|one| (one.plan.trials.len(), one.study));
+            return Check {
+                good: good.collect(),
+                refused,
+                unselected,
+            };
         }
-        let (mut checked, mut refused) = (Vec::new(), Vec::new());
+        let (mut good, mut refused) = (Vec::new(), Vec::new());
         for path in &self.selection.specs {
             match study::load(path, self.registry, &options(&self.selection, Some(&announced))) {
-                Ok(study) => checked.push((study.n_trials(), study)),
+                Ok(study) => good.push((study.n_trials(), study)),
                 Err(problems) => refused.push((path.clone(), problems)),
             }
         }
-        Ok((checked, refused))
+        Check {
+            good,
+            refused,
+            unselected: None,
+        }
     }
 
     /// Refuses studies whose trials fit none of the machines that the settings name.
@@ -180,19 +197,24 @@ impl Session<'_> {
     }
 
     /// Says what can be run and is probably not meant.
-    pub(crate) fn warn(&self, planned: &[Planned]) {
-        for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-            self.notice(&diagnostic::render_first(&one.study.warnings));
+    pub fn warn<'s>(&self, studies: impl IntoIterator<Item = &'s Study>) {
+        for study in studies.into_iter().filter(|study| !study.warnings.is_empty()) {
+            self.notice(&diagnostic::render_first(&study.warnings));
         }
     }
 
-    /// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
+    /// The end of every trial; `None` where it has not run or must run again. Damaged ones are reported.
     pub fn ends(&self, store: &Store, one: &Planned) -> Vec<Option<TrialEnd>> {
+        self.ends_and_damage(store, one).0
+    }
+
+    /// The same, and whether something is damaged.
+    pub(crate) fn ends_and_damage(&self, store: &Store, one: &Planned) -> (Vec<Option<TrialEnd>>, bool) {
         let found = store.outcomes(&one.plan.trials);
         for (_, error) in &found.unreadable {
             self.notice(&format!("warning: {error}; the trial counts as missing"));
         }
-        found.all
+        (found.all, !found.unreadable.is_empty())
     }
 
     /// Says what becomes of a study's imported runs, where it has some.
@@ -206,29 +228,6 @@ impl Session<'_> {
                 either(&it.trials.len(), "is", "are")
             ));
         }
-    }
-}
-
-/// Fails with everything that is wrong with studies.
-fn no_error(refused: &[Refused]) -> Result<(), Failure> {
-    let problems: Vec<String> = refused
-        .iter()
-        .map(|(_, problems)| diagnostic::render_first(problems))
-        .collect();
-    if problems.is_empty() {
-        return Ok(());
-    }
-    Err(Failure {
-        exit: Exit::BadStudy,
-        text: problems.join("\n"),
-    })
-}
-
-/// The failure where no trial is selected.
-fn nothing_selected() -> Failure {
-    Failure {
-        exit: Exit::NothingSelected,
-        text: "no trial matches what was selected".into(),
     }
 }
 

@@ -28,7 +28,7 @@ impl Session<'_> {
     /// Trials that fit no machine, executors that cannot be reached, and a store that cannot be written.
     pub fn run(&self, planned: &mut [Planned], options: &RunOptions) -> Result<Computed, Failure> {
         let store = self.store()?;
-        self.warn(planned);
+        self.warn(planned.iter().map(|one| &one.study));
         let mut how = Compute {
             limits: options.limits.clone(),
             fail_fast: options.fail_fast,

@@ -34,18 +34,14 @@ impl Session<'_> {
     pub fn state(&self, one: &mut Planned, explained: bool) -> Result<State, Failure> {
         let store = self.store()?;
         one.plan.keep_once();
+        let (ends, is_damaged) = self.ends_and_damage(store, one);
         let trials = &one.plan.trials;
-        let found = store.outcomes(trials);
-        for (_, error) in &found.unreadable {
-            self.notice(&format!("warning: {error}; the trial counts as missing"));
-        }
-        if !found.unreadable.is_empty() {
+        if is_damaged {
             self.notice(&format!(
                 "`{}` sets aside what is damaged and runs it again",
                 self.command("run", &[])
             ));
         }
-        let ends = found.all;
         let known = known(trials, &ends);
         // Where every trial is there, nothing else of the store is looked at.
         let cells = match explained {

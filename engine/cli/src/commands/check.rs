@@ -10,7 +10,7 @@ use document::{
 };
 use presentation::claim_spec::ClaimSpec;
 use serde_json::json;
-use session::{Checked, Exit, Failure, Refused, Session, by_study};
+use session::{Check, Checked, Exit, Failure, Refused, Session, by_study};
 use std::{collections::BTreeSet, path::Path};
 use study::Study;
 
@@ -37,43 +37,41 @@ pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common
         ));
     }
     let session = options.studies.open(registry, common)?;
-    let (checked, refused) = session.check()?;
+    let check = session.check();
     if common.format == Format::Json {
-        return Ok(say_as_json(&session, &checked, &refused));
+        let exit = say_as_json(&session, &check);
+        return check.unselected.map_or(Ok(exit), Err);
     }
-    match say_checked(&session, &checked, &refused)? {
+    match say_checked(&session, check)? {
         Exit::Ok if options.rehearse => rehearse(&session, options),
         exit => Ok(exit),
     }
 }
 
 /// One line per good study, and one per study that this machine cannot check.
-fn say_checked(session: &Session<'_>, checked: &[Checked], refused: &[Refused]) -> Result<Exit, Failure> {
+fn say_checked(session: &Session<'_>, check: Check) -> Result<Exit, Failure> {
+    let Check {
+        good,
+        refused,
+        unselected,
+    } = check;
+    if let Some(failure) = unselected {
+        return Err(failure);
+    }
     let is_unavailable = |(_, problems): &&Refused| diagnostic::are_unavailable(problems);
     let unchecked: Vec<&Refused> = refused.iter().filter(is_unavailable).collect();
     unchecked.iter().for_each(|it| say_unchecked(it));
     let wrong = refused.iter().filter(|it| !is_unavailable(it));
-    let wrong: Vec<String> = wrong
-        .map(|(_, problems)| diagnostic::render_first(problems))
-        .collect();
-    if !wrong.is_empty() {
-        return Err(Failure {
-            exit: Exit::BadStudy,
-            text: wrong.join("\n"),
-        });
+    if let Some(failure) = Failure::studies(wrong.map(|(_, problems)| problems)) {
+        return Err(failure);
     }
     let is_empty = |(trials, study): &Checked| *trials == 0 && study.searches.is_empty();
-    if unchecked.is_empty() && checked.iter().all(is_empty) {
-        return Err(Failure {
-            exit: Exit::NothingSelected,
-            text: "no trial matches what was selected".into(),
-        });
+    if unchecked.is_empty() && good.iter().all(is_empty) {
+        return Err(Failure::nothing_selected());
     }
-    for (_, study) in checked.iter().filter(|(_, study)| !study.warnings.is_empty()) {
-        complain(&diagnostic::render_first(&study.warnings));
-    }
-    session.check_fit(checked)?;
-    for (trials, study) in checked {
+    session.warn(good.iter().map(|(_, study)| study));
+    session.check_fit(&good)?;
+    for (trials, study) in &good {
         say(&format!(
             "{}: ok, {}, {}, {}, {}{}",
             study.name,
@@ -115,9 +113,9 @@ fn say_unchecked((path, problems): &Refused) {
 }
 
 /// The problems of every study, in the order of the command line.
-fn say_as_json(session: &Session<'_>, checked: &[Checked], refused: &[Refused]) -> Exit {
-    let is_refused = |path: &Path| refused.iter().find(|(it, _)| it == path);
-    let (mut good, mut exit, mut reports) = (checked.iter(), Exit::Ok, Vec::new());
+fn say_as_json(session: &Session<'_>, check: &Check) -> Exit {
+    let is_refused = |path: &Path| check.refused.iter().find(|(it, _)| it == path);
+    let (mut good, mut exit, mut reports) = (check.good.iter(), Exit::Ok, Vec::new());
     for path in &session.selection.specs {
         let problems = match is_refused(path) {
             Some((_, problems)) => {

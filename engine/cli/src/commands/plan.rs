@@ -1,7 +1,7 @@
 //! `plan`, `status`: what is known of studies without running anything.
 
 use super::{
-    Common, Format, Studies, cells, complain,
+    Common, Format, Studies, cells,
     running::{running, tried_again},
     say, submit,
 };
@@ -10,7 +10,6 @@ use contract::{
     trial::Trial,
     trial_end::{EndState, TrialEnd},
 };
-use document::diagnostic;
 use session::{Exit, Failure, Planned, Session, State, exit_of, exit_of_searches, failed_in_words};
 use std::sync::Arc;
 
@@ -18,9 +17,7 @@ use std::sync::Arc;
 pub(super) fn plan(registry: &Registry, studies: &Studies, common: &Common) -> Result<Exit, Failure> {
     let session = studies.open(registry, common)?;
     let planned = session.load_with_looks()?;
-    for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-        complain(&diagnostic::render_first(&one.study.warnings));
-    }
+    session.warn(planned.iter().map(|one| &one.study));
     for mut one in planned {
         let state = session.state(&mut one, true)?;
         say(&cells::overview(&session, &one, &state, true, common.format));

@@ -20,13 +20,23 @@ pub(super) fn report(
     let planned = session.load_with_looks()?;
     session.check_folders(&planned, &reporting.options())?;
     session.tell_searches(&planned);
+    write_all(&session, &planned, reporting, common)
+}
+
+/// Writes the report of every study, and the page over several; says what came of each as soon as it is written.
+pub(super) fn write_all(
+    session: &Session<'_>,
+    planned: &[Planned],
+    reporting: &ReportArgs,
+    common: &Common,
+) -> Result<Exit, Failure> {
     let mut exit = Exit::Ok;
-    for study in by_study(&planned) {
+    for study in by_study(planned) {
         let reported = session.report_of(study, &reporting.options())?;
         say_reported(&reported, reporting, common);
         exit = exit.max(reported.exit());
     }
-    write_index(&session, &planned, reporting, common)?;
+    write_index(session, planned, reporting, common)?;
     Ok(exit)
 }
 
@@ -45,7 +55,7 @@ pub(super) fn recorded(
 }
 
 /// Says what came of a report.
-pub(super) fn say_reported(reported: &Reported, reporting: &ReportArgs, common: &Common) {
+fn say_reported(reported: &Reported, reporting: &ReportArgs, common: &Common) {
     match reported {
         Reported::Written(report) => say_report(report, reporting, common),
         Reported::Kept(name, _) if common.format == Format::Json => {
@@ -70,7 +80,7 @@ fn say_report(report: &Report, reporting: &ReportArgs, common: &Common) {
 }
 
 /// Writes the page over several studies.
-pub(super) fn write_index(
+fn write_index(
     session: &Session<'_>,
     planned: &[Planned],
     reporting: &ReportArgs,

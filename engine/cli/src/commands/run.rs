@@ -2,7 +2,7 @@
 
 use super::{Common, ReportArgs, RunArgs, Studies, WorkerArgs, plan, report, submitted};
 use contract::Registry;
-use session::{Computed, Exit, Failure, RunOptions, WorkerOptions, by_study};
+use session::{Computed, Exit, Failure, RunOptions, WorkerOptions};
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -23,13 +23,7 @@ pub(super) fn run(
         Computed::Left(exit) => return Ok(exit),
         Computed::Ended { exit, is_here } => (exit, is_here),
     };
-    let mut exit = Exit::Ok;
-    for study in by_study(&planned) {
-        let reported = session.report_of(study, &reporting.options())?;
-        report::say_reported(&reported, reporting, common);
-        exit = exit.max(reported.exit());
-    }
-    report::write_index(&session, &planned, reporting, common)?;
+    let exit = report::write_all(&session, &planned, reporting, common)?;
     if computed == Exit::Ok && is_here {
         session.pack(&planned)?;
     }

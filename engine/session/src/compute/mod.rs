@@ -3,7 +3,7 @@
 mod prepare;
 
 pub(crate) use prepare::Ends;
-pub use prepare::{failed_in_words, has_failed};
+pub use prepare::failed_in_words;
 
 use crate::{Exit, Failure, Observer, Planned, Session, Silent, fitting::Machines, loading};
 use contract::{

@@ -105,8 +105,7 @@ fn mark(id: &str, store: &Store) -> Result<(), Error> {
 }
 
 /// True where a trial ended in a state in which it stays until somebody asks for it again.
-#[must_use]
-pub fn has_failed(end: Option<&TrialEnd>) -> bool {
+fn has_failed(end: Option<&TrialEnd>) -> bool {
     !is_missing(end) && end.is_some_and(|end| end.state != EndState::Ok)
 }
 
