@@ -42,7 +42,8 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
 }
 
 /// Writes `updates`, `save` and `load` of a learner that trains from a replay by its schedule, from one list of its
-/// fields: networks with their optimisers, networks that follow them, and what else it counts.
+/// fields: networks with their optimisers, networks that follow them, and what else it counts. The learner has a `config`
+/// with `learning_starts` and `updates_per_step`, a `schedule` and a `replay`.
 macro_rules! keeps {
     ($name:expr; trained: $($trained:ident),+; targets: $($target:ident),+; counters: $($counter:ident),*) => {
         fn updates(&self) -> Option<Updates> {
