@@ -49,6 +49,7 @@ const ARROWS: [(&str, &[&str]); 24] = [
             "contract",
             "document",
             "execution",
+            "imported",
             "presentation",
             "report",
             "statistics",

@@ -153,15 +153,14 @@ fn what_environments_give_out_is_what_they_say_through_whole_episodes() {
                     .unwrap_or_else(|error| panic!("{place}: {error}"));
                 assert_within_ranges(&*environment, &step.observations, &place);
                 assert_eq!(step.rewards.len(), seats.len(), "{place}: one reward per seat");
-                assert_eq!(
-                    step.info.len(),
-                    environment.metrics().len(),
-                    "{place}: one value per metric"
-                );
+                let recorded: Vec<&str> = step.metrics.iter().map(|(name, _)| &**name).collect();
+                let metrics = environment.metrics().iter();
+                let declared: Vec<&str> = metrics.map(|metric| &*metric.name).collect();
+                assert_eq!(recorded, declared, "{place}: a value per metric");
                 assert!(
                     step.rewards
                         .iter()
-                        .chain(&step.info)
+                        .chain(step.metrics.iter().map(|(_, value)| value))
                         .all(|value| value.is_finite()),
                     "{place}: {step:?}"
                 );

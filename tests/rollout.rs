@@ -1,7 +1,6 @@
 //! Simulators through `regimen rollout`, against trajectories of other programs.
 
 use crate::program::{Bench, repository, trial_files};
-use cli::rollout::{Actions, rows};
 use contract::{
     Phase,
     metrics_file::{self, MetricsTable},
@@ -11,6 +10,7 @@ use contract::{
 };
 use execution::store::Store;
 use plugins::registry;
+use session::rollout::{Actions, rows};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -413,7 +413,7 @@ fn play_imported(key: &TrialKey, folder: &Path, out: &Path) -> bool {
         agent: &mut *agent,
         decisions: 1000,
     };
-    cli::rollout::write(&rows(&mut *pack, actions, 3).unwrap(), out).unwrap();
+    session::rollout::write(&rows(&mut *pack, actions, 3).unwrap(), out).unwrap();
     learns
 }
 

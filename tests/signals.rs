@@ -73,6 +73,9 @@ fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
                 .any(|name| name.to_string_lossy().starts_with("checkpoint-")),
             "{signal}: {kept:?}"
         );
+        let status = bench.run(&["status", "long.yaml"]).out;
+        let line = "begun    cells dsac seed 0: goes on from a checkpoint, logged up to step ";
+        assert!(status.contains(line), "{signal}: {status}");
     }
     bench.ok(&["run", "long.yaml", "-j", "1"]);
     assert_eq!(bench.digests("store"), bench.digests("whole"));

@@ -91,9 +91,12 @@ fn episode(environment: &mut dyn Environment, rng: &mut Rng, draws: &mut Rng) ->
     for _ in 0..STEPS {
         let (asked, action) = drawn(environment.seats(), draws);
         let step = environment.step(&action, rng).unwrap();
-        steps.push(json!({ "asked": asked, "observations": step.observations.concat(), "rewards": step.rewards,
-            "metrics": step.info, "state": environment.state(), "terminated": step.end == Some(End::Terminated),
-            "truncated": step.end == Some(End::Truncated) }));
+        let metrics: Vec<f64> = step.metrics.iter().map(|(_, value)| *value).collect();
+        steps.push(
+            json!({ "asked": asked, "observations": step.observations.concat(), "rewards": step.rewards,
+            "metrics": metrics, "state": environment.state(), "terminated": step.end == Some(End::Terminated),
+            "truncated": step.end == Some(End::Truncated) }),
+        );
         if step.end.is_some() {
             break;
         }

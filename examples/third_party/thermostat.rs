@@ -74,12 +74,7 @@ impl Environment for Room {
         self.decisions += 1;
         let end = (self.decisions == self.config.decisions).then_some(End::Truncated);
         let reward = -(self.temperature - WANTED).powi(2);
-        Ok(Step {
-            observations: vec![vec![self.temperature]],
-            rewards: vec![reward],
-            info: Vec::new(),
-            end,
-        })
+        Ok(Step::new(vec![vec![self.temperature]], vec![reward], end))
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

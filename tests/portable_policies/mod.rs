@@ -10,7 +10,6 @@ use crate::{
     other_programs::check,
     program::{Bench, reseal, trial_files},
 };
-use cli::rollout::trained_agent;
 use contract::{
     Agent, Environment, Mode, NoKeeper, Observation, ProductKind, Registry,
     policy_form::PortablePolicy,
@@ -26,6 +25,7 @@ use numerics::{
 use plugins::registry;
 use rand::Rng as _;
 use serde_json::{Value, json};
+use session::rollout::trained_agent;
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,

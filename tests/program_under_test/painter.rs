@@ -63,12 +63,7 @@ impl Environment for Painter {
     }
 
     fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Ok(Step {
-            observations: vec![vec![0.0]],
-            rewards: vec![1.0],
-            info: Vec::new(),
-            end: Some(End::Terminated),
-        })
+        Ok(Step::new(vec![vec![0.0]], vec![1.0], Some(End::Terminated)))
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

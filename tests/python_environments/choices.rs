@@ -197,5 +197,6 @@ fn entries_of_info_are_metrics_of_tables_and_claims() {
     let mut rng = stream(&["info"]);
     pair.reset(&mut rng).unwrap();
     let step = pair.step(&[vec![1.0], vec![0.5]], &mut rng).unwrap();
-    assert_eq!(step.info, [step.rewards[0], -step.rewards[0]]);
+    assert_eq!(step.metric("filler_level"), Some(step.rewards[0]));
+    assert_eq!(step.metric("drainer_level"), Some(-step.rewards[0]));
 }

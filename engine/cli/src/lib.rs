@@ -3,7 +3,6 @@
 mod commands;
 pub mod describe;
 pub mod first_study;
-pub mod rollout;
 pub mod watch;
 
 pub use commands::main;

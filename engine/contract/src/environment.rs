@@ -7,6 +7,7 @@ use crate::{
     drawing::{Graph, Image},
 };
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// One entry of an observation, action or state vector.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -190,16 +191,53 @@ pub struct Observation {
 pub type Action = Vec<Vec<f64>>;
 
 /// What one step gives back.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Step {
     /// What each seat sees now.
     pub observations: Vec<Vec<f64>>,
     /// What each seat earned.
     pub rewards: Vec<f64>,
-    /// One value per entry of [`Environment::metrics`].
-    pub info: Vec<f64>,
     /// Set on the last step of an episode.
     pub end: Option<End>,
+    /// The value of each of [`Environment::metrics`], under its name.
+    pub metrics: Vec<(Cow<'static, str>, f64)>,
+}
+
+impl Step {
+    /// A step without metrics.
+    #[must_use]
+    pub fn new(observations: Vec<Vec<f64>>, rewards: Vec<f64>, end: Option<End>) -> Self {
+        Self {
+            observations,
+            rewards,
+            end,
+            metrics: Vec::new(),
+        }
+    }
+
+    /// Records the value of a metric.
+    #[must_use]
+    pub fn record(mut self, metric: impl Into<Cow<'static, str>>, value: f64) -> Self {
+        self.metrics.push((metric.into(), value));
+        self
+    }
+
+    /// Records the values of several metrics.
+    #[must_use]
+    pub fn record_all<Name: Into<Cow<'static, str>>>(
+        self,
+        values: impl IntoIterator<Item = (Name, f64)>,
+    ) -> Self {
+        let record = |step: Self, (metric, value)| step.record(metric, value);
+        values.into_iter().fold(self, record)
+    }
+
+    /// The value that was recorded of a metric.
+    #[must_use]
+    pub fn metric(&self, name: &str) -> Option<f64> {
+        let named = self.metrics.iter().find(|(metric, _)| metric == name);
+        named.map(|(_, value)| *value)
+    }
 }
 
 /// Which direction of a metric is the better one.
@@ -294,7 +332,7 @@ pub trait Environment: Send {
     /// The seats, in order; fixed for the life of the environment.
     fn seats(&self) -> &[Seat];
 
-    /// One entry per value of [`Step::info`].
+    /// The metrics that every step records by their names, see [`Step::record`].
     fn metrics(&self) -> &[Metric] {
         &[]
     }

@@ -73,6 +73,14 @@ pub enum Error {
         /// Which entry, which value, which limit.
         problem: String,
     },
+    /// A step of an environment did not record each of the environment's metrics once.
+    #[error("the environment recorded {recorded} at a step; its metrics are {declared}")]
+    Recorded {
+        /// Names that were recorded.
+        recorded: String,
+        /// Names of the metrics.
+        declared: String,
+    },
     /// A model's equations cannot be continued.
     #[error("{model}: {problem}")]
     Model {

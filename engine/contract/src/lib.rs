@@ -22,6 +22,7 @@ pub mod draft;
 pub mod drawing;
 pub mod ending;
 pub mod environment;
+pub mod episode_metrics;
 pub mod error;
 pub mod metrics_file;
 pub mod own_training;

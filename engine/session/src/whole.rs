@@ -15,7 +15,6 @@ pub struct Whole {
 }
 
 impl Whole {
-    /// Begins one; `to` must hold nothing yet.
     /// Begins a folder.
     ///
     /// # Errors

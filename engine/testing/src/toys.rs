@@ -111,12 +111,7 @@ impl Environment for Corridor {
         Ok(vec![vec![0.0]])
     }
     fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Ok(Step {
-            observations: vec![vec![0.0]],
-            rewards: vec![0.0],
-            info: vec![0.0],
-            end: None,
-        })
+        Ok(Step::new(vec![vec![0.0]], vec![0.0], None).record("distance", 0.0))
     }
     fn trace_channels(&self) -> Vec<Channel> {
         vec![Channel::new("height_1", "m"), Channel::new("height_2", "m")]

@@ -142,12 +142,8 @@ impl Environment for AllocationBandit {
         self.action = simplex::checked(actions, self.config.values.len(), simplex::SUM_TOLERANCE)?;
         let earned = reward(&self.config, &self.action);
         let regret = reward(&self.config, &self.best) - earned;
-        Ok(Step {
-            observations: vec![vec![1.0]],
-            rewards: vec![earned],
-            info: vec![regret],
-            end: Some(End::Terminated),
-        })
+        let step = Step::new(vec![vec![1.0]], vec![earned], Some(End::Terminated));
+        Ok(step.record("regret", regret))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -210,7 +206,9 @@ mod tests {
         let mut rng = contract::random::stream(&[]);
         assert_eq!(environment.reset(&mut rng).unwrap(), [[1.0]]);
         let step = environment.step(&[vec![0.2, 0.6, 0.2]], &mut rng).unwrap();
-        assert!((step.rewards[0] - 0.5).abs() < 1e-15 && (step.info[0] - 0.5).abs() < 1e-15);
+        assert!(
+            (step.rewards[0] - 0.5).abs() < 1e-15 && (step.metric("regret").unwrap() - 0.5).abs() < 1e-15
+        );
         assert_eq!(step.end, Some(End::Terminated));
         assert_eq!(environment.state(), [1.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0]);
         assert!(environment.step(&[vec![0.2, 0.6, 0.3]], &mut rng).is_err());
@@ -245,7 +243,7 @@ mod tests {
             let mut environment = bandit(&values, curvature);
             prop_assert!((environment.best.iter().sum::<f64>() - 1.0).abs() < 1e-12);
             let step = environment.step(&[action], &mut contract::random::stream(&[])).unwrap();
-            prop_assert!(step.info[0] >= -1e-12, "{}", step.info[0]);
+            prop_assert!(step.metric("regret").unwrap() >= -1e-12, "{}", step.metric("regret").unwrap());
         }
     }
 }

@@ -216,17 +216,11 @@ impl Environment for DifferentialGame {
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         self.read(actions)?;
         self.reward = self.config.reward(&self.actions);
-        let info = [self.reward]
-            .into_iter()
-            .chain(self.actions.iter().copied())
-            .collect();
         let rewards = self.shares.iter().map(|share| share * self.reward).collect();
-        Ok(Step {
-            observations: self.observe(),
-            rewards,
-            info,
-            end: Some(End::Terminated),
-        })
+        let actions = self.actions.iter().enumerate();
+        Ok(Step::new(self.observe(), rewards, Some(End::Terminated))
+            .record("joint_reward", self.reward)
+            .record_all(actions.map(|(player, action)| (format!("action_{player}"), *action))))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -330,11 +324,13 @@ mod tests {
         assert_eq!(game.reset(&mut rng).unwrap(), vec![vec![1.0]; 3]);
         assert!(game.trace().iter().all(|value| value.is_nan()));
         let step = game.step(&[vec![0.5], vec![0.4], vec![0.6]], &mut rng).unwrap();
-        assert_eq!((step.rewards, step.end), (vec![8.0; 3], Some(End::Terminated)));
+        assert_eq!((&step.rewards, step.end), (&vec![8.0; 3], Some(End::Terminated)));
+        let metrics = ["action_0", "action_1", "action_2", "joint_reward"];
         assert_eq!(
-            (step.info, game.trace()),
-            (vec![8.0, 5.0, 4.0, 6.0], vec![5.0, 4.0, 6.0, 8.0])
+            metrics.map(|metric| step.metric(metric).unwrap()),
+            [5.0, 4.0, 6.0, 8.0]
         );
+        assert_eq!(game.trace(), [5.0, 4.0, 6.0, 8.0]);
     }
 
     #[test]

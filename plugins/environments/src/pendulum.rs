@@ -224,12 +224,9 @@ impl Environment for Pendulum {
         let change = self.motion.torque.map_or(0.0, |before| (torque - before).abs());
         self.advance(torque);
         let end = (self.motion.steps >= self.config.episode_limit).then_some(End::Truncated);
-        Ok(Step {
-            observations: self.observe(),
-            rewards: vec![-cost],
-            info: vec![wrapped(self.motion.angle).abs(), change],
-            end,
-        })
+        Ok(Step::new(self.observe(), vec![-cost], end)
+            .record("tilt", wrapped(self.motion.angle).abs())
+            .record("torque_change", change))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -311,7 +308,8 @@ mod tests {
         let angle = PI / 6.0 + 0.05875;
         close(&first.rewards, &[-((PI / 6.0).powi(2) + 0.025 + 0.004)]);
         close(&first.observations[0], &[angle.cos(), angle.sin(), 1.175]);
-        close(&first.info, &[angle, 0.0]);
+        let metrics = ["tilt", "torque_change"].map(|metric| first.metric(metric).unwrap());
+        close(&metrics, &[angle, 0.0]);
         let second = step(&mut pendulum, 0.0);
         close(&second.rewards, &[-(angle * angle + 0.1 * 1.175 * 1.175)]);
         close(
@@ -321,7 +319,8 @@ mod tests {
                 1.175 + 0.75 * angle.sin(),
             ],
         );
-        close(&second.info, &[pendulum.state()[0], 2.0]);
+        let metrics = ["tilt", "torque_change"].map(|metric| second.metric(metric).unwrap());
+        close(&metrics, &[pendulum.state()[0], 2.0]);
         close(&[pendulum.trace()[0], pendulum.trace()[3]], &[0.1, 0.0]);
     }
 

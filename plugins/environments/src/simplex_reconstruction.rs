@@ -149,13 +149,8 @@ impl Environment for SimplexReconstruction {
         let output = simplex::checked(actions, self.episode.target.len(), simplex::SUM_TOLERANCE)?;
         let error = mean_absolute_error(&output, &self.episode.target);
         self.episode.output = Some(output);
-        let observations = vec![self.episode.inputs.clone()];
-        Ok(Step {
-            observations,
-            rewards: vec![-error],
-            info: vec![error],
-            end: Some(End::Terminated),
-        })
+        let seen = vec![self.episode.inputs.clone()];
+        Ok(Step::new(seen, vec![-error], Some(End::Terminated)).record("mae", error))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -226,7 +221,7 @@ mod tests {
             assert!(mean_absolute_error(&point, &environment.state()) < 1e-15);
             let step = environment.step(&[environment.state()], &mut rng).unwrap();
             assert_eq!(
-                (step.rewards[0], step.info[0], step.end),
+                (step.rewards[0], step.metric("mae").unwrap(), step.end),
                 (-0.0, 0.0, Some(End::Terminated))
             );
         }

@@ -163,12 +163,8 @@ impl Environment for ImageSamples {
         })?;
         self.answer = Some(answer);
         let right = f64::from(u8::from(Some(answer) == self.class()));
-        Ok(Step {
-            observations: vec![self.seen()],
-            rewards: vec![right],
-            info: vec![right],
-            end: Some(End::Terminated),
-        })
+        let step = Step::new(vec![self.seen()], vec![right], Some(End::Terminated));
+        Ok(step.record("accuracy", right))
     }
 
     fn state_channels(&self) -> Vec<Channel> {

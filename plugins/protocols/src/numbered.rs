@@ -42,12 +42,8 @@ impl Environment for Numbered {
     }
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
         self.steps += 1;
-        Ok(Step {
-            observations: self.seen(),
-            rewards: vec![actions[0][0]],
-            info: Vec::new(),
-            end: (self.steps == 3).then_some(End::Truncated),
-        })
+        let end = (self.steps == 3).then_some(End::Truncated);
+        Ok(Step::new(self.seen(), vec![actions[0][0]], end))
     }
     fn trace_channels(&self) -> Vec<Channel> {
         Vec::new()

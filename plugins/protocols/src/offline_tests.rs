@@ -65,14 +65,9 @@ impl Environment for Walk {
         } else {
             (self.steps == 6).then_some(End::Truncated)
         };
-        Ok(Step {
-            observations: vec![vec![self.place]; self.seats.len()],
-            rewards: (1..=self.seats.len())
-                .map(|times| self.place * times as f64)
-                .collect(),
-            info: vec![self.place],
-            end,
-        })
+        let seats = self.seats.len();
+        let rewards = (1..=seats).map(|times| self.place * times as f64).collect();
+        Ok(Step::new(vec![vec![self.place]; seats], rewards, end).record("travelled", self.place))
     }
     fn state_channels(&self) -> Vec<Channel> {
         vec![Channel::new("steps", ""), Channel::new("place", "m")]

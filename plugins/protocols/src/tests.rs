@@ -47,12 +47,7 @@ impl Environment for Dice {
     }
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
         let end = Some(End::Terminated);
-        Ok(Step {
-            observations: vec![vec![self.start]],
-            rewards: vec![actions[0][0]],
-            info: vec![self.start],
-            end,
-        })
+        Ok(Step::new(vec![vec![self.start]], vec![actions[0][0]], end).record("start", self.start))
     }
     fn trace_channels(&self) -> Vec<Channel> {
         vec![Channel::new("nothing_yet", "")]

@@ -98,7 +98,7 @@ impl PythonEnvironment {
             seen.copy_from_slice(own);
             rest = after;
         }
-        let (state, info) = rest.split_at(self.state.len());
+        let (state, values) = rest.split_at(self.state.len());
         self.state.copy_from_slice(state);
         // As in `server.py`.
         let end = match head[0] {
@@ -106,7 +106,7 @@ impl PythonEnvironment {
             2.0 => Some(End::Truncated),
             _ => None,
         };
-        Ok((end, head[1..].to_vec(), info.to_vec()))
+        Ok((end, head[1..].to_vec(), values.to_vec()))
     }
 
     fn is_finite(&self) -> Result<(), Error> {
@@ -172,13 +172,9 @@ impl Environment for PythonEnvironment {
             self.announced = false;
         }
         self.steps += 1;
-        let (end, rewards, info) = self.take_answer()?;
-        Ok(Step {
-            observations: self.seen.clone(),
-            rewards,
-            info,
-            end,
-        })
+        let (end, rewards, values) = self.take_answer()?;
+        let names = self.metrics.iter().map(|metric| metric.name.clone());
+        Ok(Step::new(self.seen.clone(), rewards, end).record_all(names.zip(values)))
     }
 
     fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {

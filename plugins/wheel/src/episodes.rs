@@ -252,7 +252,10 @@ impl Place {
             .map_err(|error| of_place(error, number, layout.places))?;
         write(&mut numbers[layout.observations(number)], &step.observations);
         numbers[layout.rewards(number)].copy_from_slice(&step.rewards);
-        numbers[layout.metrics(number)].copy_from_slice(&step.info);
+        let metrics = self.environment.metrics().iter();
+        for (number, metric) in numbers[layout.metrics(number)].iter_mut().zip(metrics) {
+            *number = step.metric(&metric.name).unwrap_or(f64::NAN);
+        }
         numbers[layout.standing(number)] = match step.end {
             None => standing::GOES_ON,
             Some(End::Terminated) => standing::TERMINATED,

@@ -1,12 +1,16 @@
 //! `export`: a study's numbers in a folder, in a form that other programs read, or the policy or episodes of one trial.
 
-use super::{Common, Studies, export_dataset, say};
+use super::{Common, Studies, say};
 use clap::Args;
 use contract::Registry;
 use document::count::count;
 use report::export::Form;
-use session::{Exit, Failure, Settings, export_policy};
-use std::path::PathBuf;
+use session::{
+    Exit, Failure, Settings,
+    export_dataset::{self, TakenEpisodes},
+    export_policy,
+};
+use std::path::{Path, PathBuf};
 
 /// Options that say what of a study is taken away; one trial has none of them.
 const OF_A_STUDY: [&str; 7] = ["specs", "profile", "sets", "seeds", "only", "form", "license"];
@@ -32,10 +36,25 @@ pub(super) struct ExportOptions {
     #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY)]
     minari: Option<String>,
     #[command(flatten)]
-    play: export_dataset::Play,
+    play: Play,
     /// Licence of the results, which a crate must name: an id of SPDX such as CC-BY-4.0, or an address.
     #[arg(long, value_name = "LICENCE", required_if_eq("form", "ro-crate"))]
     license: Option<String>,
+}
+
+/// The episodes that are played where nothing was gathered.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Play {
+    /// With `--minari`, of a trial that gathered no dataset: how many episodes its policy plays.
+    #[arg(long, value_name = "N", requires = "minari", value_parser = clap::value_parser!(u64).range(1..))]
+    episodes: Option<u64>,
+    /// With `--episodes`: seed of the first one, which counts up; 0 where absent.
+    #[arg(long, value_name = "N", requires = "episodes")]
+    seed: Option<u64>,
+    /// With `--minari`: the folder below which Minari looks for datasets, each at the place that is its id
+    /// (`NAMESPACE/NAME-vN`); where it is not known, the last two names of the folder that is written are the id.
+    #[arg(long, env = "MINARI_DATASETS_PATH", value_name = "FOLDER")]
+    minari_root: Option<PathBuf>,
 }
 
 /// A study: 106 where trials are missing, 100 where some failed: what is there is written all the same.
@@ -52,7 +71,18 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
             Ok(Exit::Ok)
         }
         (None, Some(trial), _) => {
-            export_dataset::of_trial(registry, trial, &options.play, &options.to, common)
+            let store = Settings::read(&common.machine())?.open()?;
+            let (to, play) = (&options.to, &options.play);
+            let first = play.seed.unwrap_or(0);
+            let seeds = play
+                .episodes
+                .map(|episodes| first..first.saturating_add(episodes));
+            let root = play.minari_root.as_deref();
+            say_taken(
+                &export_dataset::of_trial(registry, &store, trial, seeds, to, root)?,
+                to,
+            );
+            Ok(Exit::Ok)
         }
         (None, None, Some(form)) => of_study(registry, form, options, common),
         (None, None, None) => Err(Failure::refusal("say with `--as` in which form")),
@@ -76,4 +106,24 @@ fn of_study(
         options.to.display()
     ));
     Ok(exported.exit)
+}
+
+fn say_taken(taken: &TakenEpisodes, to: &Path) {
+    say(&format!(
+        "trial {}: {} of {} in `{}`",
+        taken.trial,
+        count(taken.episodes, "episode"),
+        count(taken.decisions, "decision"),
+        to.display()
+    ));
+    say(&match (&taken.id, &taken.root) {
+        (Some(id), Some(root)) => format!(
+            "its id is `{id}`: Minari finds it by this name where its root is `{}`",
+            root.display()
+        ),
+        _ => {
+            "Minari lists it by no name: those that it lists lie in a folder NAMESPACE/NAME-vN below its root"
+                .into()
+        }
+    });
 }

@@ -2,22 +2,13 @@
 
 use super::{Common, Format, complain, say};
 use clap::Args;
-use contract::Error;
-use execution::{
-    store::{self, write_durably},
-    world::fs,
-};
 use imported::{
     Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
-    columns, read,
 };
 use serde_json::{Value, json};
-use session::{Exit, Failure, Whole};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::{Component, Path, PathBuf},
-};
-use study::{name_from, section_yaml};
+use session::{Exit, Failure, Import};
+use std::{collections::BTreeMap, path::PathBuf};
+use study::section_yaml;
 
 /// What is imported, and how it is read.
 #[derive(Debug, Clone, Args)]
@@ -79,9 +70,6 @@ pub(super) struct ImportOptions {
     copy: bool,
 }
 
-/// Name of the file that says where copies came from.
-const MANIFEST: &str = "manifest.json";
-
 fn pair(text: &str) -> Result<(String, String), String> {
     let (name, value) = text
         .split_once('=')
@@ -103,59 +91,39 @@ fn entry_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Files that are named wrongly are a mistake of the command line.
-fn unread(error: contract::Error) -> Failure {
-    let told = error.to_string();
-    let keys = ["restart: ", "same_step: ", "run_per: ", "leave_out: "];
-    let names_a_key = keys.iter().any(|key| told.contains(&format!("`{key}")));
-    let help = if names_a_key {
-        "\n  = help: on the command line keys are options, as in `--restart new_run` and `--leave-out empty`"
-    } else {
-        ""
-    };
-    Failure::refusal(told + help)
-}
-
 /// 2 where the files are not as the options say; it prints the entry.
 pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<Exit, Failure> {
-    if !fs::is_file(&options.study) {
-        return Err(Failure::refusal(format!(
-            "there is no study `{}`",
-            options.study.display()
-        )));
-    }
-    if options.metrics.is_empty() {
-        return Err(Failure::refusal(question(
-            &columns(&options.files).map_err(unread)?,
-        )));
-    }
-    let mut files = options.files.clone();
-    files.sort();
-    let mapping = options.text(Vec::new()).mapping();
-    let found = read(&files, &mapping).map_err(unread)?;
-    // Numbers of seeds are checked as the study checks them.
-    found
-        .trials(&options.name, "", 0, &mapping)
-        .map_err(Failure::refusal)?;
-    let folder = options.study.parent().unwrap_or(Path::new(""));
-    let named = if options.copy {
-        options.copied(folder, &found)?
-    } else {
-        files
+    let import = Import {
+        study: &options.study,
+        name: &options.name,
+        files: &options.files,
+        reading: options.reading(),
+        copies: options.copy,
     };
-    let from = named
-        .iter()
-        .map(|path| name_from(folder, path).display().to_string())
-        .collect();
-    let text = options.text(from);
+    if options.metrics.is_empty() {
+        let columns = import.columns().map_err(with_options)?;
+        return Err(Failure::refusal(question(&columns)));
+    }
+    let (entry, found) = import.read().map_err(with_options)?;
     match common.format {
-        Format::Json => say(&as_json(options, &text, &found).to_string()),
+        Format::Json => say(&as_json(options, &entry, &found).to_string()),
         Format::Text => {
-            complain(&summary(options, &found, &mapping));
-            say(&section_yaml("imported", json!({ options.name.clone(): text }))?);
+            complain(&summary(options, &found, &entry.mapping()));
+            say(&section_yaml("imported", json!({ options.name.clone(): entry }))?);
         }
     }
     Ok(Exit::Ok)
+}
+
+/// A failure that names keys of an entry, with the options that they are on the command line.
+fn with_options(mut failure: Failure) -> Failure {
+    let keys = ["restart: ", "same_step: ", "run_per: ", "leave_out: "];
+    if keys.iter().any(|key| failure.text.contains(&format!("`{key}"))) {
+        failure.text.push_str(
+            "\n  = help: on the command line keys are options, as in `--restart new_run` and `--leave-out empty`",
+        );
+    }
+    failure
 }
 
 /// Asks which column is which metric, with an example that can be written.
@@ -173,8 +141,8 @@ fn question(columns: &Columns) -> String {
 }
 
 impl ImportOptions {
-    /// The entry with these files.
-    fn text(&self, from: Vec<String>) -> ImportedText {
+    /// The entry without its files.
+    fn reading(&self) -> ImportedText {
         let only = self
             .only
             .iter()
@@ -184,7 +152,7 @@ impl ImportOptions {
             metrics.entry(metric.clone()).or_default().push(column.clone());
         }
         ImportedText {
-            from: Patterns::from(from),
+            from: Patterns::from(Vec::new()),
             environment: self.environment.clone(),
             metrics: metrics
                 .into_iter()
@@ -206,70 +174,9 @@ impl ImportOptions {
             about: self.about.clone(),
         }
     }
-
-    /// Copies the files beside the study; the folder appears whole or not at all.
-    fn copied(&self, beside: &Path, found: &Found) -> Result<Vec<PathBuf>, Failure> {
-        let folder = beside.join("imported").join(&self.name);
-        let whole = Whole::begin(&folder)?;
-        let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());
-        let shared = shared_folder(found.files.iter().map(|(path, _)| path.as_path()));
-        for (path, sha256) in &found.files {
-            let name = kept_name(path, &shared);
-            if !taken.insert(name.clone()) {
-                return Err(Failure::refusal(format!(
-                    "two files are called `{}`; rename one, or import without --copy",
-                    name.display()
-                )));
-            }
-            let bytes = fs::read(path).map_err(Error::file("read", path))?;
-            let to = whole.folder().join(&name);
-            let parent = to.parent().unwrap_or(whole.folder());
-            fs::create_dir_all(parent).map_err(Error::file("create", parent))?;
-            write_durably(&to, &bytes)?;
-            listed.push(json!({ "file": name, "source": path, "sha256": sha256 }));
-        }
-        let manifest = json!({
-            "schema": 1, "entry": self.name, "about": self.about, "imported_at": store::now(), "files": listed,
-            "read": self.text(Vec::new()).mapping(),
-        });
-        write_durably(
-            &whole.folder().join(MANIFEST),
-            format!("{manifest:#}\n").as_bytes(),
-        )?;
-        whole.end()?;
-        Ok(taken.into_iter().map(|name| folder.join(name)).collect())
-    }
 }
 
-/// The folder in which all files lie, at some depth.
-fn shared_folder<'a>(files: impl Iterator<Item = &'a Path>) -> PathBuf {
-    let folders = files.map(|file| file.parent().unwrap_or(Path::new("")).to_owned());
-    let shared = |one: PathBuf, other: PathBuf| {
-        let same = one
-            .components()
-            .zip(other.components())
-            .take_while(|(one, other)| one == other);
-        same.map(|(part, _)| part).collect()
-    };
-    folders.reduce(shared).unwrap_or_default()
-}
-
-/// Files keep the folders in which they differ, which may be all that tells runs apart; event files keep one at least.
-fn kept_name(path: &Path, shared: &Path) -> PathBuf {
-    let below = path.strip_prefix(shared).unwrap_or(path);
-    let below: PathBuf = below
-        .components()
-        .filter(|part| matches!(part, Component::Normal(_)))
-        .collect();
-    let folder = path.parent().and_then(Path::file_name);
-    let is_events = below.to_string_lossy().contains("tfevents") && below.components().count() == 1;
-    match folder.filter(|_| is_events) {
-        Some(folder) => Path::new(folder).join(below),
-        None => below,
-    }
-}
-
-/// What every run holds, a line each.
+/// The runs, a line each.
 fn summary(options: &ImportOptions, found: &Found, mapping: &Mapping) -> String {
     let count = |n: usize, one: &str| {
         if n == 1 {
@@ -328,31 +235,6 @@ fn as_json(options: &ImportOptions, text: &ImportedText, found: &Found) -> Value
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn copies_keep_the_folders_that_tell_them_apart() {
-        let kept = |files: &[&str]| -> Vec<String> {
-            let shared = shared_folder(files.iter().map(Path::new));
-            files
-                .iter()
-                .map(|file| kept_name(Path::new(file), &shared).display().to_string())
-                .collect()
-        };
-        assert_eq!(kept(&["runs/a/x.csv"]), ["x.csv"]);
-        assert_eq!(
-            kept(&["runs/a/progress.csv", "runs/b/progress.csv"]),
-            ["a/progress.csv", "b/progress.csv"]
-        );
-        assert_eq!(
-            kept(&["../runs/a/x.csv", "logs/b/x.csv"]),
-            ["runs/a/x.csv", "logs/b/x.csv"]
-        );
-        assert_eq!(
-            kept(&["runs/a/events.out.tfevents.1"]),
-            ["a/events.out.tfevents.1"]
-        );
-        assert_eq!(kept(&["events.tfevents"]), ["events.tfevents"]);
-    }
 
     #[test]
     fn an_example_names_a_column_that_is_there() {

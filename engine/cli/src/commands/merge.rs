@@ -3,13 +3,10 @@
 use super::{Common, Format, Person, say};
 use clap::Args;
 use document::count::{count, either};
-use execution::{
-    store::{self, Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store},
-    world::fs,
-};
+use execution::store::{Difference, Fate, Finding, Imprint, Merged, Side};
 use serde_json::json;
-use session::{Exit, Failure, Settings};
-use std::path::{Path, PathBuf};
+use session::{Exit, Failure, MergedStore, Settings, exit_of_merge};
+use std::path::PathBuf;
 
 /// The stores that are taken, and the destination.
 #[derive(Debug, Clone, Args)]
@@ -25,83 +22,24 @@ pub(super) struct MergeOptions {
     dry_run: bool,
 }
 
-/// The fate of the trials of one source.
-struct Taking<'a> {
-    from: &'a Path,
-    trials: Vec<Merged>,
-    /// Whether every record of verdicts that were seen could be read.
-    has_records: bool,
-}
-
-/// 101 where two stores hold other bytes of one trial, 106 where a trial was left because it is damaged or
-/// runs, or a record of verdicts because it is damaged, otherwise 0.
+/// Takes the stores, says what happened to trials that were not simply taken, and how many there are of each fate.
 pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<Exit, Failure> {
-    options
-        .sources
-        .iter()
-        .try_for_each(|from| check(from, &options.into))?;
-    let into = Store::at(&options.into);
-    let expiry = Settings::read(&common.machine())?.lease_expiry;
-    let leases = (!options.dry_run)
-        .then(|| Leases::open(&into, expiry))
-        .transpose()?;
-    let mut merge = Merge::new(&into, leases.as_ref())?;
-    let mut takings = Vec::new();
-    for from in &options.sources {
-        let source = Store::at(from);
-        let mut trials = Vec::new();
-        merge.take(&source, &mut |merged| {
-            if common.format == Format::Text {
-                line(&merged).iter().for_each(|line| say(line));
-            }
-            trials.push(merged);
-        })?;
-        let has_records = session::unite(&Person, &into, &source, options.dry_run)?;
-        takings.push(Taking {
-            from,
-            trials,
-            has_records,
-        });
-    }
+    let settings = Settings::read(&common.machine())?;
+    let MergeOptions {
+        sources,
+        into,
+        dry_run,
+    } = options;
+    let stores = session::merge(sources, into, *dry_run, &settings, &Person, &mut |merged| {
+        if common.format == Format::Text {
+            line(merged).iter().for_each(|line| say(line));
+        }
+    })?;
     match common.format {
-        Format::Json => say(&as_json(&takings, options).to_string()),
-        Format::Text => takings
-            .iter()
-            .for_each(|taking| say(&taking.summary(options.dry_run))),
+        Format::Json => say(&as_json(&stores, options).to_string()),
+        Format::Text => stores.iter().for_each(|store| say(&summary(store, *dry_run))),
     }
-    Ok(code(&takings))
-}
-
-/// Refuses a source that is not there, and one that is the destination.
-fn check(from: &Path, into: &Path) -> Result<(), Failure> {
-    if let Some(problem) = store::no_store(from)? {
-        return Err(Failure::refusal(problem));
-    }
-    if fs::is_same(from, into) {
-        return Err(Failure::refusal(format!(
-            "`{}` is the store that is taken into; name another one",
-            from.display()
-        )));
-    }
-    Ok(())
-}
-
-fn code(takings: &[Taking<'_>]) -> Exit {
-    let fates = || {
-        takings
-            .iter()
-            .flat_map(|taking| &taking.trials)
-            .map(|it| &it.fate)
-    };
-    if fates().any(|fate| matches!(fate, Fate::Conflict { .. })) {
-        Exit::Differs
-    } else if fates().any(|fate| matches!(fate, Fate::Damaged { .. } | Fate::Running { .. }))
-        || takings.iter().any(|taking| !taking.has_records)
-    {
-        Exit::Incomplete
-    } else {
-        Exit::Ok
-    }
+    Ok(exit_of_merge(&stores))
 }
 
 /// A line about a trial that was not simply taken.
@@ -165,57 +103,45 @@ fn faults(findings: &[Finding]) -> String {
     words.collect::<Vec<_>>().join("; ")
 }
 
-impl Taking<'_> {
-    fn count(&self, is: impl Fn(&Fate) -> bool) -> usize {
-        self.trials.iter().filter(|merged| is(&merged.fate)).count()
-    }
-
-    /// Numbers of trials by their fates.
-    fn counts(&self) -> [(&'static str, usize); 7] {
-        [
-            ("taken", self.count(|fate| *fate == Fate::Taken)),
-            ("same", self.count(|fate| *fate == Fate::Same)),
-            (
-                "conflicts",
-                self.count(|fate| matches!(fate, Fate::Conflict { .. })),
-            ),
-            (
-                "other runs",
-                self.count(|fate| matches!(fate, Fate::Another { .. })),
-            ),
-            ("damaged", self.count(|fate| matches!(fate, Fate::Damaged { .. }))),
-            ("running", self.count(|fate| matches!(fate, Fate::Running { .. }))),
-            ("unfinished", self.count(|fate| *fate == Fate::Unfinished)),
-        ]
-    }
-
-    fn summary(&self, dry_run: bool) -> String {
-        let [(_, taken), (_, same), others @ ..] = self.counts();
-        let were = |number: usize| either(&number, "was", "were");
-        let verb = if dry_run { "would be" } else { were(taken) };
-        let mut text = format!(
-            "{}: {} {verb} taken, {same} {} there",
-            self.from.display(),
-            count(taken, "trial"),
-            were(same)
-        );
-        for (word, count) in others.into_iter().filter(|(_, count)| *count > 0) {
-            text.push_str(&format!(", {count} {word}"));
-        }
-        text
-    }
+/// Numbers of trials by their fates.
+fn counts(store: &MergedStore) -> [(&'static str, usize); 7] {
+    let number = |is: &dyn Fn(&Fate) -> bool| store.trials.iter().filter(|merged| is(&merged.fate)).count();
+    [
+        ("taken", number(&|fate| *fate == Fate::Taken)),
+        ("same", number(&|fate| *fate == Fate::Same)),
+        ("conflicts", number(&|fate| matches!(fate, Fate::Conflict { .. }))),
+        ("other runs", number(&|fate| matches!(fate, Fate::Another { .. }))),
+        ("damaged", number(&|fate| matches!(fate, Fate::Damaged { .. }))),
+        ("running", number(&|fate| matches!(fate, Fate::Running { .. }))),
+        ("unfinished", number(&|fate| *fate == Fate::Unfinished)),
+    ]
 }
 
-fn as_json(takings: &[Taking<'_>], options: &MergeOptions) -> serde_json::Value {
-    let sources: Vec<_> = takings
+fn summary(store: &MergedStore, dry_run: bool) -> String {
+    let [(_, taken), (_, same), others @ ..] = counts(store);
+    let were = |number: usize| either(&number, "was", "were");
+    let verb = if dry_run { "would be" } else { were(taken) };
+    let mut text = format!(
+        "{}: {} {verb} taken, {same} {} there",
+        store.from.display(),
+        count(taken, "trial"),
+        were(same)
+    );
+    for (word, count) in others.into_iter().filter(|(_, count)| *count > 0) {
+        text.push_str(&format!(", {count} {word}"));
+    }
+    text
+}
+
+fn as_json(stores: &[MergedStore], options: &MergeOptions) -> serde_json::Value {
+    let sources: Vec<_> = stores
         .iter()
-        .map(|taking| {
-            let counts: serde_json::Map<_, _> = taking
-                .counts()
+        .map(|store| {
+            let counts: serde_json::Map<_, _> = counts(store)
                 .into_iter()
                 .map(|(word, count)| (word.to_owned(), json!(count)))
                 .collect();
-            json!({"store": taking.from, "counts": counts, "trials": taking.trials})
+            json!({"store": store.from, "counts": counts, "trials": store.trials})
         })
         .collect();
     json!({"into": options.into, "dry_run": options.dry_run, "sources": sources})

@@ -8,7 +8,6 @@ mod consent;
 mod console;
 mod describe;
 mod export;
-mod export_dataset;
 mod fsck;
 mod import;
 mod merge;

@@ -2,7 +2,7 @@
 
 use super::{
     Common, Format, Studies, cells,
-    running::{running, tried_again},
+    running::{begun, tried_again},
     say, submit,
 };
 use contract::{
@@ -38,7 +38,7 @@ pub(super) fn status(registry: &Registry, studies: &Studies, common: &Common) ->
         if common.format == Format::Text {
             let (store, trials, ends) = (session.store()?, &one.plan.trials, &state.ends);
             let texts = [
-                running(store, trials, ends),
+                begun(store, trials, ends),
                 tried_again(store, trials, ends),
                 failures(trials, ends),
             ];

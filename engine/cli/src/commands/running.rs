@@ -1,51 +1,55 @@
-//! The lines of `status` on trials that are being computed now: who has them, and how far their log is; and on
-//! those that are tried again: how they ended before.
+//! The lines of `status` on missing trials: those that are being computed now, with their process and how far their
+//! log is; those that go on from a checkpoint; those that are tried again, with how they ended before.
 
 use contract::{
     trial::Trial,
     trial_end::{TrialEnd, is_missing},
 };
-use execution::store::{Store, metric_log};
+use execution::store::{Owner, Store, metric_log};
 use std::sync::Arc;
 
-/// Lines about running trials, at most this many.
+/// Lines about running or begun trials, at most this many.
 const MOST_LINES: usize = 20;
 
-/// One line per running trial; empty where none runs.
-pub(super) fn running(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
-    // Without a living process nothing can be held, and no folder needs to be looked into.
-    if store.owners().is_empty() {
-        return String::new();
-    }
+/// One line per trial that runs or has a checkpoint; empty where there is none.
+pub(super) fn begun(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
+    // Without a living process no trial runs.
+    let may_run = !store.owners().is_empty();
     let missing = trials
         .iter()
         .zip(ends)
         .filter(|(_, end)| is_missing(end.as_ref()));
-    let held: Vec<_> = missing
-        .filter_map(|(trial, _)| Some((trial, store.running(&trial.id)?)))
+    let begun: Vec<_> = missing
+        .filter_map(|(trial, _)| {
+            let owner = may_run.then(|| store.running(&trial.id)).flatten();
+            (owner.is_some() || store.checkpoints(&trial.id) > 0).then_some((trial, owner))
+        })
         .collect();
-    let mut lines: Vec<String> = held
+    let mut lines: Vec<String> = begun
         .iter()
         .take(MOST_LINES)
         .map(|(trial, owner)| {
-            let job = owner
-                .slurm_job
-                .as_ref()
-                .map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            let (word, text) = match owner {
+                Some(owner) => ("running", running_on(owner)),
+                None => ("begun", "goes on from a checkpoint".to_owned()),
+            };
             let logged = logged(store, &trial.id)
                 .map_or_else(String::new, |step| format!(", logged up to step {step}"));
-            format!(
-                "  running  {}: process {} on {}{job}{logged}",
-                trial.title(),
-                owner.pid,
-                owner.host
-            )
+            format!("  {word:<8} {}: {text}{logged}", trial.title())
         })
         .collect();
-    if held.len() > MOST_LINES {
-        lines.push(format!("  running  {} more", held.len() - MOST_LINES));
+    if begun.len() > MOST_LINES {
+        lines.push(format!("           {} more", begun.len() - MOST_LINES));
     }
     lines.join("\n")
+}
+
+fn running_on(owner: &Owner) -> String {
+    let job = owner
+        .slurm_job
+        .as_ref()
+        .map_or_else(String::new, |job| format!(", Slurm job {job}"));
+    format!("process {} on {}{job}", owner.pid, owner.host)
 }
 
 /// One line per missing trial that ended badly before; empty where there is none.

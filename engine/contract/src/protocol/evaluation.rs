@@ -5,8 +5,8 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, clock,
-    dataset, drawing, standard_metrics::EPISODE_LENGTH,
+    Action, End, Environment, Error, Metric, Mode, Observation, Phase, Rng, agent::Agent, clock, dataset,
+    drawing, episode_metrics::EpisodeMetrics, standard_metrics::EPISODE_LENGTH,
 };
 use serde::Serialize;
 use serde_json::Value;
@@ -118,7 +118,7 @@ struct Episode {
     observation: Observation,
     decisions: u64,
     returns: Vec<f64>,
-    info: Vec<f64>,
+    metrics: EpisodeMetrics,
     assessed: Vec<f64>,
     gathered: Option<dataset::Episode>,
 }
@@ -286,10 +286,8 @@ fn start(
     let seats = environment.reset_to(index, &mut rng)?;
     run.agent.restart();
     let observation = observe(&*run.agent, &*environment, seats);
-    let (returns, info) = (
-        vec![0.0; environment.seats().len()],
-        vec![0.0; environment.metrics().len()],
-    );
+    let returns = vec![0.0; environment.seats().len()];
+    let metrics = EpisodeMetrics::new(environment.metrics());
     let (decisions, assessed) = (0, Vec::new());
     let episode = Episode {
         slot,
@@ -299,7 +297,7 @@ fn start(
         observation,
         decisions,
         returns,
-        info,
+        metrics,
         assessed,
         gathered: None,
     };
@@ -346,9 +344,7 @@ fn step(run: &Run<'_>, episode: &mut Episode, action: &Action) -> Result<Option<
     let step = episode.environment.step(action, &mut episode.rng)?;
     episode.decisions += 1;
     add(&mut episode.returns, &step.rewards);
-    let is_first = episode.decisions == 1;
-    let metrics = episode.environment.metrics();
-    accumulate(&mut episode.info, metrics, &step.info, is_first);
+    episode.metrics.add(episode.environment.metrics(), &step)?;
     if let Some(gathered) = &mut episode.gathered {
         gathered.take(action, &step.rewards);
         gathered.see(&*episode.environment, &step.observations);
@@ -405,18 +401,6 @@ pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<
     Observation { seats, state }
 }
 
-/// Takes the metrics of a step into those of its episode; `is_first` where it is the first one.
-pub fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64], is_first: bool) {
-    for ((sum, metric), value) in sums.iter_mut().zip(metrics).zip(info) {
-        match metric.per_episode {
-            PerEpisode::Sum | PerEpisode::Mean => *sum += value,
-            PerEpisode::Max if !is_first => *sum = sum.max(*value),
-            PerEpisode::Min if !is_first => *sum = sum.min(*value),
-            PerEpisode::Last | PerEpisode::Max | PerEpisode::Min => *sum = *value,
-        }
-    }
-}
-
 fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     let Episode { index, decisions, .. } = *episode;
     #[allow(
@@ -430,12 +414,8 @@ fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
     run.record
         .add(what.phase, what.step, index, 0, EPISODE_LENGTH, length);
-    for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
-        let value = if metric.per_episode == PerEpisode::Mean {
-            value / length
-        } else {
-            *value
-        };
+    let metrics = episode.environment.metrics();
+    for (metric, value) in metrics.iter().zip(episode.metrics.of_episode(metrics)) {
         run.record
             .add(what.phase, what.step, index, 0, &metric.name, value);
     }

@@ -16,8 +16,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
 
 pub use evaluation::{
-    Kept, Measurement, accumulate, measure, measure_alone, measure_and_keep, metrics as measurement_metrics,
-    observe, replay as replay_measurement, trace_reward_surface,
+    Kept, Measurement, measure, measure_alone, measure_and_keep, metrics as measurement_metrics, observe,
+    replay as replay_measurement, trace_reward_surface,
 };
 pub use going_on::{
     leave as leave_checkpoint, load_agent as load_from_checkpoint, misfit as checkpoint_misfit,

@@ -33,7 +33,7 @@ fn episode_length(battery: &mut Battery, weights: [f64; 4], rng: &mut Rng) -> f6
     let mut survived = 0.0;
     loop {
         let step = battery.step(&[by_rank(weights, &observation)], rng).unwrap();
-        survived += step.info[0];
+        survived += step.metric("cycle_length").unwrap();
         observation = step.observations[0].clone();
         if step.end.is_some() {
             return survived;
@@ -133,7 +133,11 @@ fn energy_is_power_times_time_and_a_current_is_shared_by_the_weights() {
         )
     };
     let (start, step, battery) = one(Load::Constant { power_w: 20.0 });
-    assert!((step.info[2] - 200.0).abs() < 1e-9 && start[8] == 20.0 && battery.trace()[1] == 20.0);
+    assert!(
+        (step.metric("energy_j").unwrap() - 200.0).abs() < 1e-9
+            && start[8] == 20.0
+            && battery.trace()[1] == 20.0
+    );
     let (start, step, _) = one(Load::ConstantCurrent { current_a: 5.0 });
     assert_eq!(step.observations[0][4..8], [0.5, 1.0, 1.5, 2.0]);
     assert!((start[8] - 5.0 * start[0]).abs() < 1e-12);

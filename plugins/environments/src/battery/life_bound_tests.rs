@@ -26,7 +26,11 @@ fn play(battery: &mut Battery, mut rng: Rng, controller: Controller<'_>) -> (u64
         let step = battery.step(&[weights], &mut rng).unwrap();
         if step.end.is_some() {
             let survived = decision as u64 + u64::from(step.end == Some(End::Truncated));
-            return (survived, step.info[3] as u64, battery.voltage_range().0);
+            return (
+                survived,
+                step.metric("cycle_length_bound").unwrap() as u64,
+                battery.voltage_range().0,
+            );
         }
     }
     unreachable!("packs end")

@@ -344,14 +344,12 @@ impl Environment for Battery {
         self.progress.power_w = Some(power_w);
         self.progress.weights = Some(weights);
         self.progress.demand = self.load.draw(self.time_s(), rng);
-        let mut info = vec![reward, highest_v - lowest_v, energy_j];
-        info.extend(self.progress.bound.map(|decisions| decisions as f64));
-        Ok(Step {
-            observations: self.observe(rng),
-            rewards: vec![reward],
-            info,
-            end,
-        })
+        let bound = self.progress.bound.map(|decisions| decisions as f64);
+        Ok(Step::new(self.observe(rng), vec![reward], end)
+            .record("cycle_length", reward)
+            .record("voltage_spread_at_end_v", highest_v - lowest_v)
+            .record("energy_j", energy_j)
+            .record_all(bound.map(|decisions| ("cycle_length_bound", decisions))))
     }
 
     fn state_channels(&self) -> Vec<Channel> {

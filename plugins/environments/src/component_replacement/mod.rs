@@ -285,13 +285,14 @@ impl ComponentReplacement {
         }
         self.progress.step += 1;
         let cost: f64 = costs.iter().sum();
-        let least = self.least_cost.unwrap_or_default();
-        Step {
-            observations: self.observe(),
-            rewards: vec![-cost; N_COMPONENTS],
-            info: [cost].into_iter().chain(costs).chain([least]).collect(),
-            end: (self.progress.step >= self.config.horizon).then_some(End::Terminated),
-        }
+        let end = (self.progress.step >= self.config.horizon).then_some(End::Terminated);
+        let [replacement, inspection, failure] = costs;
+        Step::new(self.observe(), vec![-cost; N_COMPONENTS], end)
+            .record("cost", cost)
+            .record("replacement_cost", replacement)
+            .record("inspection_cost", inspection)
+            .record("failure_cost", failure)
+            .record("least_cost", self.least_cost.unwrap_or_default())
     }
 
     #[allow(clippy::cast_precision_loss, reason = "at most 1000 steps")]

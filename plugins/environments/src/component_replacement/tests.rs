@@ -104,7 +104,11 @@ fn inspections_that_are_not_read_cost_as_much_and_show_nothing() {
     let choices = [3.0, 4.0, 0.0, 0.0, 0.0].map(|choice| vec![choice]);
     let step = environment.step(&choices, &mut rng).unwrap();
     // Inspections of the first two (20, 40), a replacement of the second (90).
-    assert_eq!(step.info[..4], [150.0, 90.0, 60.0, 0.0]);
+    let costs = ["cost", "replacement_cost", "inspection_cost", "failure_cost"];
+    assert_eq!(
+        costs.map(|cost| step.metric(cost).unwrap()),
+        [150.0, 90.0, 60.0, 0.0]
+    );
     assert_eq!(step.rewards, [-150.0; 5]);
     let prediction = COMPONENTS[0].transition(false)[0];
     assert!(
@@ -131,8 +135,13 @@ fn metrics_add_up_and_the_bound_is_one_number() {
         let step = environment
             .step(&[1.0, 0.0, 2.0, 1.0, 0.0].map(|choice| vec![choice]), &mut rng)
             .unwrap();
-        assert!((step.info[0] - step.info[1..4].iter().sum::<f64>()).abs() < 1e-12);
-        assert!((step.info[1] - 280.0 * 0.99_f64.powi(t)).abs() < 1e-10 && step.info[4] == least);
+        let parts = ["replacement_cost", "inspection_cost", "failure_cost"];
+        let sum: f64 = parts.iter().filter_map(|cost| step.metric(cost)).sum();
+        assert!((step.metric("cost").unwrap() - sum).abs() < 1e-12);
+        assert!(
+            (step.metric("replacement_cost").unwrap() - 280.0 * 0.99_f64.powi(t)).abs() < 1e-10
+                && step.metric("least_cost").unwrap() == least
+        );
         assert_eq!(step.end, (t == 5).then_some(End::Terminated));
     }
 }

@@ -227,18 +227,13 @@ impl Environment for FlightPlanning {
         let saved = self.saved();
         let consumption_kj = self.spent_j().iter().sum::<f64>() / 1000.0;
         let is_whole = self.planned.len() == self.mission.legs.len();
-        Ok(Step {
-            observations: vec![self.observe()],
-            rewards: vec![saved - before],
-            info: vec![
-                saved,
-                self.optimum,
-                self.optimum - saved,
-                consumption_kj,
-                duration_s,
-            ],
-            end: is_whole.then_some(End::Terminated),
-        })
+        let end = is_whole.then_some(End::Terminated);
+        Ok(Step::new(vec![self.observe()], vec![saved - before], end)
+            .record("saved", saved)
+            .record("optimum", self.optimum)
+            .record("gap", self.optimum - saved)
+            .record("consumption_kj", consumption_kj)
+            .record("duration_s", duration_s))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -316,9 +311,9 @@ mod tests {
         let mission = Mission::default();
         let plan = optimum::optimum(&mission);
         let (sum, last, trace) = fly(&plan);
-        assert!(last.info[2].abs() < 1e-12 && last.end == Some(End::Terminated));
-        assert!((sum - last.info[1]).abs() < 1e-12 && sum > 0.0);
-        assert!((last.info[3] * 1000.0 - mission.total_j(&plan)).abs() < 1e-6);
+        assert!(last.metric("gap").unwrap().abs() < 1e-12 && last.end == Some(End::Terminated));
+        assert!((sum - last.metric("optimum").unwrap()).abs() < 1e-12 && sum > 0.0);
+        assert!((last.metric("consumption_kj").unwrap() * 1000.0 - mission.total_j(&plan)).abs() < 1e-6);
         assert_eq!(trace[..3], [6.0, air(&plan[5]), plan[5].height_m]);
     }
 
@@ -328,8 +323,11 @@ mod tests {
         let plan = vec![Course::of(0, 2); 6];
         let (sum, last, _) = fly(&plan);
         let expected = 1.0 - mission.total_j(&plan) / mission.total_j(&mission.constant_plan());
-        assert!((sum - expected).abs() < 1e-12 && (last.info[0] - expected).abs() < 1e-12);
-        assert!((last.info[2] - (last.info[1] - expected)).abs() < 1e-12 && expected < 0.0);
+        assert!((sum - expected).abs() < 1e-12 && (last.metric("saved").unwrap() - expected).abs() < 1e-12);
+        assert!(
+            (last.metric("gap").unwrap() - (last.metric("optimum").unwrap() - expected)).abs() < 1e-12
+                && expected < 0.0
+        );
     }
 
     #[test]

@@ -110,22 +110,23 @@ impl GridReconfiguration {
             .or_insert_with(|| self.gear.best(failed).1)
     }
 
-    /// One value per metric.
-    fn info(&self) -> Vec<f64> {
+    /// The score of the configuration, and its metrics.
+    fn judged(&self) -> (f64, [(&'static str, f64); 6]) {
         let operation = self.operation();
         let score = self.gear.score(operation.as_ref());
         let within = operation.filter(|one| self.gear.is_within_limits(one));
         let (load_kw, losses_kw) = within.map_or((0.0, 0.0), |one| (one.load_kw, one.losses_kw));
         let supplied = load_kw / restoration::total_load_kw();
         let optimum = self.optimum();
-        vec![
-            score,
-            supplied,
-            losses_kw,
-            flag(within.is_some()),
-            optimum,
-            optimum - score,
-        ]
+        let metrics = [
+            ("score", score),
+            ("supplied", supplied),
+            ("losses", losses_kw),
+            ("feasible", flag(within.is_some())),
+            ("optimum", optimum),
+            ("gap", optimum - score),
+        ];
+        (score, metrics)
     }
 }
 
@@ -187,13 +188,9 @@ impl Environment for GridReconfiguration {
         crate::unit_box::check_seats(actions, 1)?;
         let taken = contract::choice::taken(&self.choices, &actions[0])?;
         self.situation.closed = Some(taken.into_iter().map(|option| option == 1).collect());
-        let info = self.info();
-        Ok(Step {
-            observations: vec![self.observe()],
-            rewards: vec![info[0]],
-            info,
-            end: Some(End::Terminated),
-        })
+        let (score, metrics) = self.judged();
+        let step = Step::new(vec![self.observe()], vec![score], Some(End::Terminated));
+        Ok(step.record_all(metrics))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -291,15 +288,24 @@ mod tests {
         assert_eq!(environment.reset(&mut rng).unwrap(), [vec![0.0; 36]]);
         let best = opening(&environment, &[7, 9, 14, 32, 37]);
         let step = environment.step(&[best], &mut rng).unwrap();
-        assert!((step.info[2] - 139.55).abs() < 0.005);
-        assert_eq!((step.info[1], step.info[3], step.info[5]), (1.0, 1.0, 0.0));
-        assert_eq!((step.rewards[0], step.end), (step.info[4], Some(End::Terminated)));
+        assert!((step.metric("losses").unwrap() - 139.55).abs() < 0.005);
+        assert_eq!(
+            (
+                step.metric("supplied").unwrap(),
+                step.metric("feasible").unwrap(),
+                step.metric("gap").unwrap()
+            ),
+            (1.0, 1.0, 0.0)
+        );
+        assert_eq!(
+            (step.rewards[0], step.end),
+            (step.metric("optimum").unwrap(), Some(End::Terminated))
+        );
         let ties_open = opening(&environment, &[33, 34, 35, 36, 37]);
         let step = environment.step(&[ties_open], &mut rng).unwrap();
         assert!(
-            (step.info[5] - (202.677 - 139.551) / 3715.0).abs() < 1e-6,
-            "{:?}",
-            step.info
+            (step.metric("gap").unwrap() - (202.677 - 139.551) / 3715.0).abs() < 1e-6,
+            "{step:?}"
         );
     }
 
@@ -311,8 +317,14 @@ mod tests {
         assert_eq!(seen[0].iter().position(|failed| *failed == 1.0), Some(3));
         let all_closed = opening(&environment, &[]);
         let step = environment.step(&[all_closed], &mut rng).unwrap();
-        assert_eq!((&step.info[..4], &step.rewards[..]), (&[0.0; 4][..], &[0.0][..]));
-        assert!(step.info[4] > 0.9 && step.info[5] == step.info[4]);
+        for metric in ["score", "supplied", "losses", "feasible"] {
+            assert_eq!(step.metric(metric), Some(0.0), "{metric}");
+        }
+        assert_eq!(step.rewards, [0.0]);
+        assert!(
+            step.metric("optimum").unwrap() > 0.9
+                && step.metric("gap").unwrap() == step.metric("optimum").unwrap()
+        );
         assert!(environment.trace()[48..].iter().all(|value| value.is_nan()));
     }
 
@@ -325,8 +337,11 @@ mod tests {
             environment.reset(&mut rng).unwrap();
             let action: Vec<f64> = (0..24).map(|_| rng.random_range(-1.0..1.0)).collect();
             let step = environment.step(&[action], &mut rng).unwrap();
-            assert!(step.info[5] >= 0.0 && step.info[1] <= 1.0, "{:?}", step.info);
-            feasible += usize::from(step.info[3] == 1.0);
+            assert!(
+                step.metric("gap").unwrap() >= 0.0 && step.metric("supplied").unwrap() <= 1.0,
+                "{step:?}"
+            );
+            feasible += usize::from(step.metric("feasible").unwrap() == 1.0);
         }
         assert!(feasible > 10, "{feasible} of 60");
     }

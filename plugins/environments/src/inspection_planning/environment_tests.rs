@@ -12,17 +12,19 @@ fn environment(values: serde_json::Value) -> InspectionPlanning {
 fn constant(environment: &mut InspectionPlanning, choice: f64) -> (f64, Vec<f64>) {
     let mut rng = stream(&["constant"]);
     environment.reset(&mut rng).unwrap();
-    let (mut sum, mut info) = (0.0, vec![0.0; 6]);
+    let (mut sum, mut metrics) = (0.0, vec![0.0; 6]);
     loop {
         let step = environment
             .step(&vec![vec![choice]; environment.seats.len()], &mut rng)
             .unwrap();
         sum += step.rewards[0];
-        info.iter_mut()
-            .zip(step.info)
+        let values = step.metrics.iter().map(|(_, value)| value);
+        metrics
+            .iter_mut()
+            .zip(values)
             .for_each(|(sum, value)| *sum += value);
         if step.end.is_some() {
-            return (sum, info);
+            return (sum, metrics);
         }
     }
 }
@@ -51,11 +53,14 @@ fn returns_of_constant_policies_are_the_published_ones() {
 fn metrics_add_up_to_the_return_and_campaigns_cost() {
     for (campaign, once) in [(false, 3.0 * 1.0), (true, 3.0 * 0.2 + 5.0)] {
         let mut environment = environment(json!({ "components": 3, "campaign": campaign }));
-        let (sum, info) = constant(&mut environment, 1.0);
-        assert!((sum + info[..4].iter().sum::<f64>()).abs() < 1e-10);
+        let (sum, metrics) = constant(&mut environment, 1.0);
+        assert!((sum + metrics[..4].iter().sum::<f64>()).abs() < 1e-10);
         let weights: f64 = (0..30).map(|t| 0.95_f64.powi(t)).sum();
-        assert!((info[0] + info[2] - once * weights).abs() < 1e-10, "{info:?}");
-        assert_eq!((info[4], info[5]), (90.0, 0.0));
+        assert!(
+            (metrics[0] + metrics[2] - once * weights).abs() < 1e-10,
+            "{metrics:?}"
+        );
+        assert_eq!((metrics[4], metrics[5]), (90.0, 0.0));
     }
 }
 

@@ -121,12 +121,15 @@ impl InspectionPlanning {
         let discount = self.config.discount.powi(self.progress.step as i32);
         self.progress.step += 1;
         let end = self.progress.step >= self.config.horizon;
-        Step {
-            observations: self.observe(),
-            rewards: vec![-discount * costs.sum(); treatments.len()],
-            info: info(treatments, costs, discount),
-            end: end.then_some(End::Terminated),
-        }
+        let reward = -discount * costs.sum();
+        let end = end.then_some(End::Terminated);
+        Step::new(self.observe(), vec![reward; treatments.len()], end)
+            .record("inspection_cost", discount * costs.inspection)
+            .record("repair_cost", discount * costs.repair)
+            .record("campaign_cost", discount * costs.campaign)
+            .record("risk_cost", discount * costs.risk)
+            .record("inspections", count(treatments, Treatment::Inspect))
+            .record("repairs", count(treatments, Treatment::Repair))
     }
 
     fn costs(&self, treatments: &[Treatment], before: f64, after: f64) -> Costs {
@@ -169,13 +172,6 @@ impl Costs {
     fn sum(self) -> f64 {
         self.inspection + self.repair + self.campaign + self.risk
     }
-}
-
-/// One value per metric.
-fn info(treatments: &[Treatment], costs: Costs, discount: f64) -> Vec<f64> {
-    let discounted = [costs.inspection, costs.repair, costs.campaign, costs.risk].map(|cost| discount * cost);
-    let counts = [Treatment::Inspect, Treatment::Repair].map(|treatment| count(treatments, treatment));
-    discounted.into_iter().chain(counts).collect()
 }
 
 #[allow(clippy::cast_precision_loss, reason = "at most a hundred components")]

@@ -8,7 +8,7 @@
 
 use super::{
     rules::{Rules, Sharing},
-    scenario::{Scenario, metrics, pair, surroundings, surroundings_channels},
+    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -106,11 +106,16 @@ impl Scenario for CooperativeNavigation {
         metrics().into_iter().chain([distance]).collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>) {
+    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
         let (distance, collisions) = (Self::landmark_distance(world), self.collisions(world));
         let rewards = self.rewards(distance, collisions);
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]
         let touching = world.touching_agents() as f64;
-        (rewards.to_vec(), vec![rewards.iter().sum(), touching, distance])
+        let metrics = vec![
+            ("total_return", rewards.iter().sum()),
+            ("collisions", touching),
+            ("landmark_distance", distance),
+        ];
+        (rewards.to_vec(), metrics)
     }
 }

@@ -163,9 +163,12 @@ fn who_pays_for_a_collision() {
     ] as [(Variant, fn(f64) -> [f64; 3]); 3]
     {
         let particles = placed(variant, &apart);
-        let (rewards, info) = particles.scenario.assess(particles.world());
-        assert_eq!(rewards, expected(-info[2]), "{variant:?}");
-        assert_eq!((info[0], info[1]), (rewards.iter().sum(), 1.0));
+        let (rewards, metrics) = particles.scenario.assess(particles.world());
+        let [(_, total), (_, collisions), (_, distance)] = metrics[..] else {
+            panic!("{metrics:?}")
+        };
+        assert_eq!(rewards, expected(-distance), "{variant:?}");
+        assert_eq!((total, collisions), (rewards.iter().sum(), 1.0));
     }
 }
 
@@ -175,7 +178,8 @@ fn a_hunt_in_the_thesis() {
     let reward = 0.17752923617230087;
     let step = advance(&mut particles, &HUNT_ACTIONS, 1);
     assert_rewards(&step, &[-reward, -reward, -reward, reward]);
-    assert!((step.info[3] - 2.0 * reward).abs() < 1e-9 && step.info[2] == 0.0);
+    assert!((step.metric("score").unwrap() - 2.0 * reward).abs() < 1e-9);
+    assert_eq!(step.metric("catches"), Some(0.0));
     let places = [
         (0, [0.13319659946414855, 0.17159829973207427]),
         (1, [-0.37071067811865477, 0.4707106781186548]),

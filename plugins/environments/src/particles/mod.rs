@@ -192,14 +192,9 @@ impl Environment for Particles {
         self.read(actions)?;
         self.world.step(&self.controls);
         self.steps += 1;
-        let (rewards, info) = self.scenario.assess(&self.world);
+        let (rewards, metrics) = self.scenario.assess(&self.world);
         let end = (self.steps >= self.config.episode_length).then_some(End::Truncated);
-        Ok(Step {
-            observations: self.observe(),
-            rewards,
-            info,
-            end,
-        })
+        Ok(Step::new(self.observe(), rewards, end).record_all(metrics))
     }
 
     fn state_channels(&self) -> Vec<Channel> {

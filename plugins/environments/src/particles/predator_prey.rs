@@ -10,7 +10,7 @@
 
 use super::{
     rules::Rules,
-    scenario::{Scenario, metrics, pair, surroundings, surroundings_channels},
+    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -136,7 +136,7 @@ impl Scenario for PredatorPrey {
             .collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>) {
+    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
         let (catches, shaping) = (Self::catches(world), self.shaping(world));
         let predator = -shaping + CATCH * catches;
         let leaving: f64 = world.agents()[PREY]
@@ -148,8 +148,14 @@ impl Scenario for PredatorPrey {
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]
         let touching = world.touching_agents() as f64;
         let rewards = vec![predator, predator, predator, prey];
-        let total = rewards.iter().sum();
-        (rewards, vec![total, touching, catches, prey - predator, leaving])
+        let metrics = vec![
+            ("total_return", rewards.iter().sum()),
+            ("collisions", touching),
+            ("catches", catches),
+            ("score", prey - predator),
+            ("leaving_penalty", leaving),
+        ];
+        (rewards, metrics)
     }
 }
 

@@ -24,8 +24,11 @@ pub(super) trait Scenario: Send {
     fn metrics(&self) -> Vec<Metric>;
 
     /// Rewards of all agents, and the metrics, in the world after a step.
-    fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>);
+    fn assess(&self, world: &World) -> (Vec<f64>, Recorded);
 }
+
+/// Values of metrics under their names.
+pub(super) type Recorded = Vec<(&'static str, f64)>;
 
 /// Appends what agents see in every task: their own velocity and position, then the landmarks and the other
 /// agents from there.
@@ -62,7 +65,7 @@ pub(super) fn pair(name: &str, spread: f64) -> [Channel; 2] {
     ["x", "y"].map(|axis| Channel::new(format!("{name}_{axis}"), "").typical(0.0, spread))
 }
 
-/// Metrics of every task: the first values of [`Scenario::assess`].
+/// Metrics of every task.
 pub(super) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("total_return", "", "sum of the rewards of all agents").per_episode(PerEpisode::Sum),

@@ -36,7 +36,14 @@ fn the_best_design_has_no_gap() {
         let budget = environment.config.budget();
         let best = optimum::optimum(&SUBSYSTEMS, 4, budget).unwrap();
         let (rewards, last) = play(&mut environment, &best.counts);
-        assert_eq!(last.info, [best.reliability, best.reliability, 0.0, 1.0]);
+        for (metric, value) in [
+            ("reliability", best.reliability),
+            ("optimum", best.reliability),
+            ("gap", 0.0),
+            ("feasible", 1.0),
+        ] {
+            assert_eq!(last.metric(metric), Some(value), "{metric}");
+        }
         assert_eq!((last.end, rewards.len()), (Some(End::Terminated), 14));
         environment.designed.clear();
         let start = environment.as_it_stands().score(budget);
@@ -74,7 +81,11 @@ fn two_steps_by_hand() {
     // Weight 11 + 16 against 20.
     close(&step.rewards, &[-0.35 + (1.0 - 0.9995 * 0.95_f64).ln()]);
     assert_eq!(
-        (step.info[0], step.info[3], step.end),
+        (
+            step.metric("reliability").unwrap(),
+            step.metric("feasible").unwrap(),
+            step.end
+        ),
         (0.0, 0.0, Some(End::Terminated))
     );
     assert_eq!(environment.trace()[..3], [2.0, 8.0, 27.0]);
@@ -103,9 +114,13 @@ fn no_design_is_better_than_the_optimum() {
             let action: Vec<f64> = (0..20).map(|_| rng.random_range(-1.0..1.0)).collect();
             last = Some(environment.step(&[action], &mut rng).unwrap());
         }
-        let info = last.unwrap().info;
-        assert!(info[2] >= 0.0 && info[0] <= info[1], "{info:?}");
-        feasible += usize::from(info[3] == 1.0);
+        let last = last.unwrap();
+        let value = |metric| last.metric(metric).unwrap();
+        assert!(
+            value("gap") >= 0.0 && value("reliability") <= value("optimum"),
+            "{last:?}"
+        );
+        feasible += usize::from(value("feasible") == 1.0);
     }
     assert!(feasible > 100, "{feasible} of 300 within the budgets");
 }

@@ -220,14 +220,19 @@ impl Redundancy {
             .collect()
     }
 
-    /// One value per metric.
-    fn info(&self) -> Vec<f64> {
+    /// The metrics of the design as it stands.
+    fn recorded(&self) -> [(&'static str, f64); 4] {
         let total = self.as_it_stands();
         let is_feasible = total.is_within(self.config.budget());
         let reliability = if is_feasible { total.reliability } else { 0.0 };
         let gap = (1.0 - reliability) / (1.0 - self.optimal_reliability) - 1.0;
         let feasible = f64::from(u8::from(is_feasible));
-        vec![reliability, self.optimal_reliability, gap, feasible]
+        [
+            ("reliability", reliability),
+            ("optimum", self.optimal_reliability),
+            ("gap", gap),
+            ("feasible", feasible),
+        ]
     }
 }
 
@@ -333,12 +338,8 @@ impl Environment for Redundancy {
         let before = self.as_it_stands().score(self.config.budget());
         self.designed.push(bought(&taken, types.len()));
         let after = self.as_it_stands().score(self.config.budget());
-        Ok(Step {
-            observations: vec![self.observe()],
-            rewards: vec![after - before],
-            info: self.info(),
-            end: (self.designed.len() == self.config.subsystems).then_some(End::Terminated),
-        })
+        let end = (self.designed.len() == self.config.subsystems).then_some(End::Terminated);
+        Ok(Step::new(vec![self.observe()], vec![after - before], end).record_all(self.recorded()))
     }
 
     fn state_channels(&self) -> Vec<Channel> {

@@ -306,12 +306,8 @@ impl Environment for Turbofan {
         }
         self.fly(health)?;
         let over = self.progress.flown == self.progress.points.len();
-        Ok(Step {
-            observations: self.observe(),
-            rewards: vec![0.0],
-            info: vec![self.progress.outputs[2]],
-            end: over.then_some(End::Truncated),
-        })
+        let step = Step::new(self.observe(), vec![0.0], over.then_some(End::Truncated));
+        Ok(step.record("fuel_kg", self.progress.outputs[2]))
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

@@ -241,12 +241,11 @@ impl Environment for TurbofanSamples {
             .sum::<f64>()
             / wanted as f64;
         self.sample.said = Some(said.clone());
-        Ok(Step {
-            observations: vec![self.sample.inputs.clone()],
-            rewards: vec![-squared],
-            info: vec![squared, largest, 100.0 * relative],
-            end: Some(End::Terminated),
-        })
+        let seen = vec![self.sample.inputs.clone()];
+        Ok(Step::new(seen, vec![-squared], Some(End::Terminated))
+            .record("squared_error", squared)
+            .record("largest_error", largest)
+            .record("relative_error", 100.0 * relative))
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -320,7 +319,8 @@ mod tests {
                 "{state:?} {read:?}"
             );
             let step = samples.step(&[state], &mut rng).unwrap();
-            assert_eq!((step.rewards, step.info), (vec![0.0], vec![0.0; 3]));
+            assert_eq!(step.rewards, [0.0]);
+            assert!(step.metrics.iter().all(|(_, error)| *error == 0.0), "{step:?}");
         }
     }
 
@@ -357,12 +357,14 @@ mod tests {
         let mut said = samples.state();
         said[2] += 0.28 * samples.channels[2].spread;
         let expected = 100.0 * (said[2] / samples.state()[2] - 1.0) / 14.0;
-        let info = samples.step(&[said], &mut rng).unwrap().info;
-        let close = |x: f64, y: f64| (x - y).abs() < 1e-12;
-        assert!(
-            close(info[0], 0.28 * 0.28 / 14.0) && close(info[1], 0.28) && close(info[2], expected),
-            "{info:?}"
-        );
+        let step = samples.step(&[said], &mut rng).unwrap();
+        for (metric, value) in [
+            ("squared_error", 0.28 * 0.28 / 14.0),
+            ("largest_error", 0.28),
+            ("relative_error", expected),
+        ] {
+            assert!((step.metric(metric).unwrap() - value).abs() < 1e-12, "{step:?}");
+        }
         let error = samples.step(&[vec![1.0]], &mut rng).unwrap_err().to_string();
         assert!(error.contains("1 entries in place of 14"), "{error}");
     }

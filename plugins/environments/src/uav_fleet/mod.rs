@@ -232,20 +232,20 @@ impl UavFleet {
     }
 
     /// One value per metric.
-    fn info(&self, day: &Day) -> Vec<f64> {
+    fn recorded(&self, day: &Day) -> [(&'static str, f64); 9] {
         let uavs = &self.progress.uavs;
         let squares: f64 = uavs.iter().map(Uav::squared_error).sum();
         let error = (squares / (uavs.len() * STRINGS) as f64).sqrt();
-        vec![
-            day.missions,
-            self.cost(day),
-            day.failures,
-            day.replaced,
-            day.call_outs,
-            day.on_ground,
-            day.energy_j / 1000.0,
-            error,
-            1.0,
+        [
+            ("missions", day.missions),
+            ("cost", self.cost(day)),
+            ("failures", day.failures),
+            ("replaced_strings", day.replaced),
+            ("call_outs", day.call_outs),
+            ("days_on_ground", day.on_ground),
+            ("energy_kj", day.energy_j / 1000.0),
+            ("resistance_error_ohm", error),
+            ("bound", 1.0),
         ]
     }
 }
@@ -317,12 +317,9 @@ impl Environment for UavFleet {
         let day = self.pass(&works, strength, &mut draws);
         self.progress.day += 1;
         let reward = day.missions - self.cost(&day);
-        Ok(Step {
-            observations: self.observe(),
-            rewards: vec![reward; works.len()],
-            info: self.info(&day),
-            end: (self.progress.day >= self.config.horizon).then_some(End::Terminated),
-        })
+        let end = (self.progress.day >= self.config.horizon).then_some(End::Terminated);
+        let step = Step::new(self.observe(), vec![reward; works.len()], end);
+        Ok(step.record_all(self.recorded(&day)))
     }
 
     fn state_channels(&self) -> Vec<Channel> {

@@ -59,7 +59,11 @@ fn a_flight_is_the_trajectory_of_the_battery() {
     battery.reset(&mut rng).unwrap();
     let mut energy_j = 0.0;
     for _ in 0..90 {
-        energy_j += battery.step(&[vec![0.25; 4]], &mut rng).unwrap().info[2];
+        energy_j += battery
+            .step(&[vec![0.25; 4]], &mut rng)
+            .unwrap()
+            .metric("failures")
+            .unwrap();
     }
     for (string, cell) in pack.iter().zip(battery.cells()) {
         assert_eq!(string.parameters, *cell.parameters());
@@ -190,18 +194,39 @@ fn days_by_hand() {
         (step.rewards[0] - 1.0).abs() < 1e-12 && step.rewards == [step.rewards[0]; 3],
         "{step:?}"
     );
-    assert_eq!((step.info[1], step.info[5], step.info[8]), (0.0, 0.0, 1.0));
+    assert_eq!(
+        (
+            step.metric("cost").unwrap(),
+            step.metric("days_on_ground").unwrap(),
+            step.metric("bound").unwrap()
+        ),
+        (0.0, 0.0, 1.0)
+    );
     // One pack is replaced: two still fly everything, for four strings at 0.2 and a call-out at 0.5.
     let step = act(&mut environment, [2.0, 0.0, 0.0], &mut rng);
     assert!((step.rewards[0] - (1.0 - 0.8 - 0.5)).abs() < 1e-12, "{step:?}");
-    assert_eq!((step.info[3], step.info[4], step.info[5]), (4.0, 1.0, 1.0));
+    assert_eq!(
+        (
+            step.metric("replaced_strings").unwrap(),
+            step.metric("call_outs").unwrap(),
+            step.metric("days_on_ground").unwrap()
+        ),
+        (4.0, 1.0, 1.0)
+    );
     assert_eq!(environment.progress.uavs[0].most_charge_c(), 0.0);
     // Two are worked on under one call-out: half of the missions are flown.
     let step = act(&mut environment, [0.0, 1.0, 1.0], &mut rng);
     assert!((step.rewards[0] - (0.5 - 0.4 - 0.5)).abs() < 1e-12, "{step:?}");
     // Nobody flies.
     let step = act(&mut environment, [1.0; 3], &mut rng);
-    assert_eq!((step.info[0], step.info[3], step.info[6]), (0.0, 3.0, 0.0));
+    assert_eq!(
+        (
+            step.metric("missions").unwrap(),
+            step.metric("replaced_strings").unwrap(),
+            step.metric("energy_kj").unwrap()
+        ),
+        (0.0, 3.0, 0.0)
+    );
 }
 
 /// Packs at the end of their life: those that fly run empty, are repaired for a day, and come back with new cells.
@@ -216,16 +241,29 @@ fn a_uav_that_runs_empty_is_lost_for_the_day_and_grounded_for_the_next() {
             .for_each(|string| string.parameters = CellParameters::aged(5000.0, 0.5));
     }
     let step = act(&mut environment, NOTHING, &mut rng);
-    assert_eq!((step.info[2], step.info[3]), (2.0, 8.0));
-    assert!((step.info[0] - 1.0 / 3.0).abs() < 1e-12);
+    assert_eq!(
+        (
+            step.metric("failures").unwrap(),
+            step.metric("replaced_strings").unwrap()
+        ),
+        (2.0, 8.0)
+    );
+    assert!((step.metric("missions").unwrap() - 1.0 / 3.0).abs() < 1e-12);
     assert!((step.rewards[0] - (1.0 / 3.0 - 8.0 * 0.2 - 2.0 * 5.0)).abs() < 1e-12);
     assert_eq!(step.observations[0][9], 1.0, "it sees that it is grounded");
     // What is chosen for a grounded UAV is not done and not paid.
     let step = act(&mut environment, [2.0, 0.0, 0.0], &mut rng);
-    assert_eq!((step.info[1], step.info[3], step.info[5]), (0.0, 0.0, 2.0));
-    assert!((step.info[0] - 0.5).abs() < 1e-12);
+    assert_eq!(
+        (
+            step.metric("cost").unwrap(),
+            step.metric("replaced_strings").unwrap(),
+            step.metric("days_on_ground").unwrap()
+        ),
+        (0.0, 0.0, 2.0)
+    );
+    assert!((step.metric("missions").unwrap() - 0.5).abs() < 1e-12);
     let step = act(&mut environment, NOTHING, &mut rng);
-    assert_eq!(step.info[5], 0.0);
+    assert_eq!(step.metric("days_on_ground").unwrap(), 0.0);
 }
 
 /// Whatever is chosen at random, no day earns more than its bound, and what is flown and spent adds up to the reward.
@@ -238,8 +276,14 @@ fn no_day_earns_more_than_its_bound() {
         let choices =
             [0, 1, 2].map(|uav| f64::from(u8::from(rng.random::<f64>() < 0.1) * (1 + (day + uav) % 2)));
         let step = act(&mut environment, choices, &mut rng);
-        assert!((step.rewards[0] - (step.info[0] - step.info[1])).abs() < 1e-12);
-        assert!(step.rewards[0] <= step.info[8] && step.info[0] >= 0.0, "{step:?}");
+        assert!(
+            (step.rewards[0] - (step.metric("missions").unwrap() - step.metric("cost").unwrap())).abs()
+                < 1e-12
+        );
+        assert!(
+            step.rewards[0] <= step.metric("bound").unwrap() && step.metric("missions").unwrap() >= 0.0,
+            "{step:?}"
+        );
     }
 }
 
@@ -290,9 +334,9 @@ fn each_module_does_what_it_is_there_for() {
         let days: Vec<Step> = (0..10)
             .map(|_| act(&mut environment, NOTHING, &mut rng))
             .collect();
-        let sum = |at: usize| days.iter().map(|day| day.info[at]).sum::<f64>();
-        assert_eq!(sum(2), 0.0, "{modules}: a UAV ran empty");
-        (sum(6), days[9].info[7])
+        let sum = |metric| days.iter().filter_map(|day| day.metric(metric)).sum::<f64>();
+        assert_eq!(sum("failures"), 0.0, "{modules}: a UAV ran empty");
+        (sum("energy_kj"), days[9].metric("resistance_error_ohm").unwrap())
     };
     let (full, counted) = (ten_days("full"), ten_days("without_calibration"));
     assert!(full.1 < 0.3 * counted.1, "{full:?} {counted:?}");

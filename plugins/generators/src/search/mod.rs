@@ -438,19 +438,15 @@ impl Environment for GeneratorSearch {
         let Losses { critic, generator } = self.design.losses;
         let bounded = |loss: f64| if loss.is_finite() { loss } else { f64::MAX.sqrt() };
         let whole = self.design.cells.len() == N_CELLS;
-        Ok(Step {
-            observations: vec![self.observation()],
-            rewards: vec![self.score(scores) - self.score(before)],
-            info: vec![
-                self.score(scores),
-                scores.inception,
-                scores.frechet,
-                bounded(critic),
-                bounded(generator),
-                f64::from(u8::from(!finite)),
-            ],
-            end: whole.then_some(End::Terminated),
-        })
+        let reward = self.score(scores) - self.score(before);
+        let end = whole.then_some(End::Terminated);
+        Ok(Step::new(vec![self.observation()], vec![reward], end)
+            .record("score", self.score(scores))
+            .record("inception_score", scores.inception)
+            .record("frechet_distance", scores.frechet)
+            .record("discriminator_loss", bounded(critic))
+            .record("generator_loss", bounded(generator))
+            .record("not_finite", f64::from(u8::from(!finite))))
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

@@ -40,14 +40,23 @@ fn rewards_add_up_to_what_the_scores_gained() {
     assert_eq!(start.len(), 3 + 4);
     let gained: f64 = steps.iter().map(|step| step.rewards[0]).sum();
     let last = &steps[2];
-    assert!((gained - (last.info[0] - (start[1] - start[2]))).abs() < 1e-9);
-    assert!((last.info[0] - (last.info[1] - 0.01 * last.info[2])).abs() < 1e-9);
+    assert!((gained - (last.metric("score").unwrap() - (start[1] - start[2]))).abs() < 1e-9);
+    assert!(
+        (last.metric("score").unwrap()
+            - (last.metric("inception_score").unwrap() - 0.01 * last.metric("frechet_distance").unwrap()))
+        .abs()
+            < 1e-9
+    );
     assert_eq!(
         last.observations[0][..3],
-        [3.0, last.info[1], 0.01 * last.info[2]]
+        [
+            3.0,
+            last.metric("inception_score").unwrap(),
+            0.01 * last.metric("frechet_distance").unwrap()
+        ]
     );
     assert_eq!(last.end, Some(End::Terminated));
-    assert!(steps.iter().all(|step| step.info[5] == 0.0));
+    assert!(steps.iter().all(|step| step.metric("not_finite").unwrap() == 0.0));
     assert!(search.step(&action([0; 6]), &mut rng).is_err());
 }
 
@@ -108,7 +117,7 @@ fn every_option_can_be_built() {
             let flags = (norm + upsampling) % 2;
             let cell = [flags, norm, upsampling, 1 - flags, 1, flags];
             let (_, steps) = built(&mut search, [cell; 3], &mut rng);
-            assert!(steps[2].info.iter().all(|value| value.is_finite()));
+            assert!(steps[2].metrics.iter().all(|(_, value)| value.is_finite()));
         }
     }
 }
@@ -145,8 +154,16 @@ fn the_number_of_scored_images_does_not_touch_the_training() {
         };
         let (mut search, mut rng) = (GeneratorSearch::new(config).unwrap(), stream(&["looks"]));
         let (_, steps) = built(&mut search, PUBLISHED, &mut rng);
-        let of = |step: &Step| [step.info[3], step.info[4]];
-        (steps.iter().map(of).collect::<Vec<_>>(), steps[2].info[2])
+        let of = |step: &Step| {
+            [
+                step.metric("discriminator_loss").unwrap(),
+                step.metric("generator_loss").unwrap(),
+            ]
+        };
+        (
+            steps.iter().map(of).collect::<Vec<_>>(),
+            steps[2].metric("frechet_distance").unwrap(),
+        )
     };
     let ((few, distance), (many, other_distance)) = (losses(20), losses(40));
     assert_eq!(few, many);

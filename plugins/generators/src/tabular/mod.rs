@@ -403,19 +403,15 @@ impl Environment for TabularSearch {
             ..
         } = self.table.fitted().quality;
         let whole = self.design.cells.len() == N_CELLS;
-        Ok(Step {
-            observations,
-            rewards: vec![self.score(self.design.observed) - before],
-            info: vec![
-                score,
-                exact[0],
-                exact[1],
-                self.table.fitted().best - score,
-                error,
-                rank_correlation,
-            ],
-            end: whole.then_some(End::Terminated),
-        })
+        let reward = self.score(self.design.observed) - before;
+        let step = Step::new(observations, vec![reward], whole.then_some(End::Terminated));
+        Ok(step
+            .record("score", score)
+            .record("inception_score", exact[0])
+            .record("frechet_distance", exact[1])
+            .record("regret", self.table.fitted().best - score)
+            .record("surrogate_error", error)
+            .record("surrogate_rank_correlation", rank_correlation))
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

@@ -15,15 +15,15 @@ fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
     vec![choice::vector(&choices(), &taken)]
 }
 
-/// Builds a design; its rewards and what is known of it at the end.
-fn built(search: &mut dyn Environment, cells: &[[usize; 6]], rng: &mut Rng) -> (Vec<f64>, Vec<f64>) {
+/// Builds a design; its rewards and its last step.
+fn built(search: &mut dyn Environment, cells: &[[usize; 6]], rng: &mut Rng) -> (Vec<f64>, Step) {
     search.reset(rng).unwrap();
     let mut rewards = Vec::new();
     for cell in cells {
         let step = search.step(&action(*cell), rng).unwrap();
         rewards.push(step.rewards[0]);
         if step.end.is_some() {
-            return (rewards, step.info);
+            return (rewards, step);
         }
     }
     panic!("the design does not end")
@@ -34,11 +34,15 @@ fn the_return_is_the_score_less_that_of_the_start() {
     let mut search = environment(json!({ "noise": false })).unwrap();
     let mut rng = stream(&["return"]);
     let start = search.reset(&mut rng).unwrap().remove(0);
-    let (rewards, info) = built(&mut *search, &[[1, 1, 0, 1, 0, 0]; 3], &mut rng);
+    let (rewards, last) = built(&mut *search, &[[1, 1, 0, 1, 0, 0]; 3], &mut rng);
+    let of = |metric| last.metric(metric).unwrap();
     let returned: f64 = rewards.iter().sum();
-    assert!((returned - (info[0] - (start[1] - start[2]))).abs() < 1e-12);
-    assert!((info[0] - (info[1] - 0.01 * info[2])).abs() < 1e-12);
-    assert!(info[3] > 0.0, "a design that nobody searched is not the best one");
+    assert!((returned - (of("score") - (start[1] - start[2]))).abs() < 1e-12);
+    assert!((of("score") - (of("inception_score") - 0.01 * of("frechet_distance"))).abs() < 1e-12);
+    assert!(
+        of("regret") > 0.0,
+        "a design that nobody searched is not the best one"
+    );
     assert!(search.step(&action([0; 6]), &mut rng).is_err());
 }
 
@@ -50,13 +54,13 @@ fn nothing_is_better_than_the_best() {
         .map(|_| {
             let cells =
                 [0, 1, 2].map(|_| [2u32, 3, 3, 2, 2, 2].map(|size| rng.random_range(0..size) as usize));
-            built(&mut *search, &cells, &mut rng).1[3]
+            built(&mut *search, &cells, &mut rng).1.metric("regret").unwrap()
         })
         .fold(f64::INFINITY, f64::min);
     assert!(lowest >= 0.0, "{lowest}");
     let table = Table::of(&Config::default()).unwrap();
     let (_, best) = table.fitted().surrogate.best(0.01);
-    assert_eq!(built(&mut *search, &best, &mut rng).1[3], 0.0);
+    assert_eq!(built(&mut *search, &best, &mut rng).1.metric("regret"), Some(0.0));
     let quality = table.fitted().quality;
     assert!(quality.rank_correlation > 0.9, "{quality:?}");
 }
@@ -96,12 +100,16 @@ fn what_searches_left_is_looked_up() {
     let config = json!({ "landscape": { "measured": { "datasets": [product] } }, "noise": false });
     let mut search = environment(config).unwrap();
     let cells = [[1, 2, 0, 1, 0, 0], [0, 2, 0, 1, 0, 0], [0, 2, 0, 1, 0, 1]];
-    let (_, info) = built(&mut *search, &cells, &mut stream(&[]));
+    let (_, last) = built(&mut *search, &cells, &mut stream(&[]));
+    let of = |metric| last.metric(metric).unwrap();
     assert!(
-        (info[1] - surrogate::tests::truth(&cells)).abs() < 0.1,
-        "{info:?}"
+        (of("inception_score") - surrogate::tests::truth(&cells)).abs() < 0.1,
+        "{last:?}"
     );
-    assert!(info[3] < 0.1 && info[5] > 0.9, "{info:?}");
+    assert!(
+        of("regret") < 0.1 && of("surrogate_rank_correlation") > 0.9,
+        "{last:?}"
+    );
 }
 
 #[test]

@@ -25,7 +25,7 @@ pub(super) struct Candidate {
     pub(super) observed_return: f64,
     /// The environment's metrics, as of a whole episode.
     #[serde(with = "exact")]
-    pub(super) info: Vec<f64>,
+    pub(super) metrics: Vec<f64>,
     /// False where the agent gave it up before its end: it is no design.
     pub(super) whole: bool,
 }
@@ -45,7 +45,7 @@ impl Candidate {
                 .add(phase, step, 0, 0, &format!("{prefix}{name}"), value);
         };
         add("return", self.observed_return);
-        for (metric, value) in metrics.iter().zip(&self.info) {
+        for (metric, value) in metrics.iter().zip(&self.metrics) {
             add(&metric.name, *value);
         }
         if prefix.is_empty() {

@@ -25,11 +25,12 @@ mod worth;
 
 use candidates::{Candidate, Candidates, Following, Nobody};
 use contract::{
-    Config, End, Environment, Error, Interface, Metric, Mode, Observation, PerEpisode, Phase, ProductKind,
-    Protocol, Registry, Rng, Transition,
+    Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, ProductKind, Protocol,
+    Registry, Rng, Transition,
     checkpoint::exact,
     dataset::{Dataset, DatasetWriter, Episode},
     design::Designs,
+    episode_metrics::EpisodeMetrics,
     protocol::{self, Blocks, Measurement, Position, Run, measure, observe, restored},
 };
 use schemars::JsonSchema;
@@ -260,8 +261,7 @@ struct Design {
     actions: Vec<Vec<f64>>,
     #[serde(with = "exact")]
     rewards: Vec<f64>,
-    #[serde(with = "exact")]
-    info: Vec<f64>,
+    metrics: EpisodeMetrics,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -300,7 +300,7 @@ impl UnderWay {
         run.agent.restart();
         self.design = Design {
             observations: seats,
-            info: vec![0.0; self.environment.metrics().len()],
+            metrics: EpisodeMetrics::new(self.environment.metrics()),
             ..Design::default()
         };
         Ok(())
@@ -324,7 +324,7 @@ impl UnderWay {
         let action = actions.into_iter().next().unwrap_or_default();
         let step = self.environment.step(&action, &mut self.environment_rng)?;
         self.evaluations += 1;
-        self.design.take(&action, &step, self.environment.metrics());
+        self.design.take(&action, &step, self.environment.metrics())?;
         let transition = Transition {
             observation,
             action,
@@ -383,27 +383,17 @@ impl UnderWay {
 }
 
 impl Design {
-    fn take(&mut self, action: &[Vec<f64>], step: &contract::Step, metrics: &[Metric]) {
-        let is_first = self.actions.is_empty();
+    fn take(&mut self, action: &[Vec<f64>], step: &contract::Step, metrics: &[Metric]) -> Result<(), Error> {
         self.actions.push(action[0].clone());
         self.rewards.push(step.rewards[0]);
         self.observations.push(step.observations[0].clone());
-        protocol::accumulate(&mut self.info, metrics, &step.info, is_first);
+        self.metrics.add(metrics, step)
     }
 
     fn candidate(self, metrics: &[Metric], end: End, whole: bool) -> Candidate {
-        #[allow(
-            clippy::cast_precision_loss,
-            reason = "a design has far fewer than 2^52 steps"
-        )]
-        let steps = self.actions.len() as f64;
-        let per_step = |(value, metric): (f64, &Metric)| match metric.per_episode {
-            PerEpisode::Mean => value / steps,
-            _ => value,
-        };
         Candidate {
             observed_return: self.rewards.iter().sum(),
-            info: self.info.into_iter().zip(metrics).map(per_step).collect(),
+            metrics: self.metrics.of_episode(metrics),
             whole,
             episode: Episode {
                 observations: self.observations,

@@ -66,12 +66,11 @@ impl Environment for Digits {
         let taken = choice::taken(&choices(), &actions[0])?[0];
         let worth = taken as f64 * if self.step == 0 { 10.0 } else { 1.0 };
         self.step += 1;
-        Ok(Step {
-            observations: vec![vec![self.step as f64]],
-            rewards: vec![worth + self.noise * rng.random_range(-1.0..1.0)],
-            info: vec![worth, if self.step == 2 { worth } else { 0.0 }],
-            end: (self.step == 2).then_some(End::Terminated),
-        })
+        let reward = worth + self.noise * rng.random_range(-1.0..1.0);
+        let end = (self.step == 2).then_some(End::Terminated);
+        Ok(Step::new(vec![vec![self.step as f64]], vec![reward], end)
+            .record("worth", worth)
+            .record("waste", if self.step == 2 { worth } else { 0.0 }))
     }
     fn trace_channels(&self) -> Vec<Channel> {
         Vec::new()

@@ -54,7 +54,7 @@ impl Worth {
     fn of(&self, candidate: &Candidate) -> f64 {
         match self {
             Self::Return => candidate.observed_return,
-            Self::Metric { at, .. } => candidate.info[*at],
+            Self::Metric { at, .. } => candidate.metrics[*at],
         }
     }
 }

@@ -37,12 +37,8 @@ impl Environment for Throw {
         Ok(vec![vec![self.start]])
     }
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Ok(Step {
-            observations: vec![vec![self.start]],
-            rewards: vec![actions[0][0]],
-            info: vec![self.start],
-            end: Some(End::Terminated),
-        })
+        let end = Some(End::Terminated);
+        Ok(Step::new(vec![vec![self.start]], vec![actions[0][0]], end).record("start", self.start))
     }
     fn trace_channels(&self) -> Vec<Channel> {
         Vec::new()

@@ -104,6 +104,11 @@ pub(super) fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
     }
 }
 
+/// Name of the metric of one parameter's squared error.
+pub(super) fn squared_error(parameter: &HealthParameter) -> String {
+    format!("{}_squared_error", parameter.name())
+}
+
 pub(super) fn metrics(calibrated: &[HealthParameter]) -> Vec<Metric> {
     let last = |name: &str, about: &str| {
         Metric::new(name, "", about)
@@ -121,8 +126,7 @@ pub(super) fn metrics(calibrated: &[HealthParameter]) -> Vec<Metric> {
         ),
     ];
     let of_one = |parameter: &HealthParameter| {
-        let name = format!("{}_squared_error", parameter.name());
-        Metric::new(&name, "", "squared error of this parameter")
+        Metric::new(&squared_error(parameter), "", "squared error of this parameter")
             .lower_is_better()
             .per_episode(PerEpisode::Mean)
     };

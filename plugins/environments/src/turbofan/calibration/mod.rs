@@ -295,12 +295,15 @@ impl Environment for TurbofanCalibration {
             let next = (self.progress.at + 1) % self.course.length(self.progress.unit);
             self.aim(next, rng)?;
         }
-        Ok(Step {
-            observations: self.observe(),
-            rewards: vec![-cost],
-            info: [&rmse[..], &squared].concat(),
-            end: over.then_some(End::Truncated),
-        })
+        let calibrated = self.config.calibrated.iter().zip(squared);
+        Ok(
+            Step::new(self.observe(), vec![-cost], over.then_some(End::Truncated))
+                .record("theta_rmse", rmse[0])
+                .record("output_rmse", rmse[1])
+                .record_all(
+                    calibrated.map(|(parameter, squared)| (config::squared_error(parameter), squared)),
+                ),
+        )
     }
 
     /// Their limits are what actions of -1 and 1 stand for.

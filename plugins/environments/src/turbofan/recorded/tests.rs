@@ -155,7 +155,10 @@ fn the_true_health_in_the_engine_gives_what_was_recorded() {
         // -1 and 1 stand for -0.03 and 0.01.
         let step = problem.step(&[vec![(theta + 0.01) / 0.02]], &mut rng).unwrap();
         decisions += 1;
-        assert!(step.info[0] < 1e-12 && step.info[1] < 1e-6, "{:?}", step.info);
+        assert!(
+            step.metric("theta_rmse").unwrap() < 1e-12 && step.metric("output_rmse").unwrap() < 1e-6,
+            "{step:?}"
+        );
         if step.end.is_some() {
             break;
         }

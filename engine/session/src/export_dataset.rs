@@ -4,8 +4,7 @@
 //! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a
 //! dataset by its place below its root, which is the id that the dataset gets.
 
-use super::{Common, say};
-use crate::rollout;
+use crate::{Failure, one_trial, rollout, whole::Whole};
 use contract::{
     Error, ProductKind, Registry,
     dataset::{self, Dataset, DatasetWriter},
@@ -13,97 +12,78 @@ use contract::{
     random::Streams,
     trial::TrialKey,
 };
-use document::count::count;
 use execution::store::Store;
-use session::{Exit, Failure, Settings, Whole, one_trial};
-use std::path::{Path, PathBuf};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 /// Most decisions of an episode that is played; one that goes on is cut off, and says so.
 const LONGEST_EPISODE: u64 = 100_000;
 
-/// The episodes that are played where nothing was gathered.
-#[derive(Debug, Clone, clap::Args)]
-pub(super) struct Play {
-    /// With `--minari`, of a trial that gathered no dataset: how many episodes its policy plays.
-    #[arg(long, value_name = "N", requires = "minari", value_parser = clap::value_parser!(u64).range(1..))]
-    episodes: Option<u64>,
-    /// With `--episodes`: seed of the first one, which counts up; 0 where absent.
-    #[arg(long, value_name = "N", requires = "episodes")]
-    seed: Option<u64>,
-    /// With `--minari`: the folder below which Minari looks for datasets, each at the place that is its id
-    /// (`NAMESPACE/NAME-vN`); where it is not known, the last two names of the folder that is written are the id.
-    #[arg(long, env = "MINARI_DATASETS_PATH", value_name = "FOLDER")]
-    minari_root: Option<PathBuf>,
+/// Episodes of one trial that were taken away.
+pub struct TakenEpisodes {
+    /// Id of the trial.
+    pub trial: String,
+    /// Number of episodes.
+    pub episodes: usize,
+    /// Number of decisions in them.
+    pub decisions: usize,
+    /// The id by which Minari finds the dataset; `None` where its place is none.
+    pub id: Option<String>,
+    /// The folder that must be the root of Minari for that.
+    pub root: Option<PathBuf>,
 }
 
-/// Takes away the episodes of one trial, which `prefix` names.
-pub(super) fn of_trial(
+/// Takes away the episodes of the trial that `prefix` names: the dataset that it gathered, or an episode for each seed
+/// of `played`. `minari_root` is the folder below which Minari looks for datasets.
+///
+/// # Errors
+/// Where there is no such trial, it gathered a dataset and shall play or the other way about, and a folder that is
+/// there or cannot be written.
+pub fn of_trial(
     registry: &Registry,
+    store: &Store,
     prefix: &str,
-    play: &Play,
+    played: Option<Range<u64>>,
     to: &Path,
-    common: &Common,
-) -> Result<Exit, Failure> {
-    let store = Settings::read(&common.machine())?.open()?;
-    let (id, file) = one_trial::that_ended_well(&store, prefix)?;
+    minari_root: Option<&Path>,
+) -> Result<TakenEpisodes, Failure> {
+    let (id, file) = one_trial::that_ended_well(store, prefix)?;
     let gathered = Taken {
         trial: id.clone(),
         kind: ProductKind::Dataset,
     };
-    check_source(&id, store.product_if_left(&gathered)?.is_some(), play)?;
+    check_source(&id, store.product_if_left(&gathered)?.is_some(), played.is_some())?;
     let whole = Whole::begin(to)?;
-    match play.episodes {
+    match played {
         None => store.copy_product(&gathered, &format!("{}/", dataset::FOLDER), whole.folder())?,
-        Some(episodes) => {
-            let seed = play.seed.unwrap_or(0);
-            self::play(
-                registry,
-                &store,
-                &file.key,
-                seed..seed.saturating_add(episodes),
-                whole.folder(),
-            )?;
-        }
+        Some(seeds) => play(registry, store, &file.key, seeds, whole.folder())?,
     }
     let dataset = Dataset::read_from(whole.folder())?;
-    let name = id_of(to, play.minari_root.as_deref());
+    let name = id_of(to, minari_root);
     dataset::name(whole.folder(), name.as_deref())?;
     whole.end()?;
-    say_taken(&id, &dataset, to, name);
-    Ok(Exit::Ok)
+    Ok(TakenEpisodes {
+        trial: id,
+        episodes: dataset.episodes.len(),
+        decisions: dataset.episodes.iter().map(|episode| episode.actions.len()).sum(),
+        root: name.as_deref().map(|name| root_of(to, name)),
+        id: name,
+    })
 }
 
 /// Refuses to play episodes where a dataset was gathered, and to take none where none was.
-fn check_source(id: &str, is_gathered: bool, play: &Play) -> Result<(), Failure> {
-    match (is_gathered, play.episodes) {
-        (true, Some(_)) => Err(Failure::refusal(format!(
+fn check_source(id: &str, is_gathered: bool, is_played: bool) -> Result<(), Failure> {
+    match (is_gathered, is_played) {
+        (true, true) => Err(Failure::refusal(format!(
             "trial {id} gathered a dataset, which is taken as it is; leave out `--episodes`"
         ))),
-        (false, None) => Err(Failure::refusal(format!(
+        (false, false) => Err(Failure::refusal(format!(
             "trial {id} gathered no dataset; say with `--episodes` how many its agent shall play"
         ))),
         _ => Ok(()),
     }
-}
-
-fn say_taken(id: &str, dataset: &Dataset, to: &Path, name: Option<String>) {
-    let decisions: usize = dataset.episodes.iter().map(|episode| episode.actions.len()).sum();
-    say(&format!(
-        "trial {id}: {} of {} in `{}`",
-        count(dataset.episodes.len(), "episode"),
-        count(decisions, "decision"),
-        to.display()
-    ));
-    say(&match name {
-        Some(id) => format!(
-            "its id is `{id}`: Minari finds it by this name where its root is `{}`",
-            root_of(to, &id)
-        ),
-        None => {
-            "Minari lists it by no name: those that it lists lie in a folder NAMESPACE/NAME-vN below its root"
-                .into()
-        }
-    });
 }
 
 /// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there
@@ -133,10 +113,10 @@ fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
 }
 
 /// The folder from which the place of `to` is its id.
-fn root_of(to: &Path, id: &str) -> String {
+fn root_of(to: &Path, id: &str) -> PathBuf {
     let to = std::path::absolute(to).unwrap_or_else(|_| to.to_path_buf());
     let root = to.ancestors().nth(id.split('/').count());
-    root.unwrap_or(Path::new("/")).display().to_string()
+    root.unwrap_or(Path::new("/")).to_owned()
 }
 
 /// Plays an episode per seed and keeps it.
@@ -144,7 +124,7 @@ fn play(
     registry: &Registry,
     store: &Store,
     key: &TrialKey,
-    seeds: std::ops::Range<u64>,
+    seeds: Range<u64>,
     folder: &Path,
 ) -> Result<(), Failure> {
     let find = |taken: &Taken| store.product(taken);
@@ -187,7 +167,7 @@ mod tests {
         assert_eq!(id("/data/my data/pack-v0", Some("/data")), None);
         assert_eq!(
             root_of(Path::new("/data/regimen/pack-v0"), "regimen/pack-v0"),
-            "/data"
+            Path::new("/data")
         );
     }
 }

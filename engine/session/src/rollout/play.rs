@@ -1,19 +1,6 @@
-//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes
-//! what happened, a row per decision.
-//!
-//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
-//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, where the
-//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in
-//! `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
+//! Episodes as they are played, and their rows.
 
-mod columns;
-mod given;
-mod replay;
-
-pub use given::read_actions;
-pub use replay::{replay, trained_agent};
-
-use columns::Columns;
+use super::columns::Columns;
 use contract::{Action, Agent, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random};
 use presentation::table::guarded_csv as guarded;
 use std::path::Path;

@@ -1,0 +1,269 @@
+//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes
+//! what happened, a row per decision.
+//!
+//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
+//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, where the
+//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in
+//! `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
+
+mod columns;
+mod given;
+mod play;
+mod replay;
+
+pub use play::{Actions, rows, write};
+pub use replay::trained_agent;
+
+pub(crate) use play::episode;
+
+use crate::{Exit, Failure, one_trial};
+use contract::{
+    Agent, Environment, Registry,
+    product::Taken,
+    random::Streams,
+    registry::{About, AgentEntry},
+    trial::Part,
+    trial_result::TrialResult,
+};
+use document::diagnostic;
+use execution::{
+    store::{Store, TrialFile},
+    world::fs,
+};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// An episode in an environment that belongs to no trial.
+pub struct EnvironmentRollout<'a> {
+    /// Name of the environment.
+    pub environment: &'a str,
+    /// YAML file with its config; defaults where absent.
+    pub config: Option<&'a Path>,
+    /// Decides.
+    pub decider: &'a Decider,
+    /// Seed of the environment's and the agent's random numbers.
+    pub seed: u64,
+    /// The most decisions that an agent makes.
+    pub decisions: u64,
+}
+
+/// Decides in an environment.
+#[derive(Debug, Clone)]
+pub enum Decider {
+    /// A CSV file with one column per action channel and one row per decision.
+    File(PathBuf),
+    /// A registered agent; one that learns needs a policy.
+    Agent {
+        /// Its name; `None` where the policy lies beside the `trial.json` that says it.
+        name: Option<String>,
+        /// YAML file with its config.
+        config: Option<PathBuf>,
+        /// Folder with an exported policy.
+        policy: Option<PathBuf>,
+    },
+}
+
+/// An episode of a stored trial: its environment, its agent, its policy.
+pub struct TrialRollout<'a> {
+    /// First digits of its id.
+    pub trial: &'a str,
+    /// Name of the environment that the trial must be of, where one is expected.
+    pub environment: Option<&'a str>,
+    /// The episode.
+    pub episode: EpisodeChoice,
+    /// The most decisions that are kept.
+    pub decisions: u64,
+}
+
+/// An episode of a trial.
+#[derive(Debug, Clone, Copy)]
+pub enum EpisodeChoice {
+    /// One of its final measurement, by its number.
+    Measured(u64),
+    /// A new one, by its seed.
+    New(u64),
+}
+
+/// Header and rows of a rollout.
+pub type Rows = Vec<Vec<String>>;
+
+/// Plays an episode of an environment.
+///
+/// # Errors
+/// An unknown environment or agent, a mistake in a file, an agent that learns and has no policy.
+pub fn of_environment(registry: &Registry, rollout: &EnvironmentRollout<'_>) -> Result<Rows, Failure> {
+    let name = rollout.environment;
+    let entry = registry
+        .environments
+        .get(name)
+        .ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
+    let mut environment = (entry.build)(&config(name, &entry.about, rollout.config)?)?;
+    let mut agent;
+    let actions = match rollout.decider {
+        Decider::File(path) => Actions::Given(given::read_actions(environment.seats(), path)?),
+        Decider::Agent { name, config, policy } => {
+            let asked = AskedAgent {
+                name: name.as_deref(),
+                config: config.as_deref(),
+                policy: policy.as_deref(),
+            };
+            agent = asked.build(registry, &*environment, rollout.seed)?;
+            Actions::Agent {
+                agent: &mut *agent,
+                decisions: rollout.decisions,
+            }
+        }
+    };
+    Ok(rows(&mut *environment, actions, rollout.seed)?)
+}
+
+/// An agent as a person names it.
+struct AskedAgent<'a> {
+    name: Option<&'a str>,
+    config: Option<&'a Path>,
+    policy: Option<&'a Path>,
+}
+
+impl AskedAgent<'_> {
+    /// The agent, with its policy where one is given.
+    fn build(
+        &self,
+        registry: &Registry,
+        environment: &dyn Environment,
+        seed: u64,
+    ) -> Result<Box<dyn Agent>, Failure> {
+        let left_by = self.policy.map(left_by).transpose()?.flatten();
+        let name = self.name_or(left_by.as_ref())?;
+        let entry = registry
+            .agents
+            .get(name)
+            .ok_or_else(|| unknown("agent", name, registry.agents.keys()))?;
+        let config = match left_by
+            .as_ref()
+            .filter(|part| part.plugin == name && self.config.is_none())
+        {
+            Some(part) => part.config.whole().into_owned(),
+            None => config(name, &entry.about, self.config)?,
+        };
+        if entry.learns_with(&config) && self.policy.is_none() {
+            return Err(untrained(name));
+        }
+        let mut agent = build(entry, &config, environment, seed)?;
+        if let Some(folder) = self.policy {
+            take_up(&mut *agent, name, folder)?;
+        }
+        Ok(agent)
+    }
+
+    fn name_or<'b>(&'b self, left_by: Option<&'b Part>) -> Result<&'b str, Failure> {
+        match (self.name, left_by, self.policy) {
+            (Some(name), ..) => Ok(name),
+            (None, Some(part), _) => Ok(&part.plugin),
+            (None, None, Some(folder)) => Err(Failure::refusal(format!(
+                "`{}` does not say whose policy it holds: give `--agent`",
+                folder.display()
+            ))),
+            (None, None, None) => Err(Failure::refusal(
+                "give `--actions`, `--agent`, `--policy` or `--trial`",
+            )),
+        }
+    }
+}
+
+fn build(
+    entry: &AgentEntry,
+    config: &Value,
+    environment: &dyn Environment,
+    seed: u64,
+) -> Result<Box<dyn Agent>, Failure> {
+    let streams = Streams::new("rollout", "rollout", seed);
+    Ok((entry.build)(
+        config,
+        &environment.interface(),
+        &mut streams.agent("initialise"),
+    )?)
+}
+
+/// The agent of the trial that left the policy in a folder, where the folder says so.
+fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
+    let path = folder.join("trial.json");
+    let Ok(text) = fs::read(&path) else {
+        return Ok(None);
+    };
+    let file: TrialFile = serde_json::from_slice(&text)
+        .map_err(|error| Failure::refusal(format!("`{}`: {error}", path.display())))?;
+    Ok(file.key.agent.agent().cloned())
+}
+
+fn take_up(agent: &mut dyn Agent, name: &str, folder: &Path) -> Result<(), Failure> {
+    match agent.import(folder) {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(Failure::refusal(format!(
+            "the agent `{name}` takes up no stored policy; leave out `--policy`"
+        ))),
+        Err(error) => Err(Failure::refusal(format!(
+            "the policy in `{}` cannot be used: {error}",
+            folder.display()
+        ))),
+    }
+}
+
+/// Plays an episode of a trial.
+///
+/// # Errors
+/// Where the store holds no such trial, it is of another environment or plugin version, or it left no policy.
+pub fn of_trial(registry: &Registry, store: &Store, rollout: &TrialRollout<'_>) -> Result<Rows, Failure> {
+    let trial = stored(store, rollout.trial)?;
+    let key = &trial.trial.key;
+    if let Some(name) = rollout.environment.filter(|name| *name != key.environment.plugin) {
+        return Err(Failure::refusal(format!(
+            "trial {} is of `{}`, not of `{name}`",
+            trial.trial.id, key.environment.plugin
+        )));
+    }
+    let find = |taken: &Taken| store.product(taken);
+    let seed = match rollout.episode {
+        EpisodeChoice::Measured(episode) => {
+            let mut rows = replay::replay(&trial, episode, registry, &find)?;
+            let kept = usize::try_from(rollout.decisions).unwrap_or(usize::MAX);
+            rows.truncate(kept.saturating_add(2));
+            return Ok(rows);
+        }
+        EpisodeChoice::New(seed) => seed,
+    };
+    let mut environment = one_trial::environment(registry, key, &find)?;
+    let streams = Streams::new("rollout", "rollout", seed);
+    let mut agent = trained_agent(key, registry, &environment.interface(), &streams, &find)?;
+    let actions = Actions::Agent {
+        agent: &mut *agent,
+        decisions: rollout.decisions,
+    };
+    Ok(rows(&mut *environment, actions, seed)?)
+}
+
+/// The only trial of the store whose id begins with `prefix`, with what it recorded; it ended `ok`.
+fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
+    let (id, file) = one_trial::that_ended_well(store, prefix)?;
+    Ok(store.load(&one_trial::named(&id, file.key).into())?)
+}
+
+fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
+    let part = study::load_config(name, about, path).map_err(|problems| Failure {
+        exit: Exit::BadStudy,
+        text: diagnostic::render_first(&problems),
+    })?;
+    Ok(part.config.whole().into_owned())
+}
+
+fn untrained(name: &str) -> Failure {
+    Failure::refusal(format!(
+        "`{name}` learns, and an untrained network is nothing to look at: give `--trial ID`, a trial of the \
+         store that trained \
+         one, or `--policy FOLDER`, with the policy that it left"
+    ))
+}
+
+fn unknown<'a>(kind: &str, name: &str, known: impl Iterator<Item = &'a &'static str> + Clone) -> Failure {
+    let nearest = diagnostic::suggest(name, known.copied());
+    Failure::refusal(format!("unknown {kind} `{name}`; {nearest}"))
+}
