@@ -62,7 +62,7 @@ fn a_flight_is_the_trajectory_of_the_battery() {
         energy_j += battery
             .step(&[vec![0.25; 4]], &mut rng)
             .unwrap()
-            .metric("failures")
+            .metric("energy_j")
             .unwrap();
     }
     for (string, cell) in pack.iter().zip(battery.cells()) {
