@@ -228,3 +228,54 @@ fn what_a_learner_left_is_shown_by_rollout_and_taken_by_others() {
         answer.err
     );
 }
+
+/// A pause keeps what a learner saved; one that saves nothing starts over. Either ends with the bits of a trial that
+/// was never paused.
+#[test]
+fn halving_pauses_learners_and_the_best_end_as_if_they_had_never_paused() {
+    let Some(place) = Place::new() else { return };
+    let search = |method: &str| {
+        format!(
+            "search:\n  spreads:\n    over: {{ learner.arguments.spread: {{ choice: [1, 2, 3, 4] }} }}\n    by: \
+             return\n    settings: 4\n    method: {method}\nseeds: 1\n"
+        )
+    };
+    for maker in ["rules.py:Spread", "rules.py:UnsavedSpread"] {
+        let metrics = if maker.contains("Unsaved") {
+            ""
+        } else {
+            "metrics: [mean_reward],"
+        };
+        let learner = agent(
+            &place,
+            maker,
+            &format!("learns: true, {metrics} arguments: {{ spread: 1 }},"),
+        );
+        let ends = |method: &str, store: &str| {
+            study(
+                &place,
+                &environment(&place, "own.py:Tank"),
+                &[("learner", &learner)],
+                SHORT,
+            );
+            let text = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
+            place.bench.write("study.yaml", &(text + &search(method)));
+            let said = place
+                .bench
+                .run(&["run", "study.yaml", "-j", "1", "--store", store]);
+            assert_eq!(said.code, 0, "{}", said.err);
+            (said.err, place.bench.digests(store))
+        };
+        let store = |kind: &str| format!("{kind}-{}", maker.trim_start_matches("rules.py:"));
+        let (said, ended) = ends("{ halving: { pauses: [80], keep: 0.5 } }", &store("paused"));
+        assert_eq!(said.matches("] paused").count(), 4, "{said}");
+        let (_, whole) = ends("{ random: {} }", &store("whole"));
+        let whole: std::collections::BTreeMap<_, _> = whole.into_iter().collect();
+        let of_search = ended.iter().filter(|(id, _)| whole.contains_key(id));
+        assert!(of_search.clone().count() >= 2, "{ended:?} {whole:?}");
+        assert!(
+            of_search.clone().all(|(id, digest)| whole[id] == *digest),
+            "{ended:?} {whole:?}"
+        );
+    }
+}
