@@ -34,8 +34,10 @@ use content::Content;
 use contract::{
     Error, Phase,
     cast::Seating,
+    digest,
+    part::Part,
     recorder::Row,
-    trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
+    trial::{Purpose, Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
     trial_result::TrialResult,
 };
@@ -153,7 +155,10 @@ impl Found {
             numerics: 0,
             device: "elsewhere".into(),
         };
-        let id = format!("{MARK}{}", hash(&json!([digests, mapping, run.name, seed])));
+        let id = format!(
+            "{MARK}{}",
+            digest::of_json(&json!([digests, mapping, run.name, seed]))
+        );
         let (names, rows) = rows(run, mapping.last);
         TrialResult {
             trial: Arc::new(Trial {

@@ -6,7 +6,7 @@ use super::{
     known::Resolved,
     taking::Source,
 };
-use contract::{cast, product::Taken, setting::Setting, trial::Part};
+use contract::{cast, part::Part, product::Taken, setting::Setting};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, HashSet},

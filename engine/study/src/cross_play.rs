@@ -8,7 +8,7 @@ use super::{
     path::{KeyPath, Target},
     written::Named,
 };
-use contract::{Environment, protocol, trial::Part};
+use contract::{Environment, part::Part, protocol};
 use document::{
     Node,
     diagnostic::{Diagnostic, Span, suggest},

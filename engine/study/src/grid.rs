@@ -7,8 +7,8 @@ use super::{
 };
 use contract::{
     complete_config::{Change, CompleteConfig, changes},
+    part::Part,
     product::named_in,
-    trial::Part,
 };
 use document::diagnostic::Diagnostic;
 use rayon::prelude::*;

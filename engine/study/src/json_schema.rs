@@ -2,7 +2,7 @@
 //! `check` holds studies against it, so the two cannot differ.
 
 use super::sections::Sections;
-use contract::{Registry, cast, registry::About};
+use contract::{Registry, cast, plugin::About};
 use document::schema_check::NAME;
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};

@@ -10,7 +10,7 @@ use super::{
     schedule::Stretch,
     search::Searched,
 };
-use contract::{complete_config::CompleteConfig, own_training::Measured, setting::Setting, trial::Part};
+use contract::{complete_config::CompleteConfig, own_training::Measured, part::Part, setting::Setting};
 use document::{Node, diagnostic::Diagnostic};
 use std::{
     collections::BTreeMap,

@@ -9,7 +9,7 @@ use super::{
     path::Target,
     search::Searched,
 };
-use contract::trial::Part;
+use contract::part::Part;
 use document::{Node, diagnostic::Diagnostic};
 use serde_json::{Value, json};
 

@@ -4,12 +4,8 @@ use super::{Common, complain};
 use crate::rollout::{self, Actions};
 use clap::Args;
 use contract::{
-    Agent, Environment, Registry,
-    product::Taken,
-    random::Streams,
-    registry::{About, AgentEntry},
-    trial::Part,
-    trial_result::TrialResult,
+    Agent, Environment, Registry, part::Part, plugin::About, product::Taken, random::Streams,
+    registry::AgentEntry, trial_result::TrialResult,
 };
 use document::diagnostic;
 use execution::{

@@ -19,8 +19,9 @@ pub use novelty::{Novelty, Reason, novelties};
 use crate::{Cell, Place, Study};
 use contract::{
     cast::{Cast, Member, Seating},
+    part::Part,
     product::Taken,
-    trial::{CellName, Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
+    trial::{CellName, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
 use presentation::vocabulary::Play;
 use std::{

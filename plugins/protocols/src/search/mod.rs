@@ -27,9 +27,9 @@ use candidates::{Candidate, Candidates, Following, Nobody};
 use contract::{
     Config, End, Environment, Error, Interface, Metric, Mode, Observation, PerEpisode, Phase, ProductKind,
     Protocol, Registry, Rng, Transition,
-    checkpoint::exact,
     dataset::{Dataset, DatasetWriter, Episode},
     design::Designs,
+    exact,
     protocol::{self, Blocks, Measurement, Position, Run, measure, observe, restored},
 };
 use schemars::JsonSchema;

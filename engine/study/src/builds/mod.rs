@@ -21,7 +21,6 @@ use contract::{
     standard_metrics::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
-    trial::with_names,
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
@@ -350,7 +349,7 @@ impl<'a> Builder<'a> {
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let begun = self.config(cell, 0).and_then(|config| {
             let assignment = Assignment {
-                environment: with_names(&config, (entry.names)(&config)),
+                environment: entry.named(&config),
                 ..Assignment::default()
             };
             built
