@@ -16,7 +16,10 @@ pub use explain::{explain, to_json};
 pub use leaves::Difference;
 pub use novelty::{Novelty, Reason, novelties};
 
-use crate::{Cell, Place, Study};
+use crate::{
+    cell::{Cell, Place},
+    checked_study::Study,
+};
 use contract::{
     cast::{Cast, Member, Seating},
     part::Part,
