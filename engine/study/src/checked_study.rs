@@ -3,8 +3,8 @@
 use super::{cell::Cells, confirmations::Confirmation, repeats::Repeats, resolved};
 use ::imported::Imported;
 use analysis::{
+    results::PaperBudget,
     search::{Progress, Search},
-    training_share::PaperBudget,
 };
 use contract::{Metric, trial_result::Success};
 use document::diagnostic::Diagnostic;

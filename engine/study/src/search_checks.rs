@@ -8,7 +8,7 @@ use contract::{
 };
 use document::diagnostic::Diagnostic;
 use presentation::{
-    request::{Names, Picked, Place},
+    names::{Names, Picked, Place},
     vocabulary::Vocabulary,
 };
 
