@@ -1,6 +1,10 @@
-//! What the manifests promise: who may depend on whom.
+//! Who may depend on whom: crates by their manifests, modules by their code.
 
 use crate::program::repository;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 /// Every crate by its folder, with the crates of this project that it stands on. Each stands on crates above it alone.
 const ARROWS: [(&str, &[&str]); 24] = [
@@ -189,7 +193,7 @@ fn one_module_names_files_clocks_and_processes() {
 }
 
 /// Words of a file of code that touch files, clocks or processes past `execution::world`.
-fn foreign_words(path: &std::path::Path, text: &str) -> Vec<String> {
+fn foreign_words(path: &Path, text: &str) -> Vec<String> {
     let name = path.to_string_lossy().into_owned();
     let is_test = name.ends_with("tests.rs") || name.contains("/tests/");
     if is_test || name.contains("/world/") {
@@ -223,7 +227,119 @@ fn foreign_words(path: &std::path::Path, text: &str) -> Vec<String> {
     imports.chain(words).map(|it| format!("{name}: {it}")).collect()
 }
 
-fn visit(folder: &std::path::Path, seen: &mut dyn FnMut(&std::path::Path, &str)) {
+/// A module can be read without those above it, and moved: none imports one that imports it.
+#[test]
+fn no_modules_at_the_top_of_a_crate_import_each_other_in_a_circle() {
+    for (folder, _) in ARROWS.iter().filter(|(folder, _)| folder.starts_with("engine/")) {
+        let arrows = arrows_of_modules(&repository().join(folder).join("src"));
+        let mut reached = arrows.clone();
+        for through in arrows.keys() {
+            for from in arrows.keys() {
+                if reached[from].contains(through) {
+                    let more = reached[through].clone();
+                    reached.get_mut(from).unwrap().extend(more);
+                }
+            }
+        }
+        let circle: Vec<&String> = arrows.keys().filter(|it| reached[*it].contains(*it)).collect();
+        assert_eq!(
+            circle, [""; 0],
+            "modules of {folder} that import each other: {arrows:#?}"
+        );
+    }
+}
+
+/// The modules at the top of a crate, each with those that its code names. What the root of the crate defines belongs
+/// to none of them; what it takes out of a module belongs to that one.
+fn arrows_of_modules(source: &Path) -> BTreeMap<String, BTreeSet<String>> {
+    let mut files = Vec::new();
+    visit(source, &mut |path, text| {
+        let path = path.strip_prefix(source).unwrap().with_extension("");
+        let mut module: Vec<String> = path.iter().map(|it| it.to_string_lossy().into_owned()).collect();
+        if module.last().is_some_and(|it| it == "mod") {
+            module.pop();
+        }
+        let is_test = module.iter().any(|it| it == "tests" || it.ends_with("_tests"));
+        if !is_test {
+            files.push((module, code(text)));
+        }
+    });
+    let modules: BTreeSet<String> = files.iter().map(|(module, _)| module[0].clone()).collect();
+    let root = files.iter().find(|(module, _)| module[0] == "lib").unwrap();
+    let mut owners: BTreeMap<&str, &str> = BTreeMap::new();
+    for statement in root.1.split(';') {
+        let path = statement
+            .split_once("use ")
+            .and_then(|(_, path)| path.split_once("::"));
+        if let Some((module, names)) = path.filter(|(module, _)| modules.contains(*module)) {
+            let names = names.split(is_no_letter).filter(|name| !name.is_empty());
+            owners.extend(names.map(|name| (name, module)));
+        }
+    }
+    owners.extend(modules.iter().map(|it| (it.as_str(), it.as_str())));
+    let mut arrows: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (module, text) in files.iter().filter(|(module, _)| module[0] != "lib") {
+        let named = named_of_root(text, module.len());
+        let named = named
+            .iter()
+            .filter_map(|name| owners.get(name))
+            .map(|it| (*it).to_owned());
+        let named = named.filter(|it| *it != module[0]);
+        arrows.entry(module[0].clone()).or_default().extend(named);
+    }
+    arrows
+}
+
+/// A file without comments and without the tests at its end.
+fn code(text: &str) -> String {
+    let lines: Vec<&str> = text
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .collect();
+    let begins_tests = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].ends_with("mod tests {");
+    let end = lines.windows(2).position(begins_tests);
+    lines[..end.unwrap_or(lines.len())].join("\n")
+}
+
+/// The names of the root of a crate that the code of a module names, which lies so many modules below the root.
+fn named_of_root(text: &str, depth: usize) -> BTreeSet<&str> {
+    let mut found = BTreeSet::new();
+    for root in ["crate::", &"super::".repeat(depth)] {
+        for (place, _) in text.match_indices(root) {
+            let is_whole = !text[..place].ends_with(|it| it == ':' || !is_no_letter(it));
+            let rest = &text[place + root.len()..];
+            found.extend(is_whole.then(|| first_names(rest)).into_iter().flatten());
+        }
+    }
+    found
+}
+
+/// The first name of a path, or of each path in a list in braces.
+fn first_names(path: &str) -> Vec<&str> {
+    fn first(path: &str) -> &str {
+        path.trim_start().split(is_no_letter).next().unwrap_or_default()
+    }
+    let Some(list) = path.strip_prefix('{') else {
+        return vec![first(path)];
+    };
+    let (mut names, mut depth) = (vec![first(list)], 0);
+    for (place, letter) in list.char_indices() {
+        match letter {
+            '}' if depth == 0 => break,
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => names.push(first(&list[place + 1..])),
+            _ => {}
+        }
+    }
+    names
+}
+
+fn is_no_letter(it: char) -> bool {
+    !it.is_alphanumeric() && it != '_'
+}
+
+fn visit(folder: &Path, seen: &mut dyn FnMut(&Path, &str)) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {

@@ -4,9 +4,10 @@
 use contract::{
     Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Seat, Space,
     dataset::{DatasetWriter, Episode},
+    part::Part,
     product::{Taken, named_in},
     random::stream,
-    trial::{Part, TrialKey},
+    trial::TrialKey,
 };
 use rand::Rng as _;
 use std::path::Path;

@@ -5,7 +5,7 @@ use crate::{
     program::Bench,
 };
 use cli::describe::{self, Asked, Group, Subject, text};
-use contract::{Registry, registry::About};
+use contract::{Registry, plugin::About};
 use document::diagnostic::render;
 use plugins::registry;
 use serde_json::Value;

@@ -6,10 +6,7 @@ use crate::{
     resume::keys,
 };
 use contract::{
-    Error, NoKeeper, Phase, Registry,
-    protocol::Run,
-    random::Streams,
-    trial::{Part, TrialKey},
+    Error, NoKeeper, Phase, Registry, part::Part, protocol::Run, random::Streams, trial::TrialKey,
 };
 use plugins::registry;
 use serde_json::{Value, json};

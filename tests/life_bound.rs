@@ -1,10 +1,6 @@
 //! The bound on the life of a pack beside what registered agents reach, episode by episode.
 
-use contract::{
-    NoKeeper, Phase,
-    cast::Seating,
-    trial::{Part, TrialKey},
-};
+use contract::{NoKeeper, Phase, cast::Seating, part::Part, trial::TrialKey};
 use plugins::registry;
 use serde_json::{Value, json};
 

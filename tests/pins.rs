@@ -19,12 +19,7 @@ use crate::{
     program::repository,
     shrunk::shrunk,
 };
-use contract::{
-    Registry,
-    cast::Seating,
-    registry::About,
-    trial::{Part, TrialKey, hash},
-};
+use contract::{Registry, cast::Seating, digest, part::Part, plugin::About, trial::TrialKey};
 use plugins::registry;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -212,7 +207,7 @@ fn subjects(registry: &Registry) -> Vec<String> {
 
 /// Hash of everything that a trial records, to the bit.
 fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
-    Ok(hash(&Value::String(recorded(registry, trial)?)))
+    Ok(digest::of_json(&Value::String(recorded(registry, trial)?)))
 }
 
 /// Every row that a trial records in one line of text, its value in bits.

@@ -7,9 +7,7 @@ use crate::{
     shrunk::shrunk,
 };
 use contract::{
-    Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
-    cast::Seating,
-    trial::{Part, TrialKey},
+    Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry, cast::Seating, part::Part, trial::TrialKey,
 };
 use execution::store::RunningTrial;
 use plugins::registry;
@@ -47,7 +45,7 @@ fn small() -> Value {
     small
 }
 
-fn part(name: &str, about: &contract::registry::About) -> Part {
+fn part(name: &str, about: &contract::plugin::About) -> Part {
     Part::new(name, about.version, shrunk(about, &small()))
 }
 

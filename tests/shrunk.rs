@@ -1,6 +1,6 @@
 //! Small configs of any plugin.
 
-use contract::registry::About;
+use contract::plugin::About;
 use serde_json::Value;
 
 /// The default config with those of the values that its plugin takes, one by one.

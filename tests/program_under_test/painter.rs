@@ -2,8 +2,8 @@
 
 use contract::{
     Channel, End, Environment, Error, Metric, ProductKind, Protocol, Registry, Rng, Seat, Space, Step,
-    drawing::{self, Edge, Graph, Image, Node},
-    protocol::{Measurement, Run, measure_alone, measurement_metrics},
+    drawing::{Edge, Graph, Image, Node},
+    protocol::{Measurement, Run, leave_drawings, measure_alone, measurement_metrics},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -132,7 +132,7 @@ impl Protocol for Paint {
         let mut environment = (run.make_environment)()?;
         let folder = run.folder;
         folder.map_or(Ok(()), |folder| {
-            drawing::leave(&mut *environment, folder).map(drop)
+            leave_drawings(&mut *environment, folder).map(drop)
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::needs;
-use contract::{product::no_product, random::Streams, recorder::Phase, trial::Part};
+use contract::{part::Part, product::no_product, random::Streams, recorder::Phase};
 use numerics::onnx::Graph;
 use std::collections::BTreeMap;
 

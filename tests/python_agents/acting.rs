@@ -1,11 +1,7 @@
 //! Rules act in environments of every kind, in the numbers of those who wrote them.
 
 use super::*;
-use contract::{
-    NoKeeper, Space,
-    cast::Seating,
-    trial::{Part, TrialKey},
-};
+use contract::{NoKeeper, Space, cast::Seating, part::Part, trial::TrialKey};
 
 /// The actions of a rule in an environment of this program.
 fn in_ours(place: &Place, name: &str, make: &str, arguments: &Value) -> Vec<Vec<f64>> {
@@ -115,7 +111,7 @@ fn an_agent_is_made_with_what_it_asks_for_by_name() {
 fn a_rule_in_python_comes_to_the_bits_of_the_same_rule_here() {
     let Some(place) = Place::new() else { return };
     let registry = plugins::registry();
-    let part = |about: &contract::registry::About, name: &str, values: Value| {
+    let part = |about: &contract::plugin::About, name: &str, values: Value| {
         Part::new(name, about.version, (about.resolve)(&values).unwrap())
     };
     let returns = |agent: &str, values: Value| {

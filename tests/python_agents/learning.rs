@@ -1,11 +1,7 @@
 //! Learners in Python are trained at the protocol's pace, and go on from what they saved to the same bits.
 
 use super::*;
-use contract::{
-    End, NoKeeper, Phase, Recorder, Transition,
-    cast::Seating,
-    trial::{Part, TrialKey},
-};
+use contract::{End, NoKeeper, Phase, Recorder, Transition, cast::Seating, part::Part, trial::TrialKey};
 
 fn learner(place: &Place) -> String {
     agent(place, "rules.py:Learner", LEARNS)
@@ -14,7 +10,7 @@ fn learner(place: &Place) -> String {
 /// The record of a trial of the learner on the native pendulum, by protocol.
 fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
     let registry = plugins::registry();
-    let part = |about: &contract::registry::About, name: &str, values: &Value| {
+    let part = |about: &contract::plugin::About, name: &str, values: &Value| {
         let part = Part::new(name, about.version, (about.resolve)(values).unwrap());
         crate::datasets::with_sources(part)
     };

@@ -12,13 +12,14 @@ pub use search_words::{search_in_words, sentence as search_sentence};
 pub use searched::{SearchResult, Sight, TriedSetting};
 pub use told::{Cost, Printed, Ran, Told};
 
-use crate::training_share::PaperBudget;
 use contract::{
     drawing::Drawings,
     trial::{CellName, Purpose},
     trial_end::is_missing,
     trial_result::{Success, TrialResult},
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use statistics::{Seeds, spending::Design};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -51,6 +52,18 @@ pub struct Results {
     pub repeated: Vec<RepeatCheck>,
     /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
+}
+
+/// How long the source trained.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PaperBudget {
+    /// Steps of each training, in the unit of the protocol's `steps`.
+    #[schemars(range(min = 1))]
+    pub steps: u64,
+    /// Agents whose training it was; all that learned where absent.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub agents: Vec<String>,
 }
 
 /// A round of seeds: those of a study, or of a confirmation.

@@ -9,22 +9,8 @@ use contract::{
     trial::{Purpose, Trial, TrialKey},
     trial_result::TrialResult,
 };
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use statistics::TrainingShare;
 use std::collections::BTreeSet;
-
-/// How long the source trained.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PaperBudget {
-    /// Steps of each training, in the unit of the protocol's `steps`.
-    #[schemars(range(min = 1))]
-    pub steps: u64,
-    /// Agents whose training it was; all that learned where absent.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub agents: Vec<String>,
-}
 
 /// The smallest share behind some trials; `None` where the study names no budget, and where none of its agents is
 /// behind them.
@@ -84,6 +70,7 @@ fn steps(key: &TrialKey) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::PaperBudget;
     use contract::{Phase, standard_metrics::UPDATES};
     use testing::synthetic::trial;
 

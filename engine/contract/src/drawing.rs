@@ -1,9 +1,14 @@
 //! Drawings that trials leave: the graph of a design that was found, and samples of what was made.
 //!
-//! A protocol whose environment has something to draw calls [`leave`] after an episode. `graph.json` holds a
+//! A protocol whose environment has something to draw calls [`leave_drawings`](crate::protocol::leave_drawings) after
+//! an episode. `graph.json` holds a
 //! [`Graph`]; `images.png` holds square images of one size, one below the other, in 8-bit RGB.
 
-use crate::{Environment, Error, ProductKind};
+use crate::{
+    Error, ProductKind,
+    error::DrawingError,
+    product::{GRAPH_FILE, IMAGES_FILE},
+};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -11,11 +16,6 @@ use std::{
     io::Cursor,
     path::{Path, PathBuf},
 };
-
-/// The file with the graph of a design.
-pub const GRAPH_FILE: &str = "graph.json";
-/// The file with samples.
-pub const IMAGES_FILE: &str = "images.png";
 
 /// Most bytes of pixels that are read; a file that claims more is refused before anything is set aside for it.
 const MOST_BYTES: u64 = 1 << 28;
@@ -77,87 +77,6 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// Why something cannot be drawn.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum DrawingError {
-    /// A graph without a node.
-    #[error("the graph has no node")]
-    NoNode,
-    /// An edge leads from or to a node that is not there.
-    #[error("edge {edge} names node {node}, but the nodes are 0 to {last}", last = nodes - 1)]
-    NoSuchNode {
-        /// Number of the edge, from 0.
-        edge: usize,
-        /// The node that it names.
-        node: usize,
-        /// How many nodes there are.
-        nodes: usize,
-    },
-    /// An edge that does not lead along the flow.
-    #[error("edge {edge} leads from column {from} to column {to}, which is not along the flow")]
-    AgainstTheFlow {
-        /// Number of the edge, from 0.
-        edge: usize,
-        /// Column of the node where it begins.
-        from: u32,
-        /// Column of the node where it ends.
-        to: u32,
-    },
-    /// Two nodes at one place.
-    #[error("nodes {one} and {other} both stand in column {column}, lane {lane}")]
-    SamePlace {
-        /// Number of a node, from 0.
-        one: usize,
-        /// Number of the other one.
-        other: usize,
-        /// Their column.
-        column: u32,
-        /// Their lane.
-        lane: i32,
-    },
-    /// The pixels are not as many as the size says.
-    #[error("an image of {width} x {height} pixels has {expected} bytes, but {found} are given")]
-    Pixels {
-        /// Pixels in a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-        /// Bytes of such an image.
-        expected: u64,
-        /// Bytes that are there.
-        found: usize,
-    },
-    /// An image is not square, or of another size than the first.
-    #[error("image {number} has {width} x {height} pixels, but all must have {side} x {side}")]
-    Size {
-        /// Number of the image, from 0.
-        number: usize,
-        /// Pixels in a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-        /// Side of all images: the first one's width.
-        side: u32,
-    },
-    /// No image, or images without pixels.
-    #[error("there is no pixel to draw")]
-    NoPixel,
-    /// More pixels than can be kept in one file.
-    #[error("{images} images of {side} x {side} pixels are too many for one file")]
-    TooMany {
-        /// How many images.
-        images: usize,
-        /// Their side.
-        side: u32,
-    },
-    /// The encoder of the file refuses.
-    #[error("the images cannot be encoded: {problem}")]
-    Encoder {
-        /// What it says.
-        problem: String,
-    },
-}
-
 /// What a trial left to be shown.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Drawings {
@@ -182,26 +101,6 @@ impl Drawings {
         }
         Ok(())
     }
-}
-
-/// Writes the graph and the images that an environment has after its last episode into a trial's folder, each
-/// where there is one; says what was written.
-///
-/// # Errors
-/// What the environment reports, [`Error::Drawing`] where it gives what cannot be drawn, and [`Error::Store`]
-/// where a file cannot be written.
-pub fn leave(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ProductKind>, Error> {
-    let mut left = Vec::new();
-    if let Some(graph) = environment.graph() {
-        graph.write(folder)?;
-        left.push(ProductKind::Graph);
-    }
-    let images = environment.images()?;
-    if !images.is_empty() {
-        Image::write_all(&images, folder)?;
-        left.push(ProductKind::Images);
-    }
-    Ok(left)
 }
 
 impl Graph {

@@ -2,9 +2,9 @@
 
 use crate::{
     Error, Rng,
-    checkpoint::exact,
     choice::{self, Choice},
     drawing::{Graph, Image},
+    exact,
 };
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;

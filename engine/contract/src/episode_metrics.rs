@@ -1,6 +1,6 @@
 //! The metrics of an episode, taken together from those of its steps.
 
-use crate::{Error, Metric, PerEpisode, Step, checkpoint::exact};
+use crate::{Error, Metric, PerEpisode, Step, exact};
 use serde::{Deserialize, Serialize};
 
 /// The metrics of an episode under way.

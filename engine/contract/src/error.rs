@@ -231,7 +231,7 @@ pub enum Error {
     },
     /// An environment gives something to draw that cannot be drawn.
     #[error(transparent)]
-    Drawing(#[from] crate::drawing::DrawingError),
+    Drawing(#[from] DrawingError),
     /// A table, figure or claim could not be made from what is stored.
     #[error("{what}: {problem}")]
     Render {
@@ -250,6 +250,87 @@ pub enum Error {
     #[error("worker process: {problem}")]
     Worker {
         /// What happened.
+        problem: String,
+    },
+}
+
+/// Why something cannot be drawn.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DrawingError {
+    /// A graph without a node.
+    #[error("the graph has no node")]
+    NoNode,
+    /// An edge leads from or to a node that is not there.
+    #[error("edge {edge} names node {node}, but the nodes are 0 to {last}", last = nodes - 1)]
+    NoSuchNode {
+        /// Number of the edge, from 0.
+        edge: usize,
+        /// The node that it names.
+        node: usize,
+        /// How many nodes there are.
+        nodes: usize,
+    },
+    /// An edge that does not lead along the flow.
+    #[error("edge {edge} leads from column {from} to column {to}, which is not along the flow")]
+    AgainstTheFlow {
+        /// Number of the edge, from 0.
+        edge: usize,
+        /// Column of the node where it begins.
+        from: u32,
+        /// Column of the node where it ends.
+        to: u32,
+    },
+    /// Two nodes at one place.
+    #[error("nodes {one} and {other} both stand in column {column}, lane {lane}")]
+    SamePlace {
+        /// Number of a node, from 0.
+        one: usize,
+        /// Number of the other one.
+        other: usize,
+        /// Their column.
+        column: u32,
+        /// Their lane.
+        lane: i32,
+    },
+    /// The pixels are not as many as the size says.
+    #[error("an image of {width} x {height} pixels has {expected} bytes, but {found} are given")]
+    Pixels {
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes of such an image.
+        expected: u64,
+        /// Bytes that are there.
+        found: usize,
+    },
+    /// An image is not square, or of another size than the first.
+    #[error("image {number} has {width} x {height} pixels, but all must have {side} x {side}")]
+    Size {
+        /// Number of the image, from 0.
+        number: usize,
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Side of all images: the first one's width.
+        side: u32,
+    },
+    /// No image, or images without pixels.
+    #[error("there is no pixel to draw")]
+    NoPixel,
+    /// More pixels than can be kept in one file.
+    #[error("{images} images of {side} x {side} pixels are too many for one file")]
+    TooMany {
+        /// How many images.
+        images: usize,
+        /// Their side.
+        side: u32,
+    },
+    /// The encoder of the file refuses.
+    #[error("the images cannot be encoded: {problem}")]
+    Encoder {
+        /// What it says.
         problem: String,
     },
 }

@@ -5,10 +5,7 @@
 //! leads to a product, through any number of steps, is part of what it is. A trial is handed the folder of
 //! each product after its files were held against their acknowledged hashes.
 
-use crate::{
-    Error,
-    drawing::{GRAPH_FILE, IMAGES_FILE},
-};
+use crate::Error;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -34,6 +31,11 @@ pub const CHECKPOINT_AGENT: &str = "agent";
 pub const ONNX_FILE: &str = "policy.onnx";
 /// The file of an agent whose code is not this program's own, with its own bytes, in a trial's folder.
 pub const SAVED_FILE: &str = "policy.saved";
+
+/// The file with the graph of a design.
+pub const GRAPH_FILE: &str = "graph.json";
+/// The file with samples.
+pub const IMAGES_FILE: &str = "images.png";
 
 /// What a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

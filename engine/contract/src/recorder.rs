@@ -1,6 +1,6 @@
 //! What a running trial records: numbers in long form, one row per value.
 
-use crate::{Error, checkpoint::exact};
+use crate::{Error, exact};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, time::Duration};
 

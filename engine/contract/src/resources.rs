@@ -3,13 +3,13 @@
 //! A trial has one core and no card of its own, unless its agent is a program that says otherwise. No resource is part
 //! of a trial's id: they decide when and where a trial runs.
 
-use crate::{Error, Registry, trial::Part};
+use crate::Error;
 use document::count::count;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The key of an agent that trains itself with what a trial of it needs.
-const NEEDS: &str = "needs";
+pub(crate) const NEEDS: &str = "needs";
 
 /// A card, in the thousandths by which cards are shared.
 const CARD: u32 = 1000;
@@ -35,15 +35,6 @@ impl Default for Needs {
 }
 
 impl Needs {
-    /// The needs of a trial with this agent.
-    #[must_use]
-    pub fn of(registry: &Registry, agent: Option<&Part>) -> Self {
-        let program = agent.filter(|part| registry.program(part).is_some());
-        let said = program.and_then(|part| part.config.get(NEEDS).cloned());
-        said.and_then(|said| serde_json::from_value(said).ok())
-            .unwrap_or_default()
-    }
-
     /// Refuses what no machine can give.
     ///
     /// # Errors

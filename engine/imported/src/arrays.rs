@@ -2,7 +2,7 @@
 //! one length are the columns of a table. Of an array with further axes the mean over these is the column.
 
 use super::{
-    Content,
+    content::Content,
     table::{Line, Table},
 };
 use contract::Error;
@@ -10,9 +10,6 @@ use csv::StringRecord;
 use document::{count::count, input_file};
 use std::{collections::BTreeMap, io::Cursor};
 use zip::ZipArchive;
-
-/// The first bytes of the file.
-pub(super) const MAGIC: &[u8] = b"PK\x03\x04";
 
 /// An array of numbers.
 #[derive(Debug, PartialEq)]

@@ -1,10 +1,11 @@
 //! Files as they are read: unpacked, told from files of other kinds by their first bytes, and counted once where
 //! one is a copy of another.
 
-use super::{arrays, event_files, input, sha256, wandb};
+use super::event_file::begins_record;
 use contract::Error;
 use document::input_file;
 use flate2::read::MultiGzDecoder;
+use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
 /// A file that was read.
@@ -32,6 +33,11 @@ pub(super) enum Form {
     /// Text with a separator between columns.
     Separated,
 }
+
+/// The first bytes of arrays of NumPy in an archive.
+const ARRAYS: &[u8] = b"PK\x03\x04";
+/// The first bytes of a run of W&B that was kept offline.
+const WANDB: &[u8] = b":W&B";
 
 /// First bytes of files that are not read, with their names and a way to convert each.
 const FOREIGN: [(&[u8], &str, &str); 15] = [
@@ -113,16 +119,16 @@ impl Content {
     /// [`Error::Input`] that says of which kind it is, where such are not read.
     pub(super) fn form(&self) -> Result<Form, Error> {
         let is = |magic: &[u8]| self.bytes.starts_with(magic);
-        if is_event_file(&self.path) || event_files::begins(&self.bytes) {
+        if is_event_file(&self.path) || begins_record(&self.bytes) {
             return Ok(Form::Events);
         }
         if is(b"PAR1") {
             return Ok(Form::Parquet);
         }
-        if is(arrays::MAGIC) {
+        if is(ARRAYS) {
             return Ok(Form::Arrays);
         }
-        if is(wandb::MAGIC) {
+        if is(WANDB) {
             return Ok(Form::Wandb);
         }
         if let Some((_, kind, way)) = FOREIGN.iter().find(|(magic, ..)| is(magic)) {
@@ -181,13 +187,31 @@ impl Content {
     /// Whether it has so many values that a file which begins with all of them is a later state of it.
     fn has_many_values(&self) -> bool {
         const LINES: usize = 4;
-        lines_in(&self.bytes) > LINES || event_files::begins(&self.bytes)
+        lines_in(&self.bytes) > LINES || begins_record(&self.bytes)
     }
 
     fn is_binary(&self) -> bool {
         let begins = |magic| self.bytes.starts_with(magic);
-        begins(b"PAR1") || begins(arrays::MAGIC) || begins(wandb::MAGIC) || event_files::begins(&self.bytes)
+        begins(b"PAR1") || begins(ARRAYS) || begins(WANDB) || begins_record(&self.bytes)
     }
+}
+
+/// The error about a file of another program.
+pub(super) fn input(path: &Path, line: Option<u64>, column: Option<&str>, problem: String) -> Error {
+    Error::Input {
+        path: path.into(),
+        line,
+        column: column.map(Into::into),
+        problem,
+    }
+}
+
+/// The SHA-256 of some bytes, in hexadecimal digits.
+pub(super) fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
 }
 
 fn lines_in(bytes: &[u8]) -> usize {

@@ -3,13 +3,14 @@
 //! (`tensorboard/backend/event_processing/event_accumulator.py`, `_MaybePurgeOrphanedData`).
 
 use super::{
-    Content, Found, NOT_FINITE,
     columns::{Chosen, Missing, named},
+    content::Content,
+    found::Found,
     group::Group,
-    mapping::{LeftOut, Mapping, RunPer, Step},
+    mapping::{LeftOut, Mapping, NOT_FINITE, RunPer, Step},
     restarts::{Entry, Rules},
 };
-use crate::event_file::{Event, Scalar, Tensor, begins_record, events};
+use crate::event_file::{Event, Scalar, Tensor, events};
 use contract::Error;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -48,11 +49,6 @@ pub(super) fn runs(files: &[&Content], mapping: &Mapping, found: &mut Found) -> 
             .end(&rules, files, found)?;
     }
     Ok(())
-}
-
-/// Whether a file begins as an event file does.
-pub(super) fn begins(bytes: &[u8]) -> bool {
-    begins_record(bytes)
 }
 
 /// The tags of a file that hold single numbers.

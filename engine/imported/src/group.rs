@@ -2,8 +2,9 @@
 //! go back or several columns are runs.
 
 use super::{
-    Content, Found, Run,
     columns::Chosen,
+    content::Content,
+    found::{Found, Run},
     restarts::{Log, Pass, Rules},
 };
 use contract::Error;

@@ -1,7 +1,7 @@
 //! Tables in JSON: a line for every record, or one document in a form that pandas, Sacred or TensorBoard writes.
 
 use super::{
-    Content,
+    content::Content,
     table::{Line, Table},
 };
 use contract::Error;

@@ -17,35 +17,32 @@ mod group;
 mod json;
 mod mapping;
 mod pattern;
+mod reading;
 mod restarts;
 mod separated;
 mod table;
 mod tables;
 mod wandb;
 
-pub use found::{Columns, Found, columns, read};
+pub use found::{Found, Run};
 pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
 pub use pattern::{PatternError, matching};
+pub use reading::{Columns, columns, read};
 
 use analysis::results::Origin;
-use content::Content;
-
 use contract::{
-    Error, Phase,
+    Phase,
     cast::Seating,
+    digest,
+    part::Part,
     recorder::Row,
-    trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
+    trial::{Purpose, Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
     trial_result::TrialResult,
 };
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// What the id of every imported run begins with; ids of own trials are digits alone.
 pub const MARK: &str = "imported-";
@@ -66,39 +63,6 @@ pub struct Imported {
     pub origin: Origin,
     /// The runs as trials that ended well.
     pub trials: Vec<TrialResult>,
-}
-
-/// One run of another program.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Run {
-    /// Which of the runs it is, for messages.
-    pub name: String,
-    /// The file in which it begins.
-    pub file: PathBuf,
-    /// Its seed, where the files say it.
-    pub seed: Option<u64>,
-    /// Steps with values, by metric of the study; a step may occur more than once.
-    pub curves: BTreeMap<String, Vec<(u64, f64)>>,
-}
-
-/// The advice for a value that is infinite or not a number.
-const NOT_FINITE: &str = "write `leave_out: [not_finite]` where nothing was measured there";
-
-/// The SHA-256 of some bytes, in hexadecimal digits.
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
-}
-
-fn input(path: &Path, line: Option<u64>, column: Option<&str>, problem: String) -> Error {
-    Error::Input {
-        path: path.into(),
-        line,
-        column: column.map(Into::into),
-        problem,
-    }
 }
 
 impl Found {
@@ -153,7 +117,10 @@ impl Found {
             numerics: 0,
             device: "elsewhere".into(),
         };
-        let id = format!("{MARK}{}", hash(&json!([digests, mapping, run.name, seed])));
+        let id = format!(
+            "{MARK}{}",
+            digest::of_json(&json!([digests, mapping, run.name, seed]))
+        );
         let (names, rows) = rows(run, mapping.last);
         TrialResult {
             trial: Arc::new(Trial {
@@ -216,6 +183,7 @@ fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use content::sha256;
 
     fn mapping() -> Mapping {
         Mapping {

@@ -135,6 +135,9 @@ pub enum SameStep {
     Last,
 }
 
+/// The advice for a value that is infinite or not a number.
+pub(super) const NOT_FINITE: &str = "write `leave_out: [not_finite]` where nothing was measured there";
+
 /// Parts of files that are refused unless an entry leaves them out.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum,

@@ -2,7 +2,7 @@
 //! entry of the study says, or refused.
 
 use super::{
-    Content,
+    content::Content,
     mapping::{Mapping, Restart, SameStep},
 };
 use contract::Error;

@@ -1,7 +1,7 @@
 //! Text with a separator between columns: commas, tabs, semicolons or bars, whichever splits all lines alike.
 
 use super::{
-    Content,
+    content::Content,
     table::{Decimals, Line, Table, commas, has_groups},
 };
 use contract::Error;

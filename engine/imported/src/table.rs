@@ -1,9 +1,7 @@
 //! Tables, whatever file they come from: names of columns, and lines of cells as text.
 
-use super::{
-    Content, arrays, columns::Missing, content::Form, input, json, mapping::Mapping, separated, wandb,
-};
-use contract::{Error, panics, parquet::Table as ParquetTable};
+use super::{columns::Missing, content::input, mapping::Mapping};
+use contract::Error;
 use csv::StringRecord;
 use document::reach::quoted;
 use std::path::{Path, PathBuf};
@@ -50,17 +48,6 @@ pub(super) enum Decimals {
 }
 
 impl Table {
-    /// Reads a file that holds a table.
-    pub(super) fn read(file: &Content, form: Form) -> Result<Self, Error> {
-        match form {
-            Form::Json => json::table(file),
-            Form::Arrays => arrays::table(file),
-            Form::Wandb => wandb::table(file),
-            Form::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
-            _ => separated::table(file),
-        }
-    }
-
     pub(super) fn cell<'a>(&self, line: &'a Line, column: usize) -> &'a str {
         line.cells.get(column).unwrap_or_default().trim()
     }
@@ -212,23 +199,6 @@ pub(super) fn commas(text: &str) -> Option<bool> {
     let is_number =
         digits(before) && !fraction.is_empty() && digits(fraction) && exponent.parse::<i32>().is_ok();
     is_number.then(|| fraction.len() != 3 || before.len() > 3 || before.is_empty() || before.starts_with('0'))
-}
-
-fn from_parquet(file: &Content) -> Result<Table, Error> {
-    let read = ParquetTable::decode(file.bytes.clone(), &file.path)?;
-    let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts().into_iter().unzip();
-    let rows = columns.first().map_or(0, Vec::len);
-    let line = |row: usize| Line {
-        number: row as u64 + 1,
-        begins_again: false,
-        cells: columns.iter().map(|column| column[row].as_str()).collect(),
-    };
-    Ok(Table {
-        path: file.path.clone(),
-        names,
-        lines: (0..rows).map(line).collect(),
-        ..Table::default()
-    })
 }
 
 /// Logs of the Monitor of Stable-Baselines3 in one folder as that program reads them: the episodes of all environments

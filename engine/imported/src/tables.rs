@@ -1,16 +1,19 @@
 //! Runs in tables: a line for every step, a column for every metric.
 
 use super::{
-    Content, Found, NOT_FINITE,
+    arrays,
     columns::{Chosen, Missing},
-    content::Form,
+    content::{Content, Form, input},
+    found::Found,
     group::Group,
-    input,
-    mapping::{LeftOut, Mapping, Restart, RunPer, Step},
+    json,
+    mapping::{LeftOut, Mapping, NOT_FINITE, Restart, RunPer, Step},
     restarts::{Entry, Rules},
+    separated,
     table::{Keys, Line, Table, by_time, is_of_environment},
+    wandb,
 };
-use contract::Error;
+use contract::{Error, panics, parquet::Table as ParquetTable};
 use std::{collections::BTreeMap, path::PathBuf};
 
 /// Adds the runs of all files together, in the order in which they begin. Without a column that tells runs apart every
@@ -19,7 +22,7 @@ pub(super) fn runs(files: &[(&Content, Form)], mapping: &Mapping, found: &mut Fo
     let contents: Vec<&Content> = files.iter().map(|(file, _)| *file).collect();
     let mut tables = Vec::new();
     for (place, (file, form)) in files.iter().enumerate() {
-        let mut table = Table::read(file, *form)?;
+        let mut table = table(file, *form)?;
         found.notes.append(&mut table.notes);
         tables.push((place, table));
     }
@@ -28,6 +31,34 @@ pub(super) fn runs(files: &[(&Content, Form)], mapping: &Mapping, found: &mut Fo
         gathered.take(file, &table)?;
     }
     gathered.end(&contents, found)
+}
+
+/// The table in a file.
+pub(super) fn table(file: &Content, form: Form) -> Result<Table, Error> {
+    match form {
+        Form::Json => json::table(file),
+        Form::Arrays => arrays::table(file),
+        Form::Wandb => wandb::table(file),
+        Form::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
+        _ => separated::table(file),
+    }
+}
+
+fn from_parquet(file: &Content) -> Result<Table, Error> {
+    let read = ParquetTable::decode(file.bytes.clone(), &file.path)?;
+    let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts().into_iter().unzip();
+    let rows = columns.first().map_or(0, Vec::len);
+    let line = |row: usize| Line {
+        number: row as u64 + 1,
+        begins_again: false,
+        cells: columns.iter().map(|column| column[row].as_str()).collect(),
+    };
+    Ok(Table {
+        path: file.path.clone(),
+        names,
+        lines: (0..rows).map(line).collect(),
+        ..Table::default()
+    })
 }
 
 /// The tables of environments that belong to one run, merged where the entry says that a folder is a run.

@@ -6,7 +6,7 @@
 //! `wandb/proto/wandb_internal.proto`.
 
 use super::{
-    Content,
+    content::Content,
     table::{Line, Table},
 };
 use contract::Error;
@@ -15,8 +15,6 @@ use prost::Message;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// The first bytes of the file.
-pub(super) const MAGIC: &[u8] = b":W&B";
 /// The column with the steps of `wandb.log`.
 const STEP: &str = "_step";
 

@@ -5,6 +5,7 @@ pub mod answers;
 pub mod claim_spec;
 pub mod figure;
 pub mod kinds;
+pub mod names;
 pub mod request;
 pub mod summary;
 pub mod table;

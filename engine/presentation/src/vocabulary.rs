@@ -1,6 +1,6 @@
 //! The names that the tables, figures and claims of a study may use.
 
-use contract::{Metric, ProductKind, trial::Part};
+use contract::{Metric, ProductKind, part::Part};
 use document::{Node, diagnostic::Diagnostic};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

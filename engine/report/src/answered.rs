@@ -2,141 +2,13 @@
 //! the verdicts that it rests on.
 
 use super::{
-    Contents, Passed, StudyInfo, Verdicts,
-    sentence::filled,
     sheet::{Entry, NONE, Sheet, Tone},
+    verdicts::{Answered, Verdicts, Word},
 };
-use analysis::claim::ClaimOutcome;
-use presentation::{
-    summary::Asks,
-    table::{escape_markdown, markdown_row},
-};
-use serde::{Deserialize, Serialize};
+use presentation::table::{escape_markdown, markdown_row};
 use std::collections::BTreeMap;
 
 const SHARE: &str = "share of the source's training";
-
-/// A line of the answers.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Answered {
-    /// The item of the source; empty for a question that none prints.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub item: String,
-    /// The source's statement there, or the question.
-    pub printed: String,
-    /// The finding, in words and values.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub here: String,
-    /// The verdicts that it rests on, by their places among those of the study.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub lines: Vec<usize>,
-    /// How the system differs from that of the source; empty where it is the same.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub system: String,
-}
-
-impl Answered {
-    /// The lines of a study; none where it is only tried out.
-    pub(super) fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
-        let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
-        let line = |answer: &presentation::answers::Answer| Self {
-            item: answer.text.item.clone(),
-            printed: answer.text.printed.clone(),
-            here: filled(&answer.here, contents),
-            lines: answer.by.iter().flat_map(|asks| places(asks, verdicts)).collect(),
-            system: answer.text.system.clone(),
-        };
-        answers.map(line).collect()
-    }
-
-    /// The answer, from the verdicts of its study; `None` where it rests on none of them.
-    #[must_use]
-    pub fn word(&self, study: &Verdicts) -> Option<Word> {
-        let lines = self.lines.iter().filter_map(|&at| study.verdicts.get(at));
-        Word::of(&lines.collect::<Vec<_>>(), study.training_share.is_some())
-    }
-}
-
-/// The places of the verdicts on a claim, or on a value of a table.
-fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
-    let is_meant = |passed: &Passed| match asks {
-        Asks::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
-        Asks::Cell { table, place, .. } => {
-            let name = format!("{table}: {place}");
-            passed.about == name || passed.in_full.as_ref() == Some(&name)
-        }
-    };
-    let all = verdicts.iter().enumerate();
-    all.filter(|(_, passed)| is_meant(passed))
-        .map(|(at, _)| at)
-        .collect()
-}
-
-/// An answer in a word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Word {
-    /// Everything holds.
-    Yes,
-    /// Some of it holds, and the rest does not or is open.
-    Partly,
-    /// Some of it does not hold, and none of it does.
-    No,
-    /// Nothing is decided, and the training was much shorter than that of the source.
-    NotAtThisBudget,
-    /// Nothing is decided.
-    Open,
-}
-
-impl Word {
-    /// All of them.
-    pub const ALL: [Self; 5] = [
-        Self::Yes,
-        Self::Partly,
-        Self::No,
-        Self::NotAtThisBudget,
-        Self::Open,
-    ];
-
-    /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
-    fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
-        if lines.is_empty() {
-            return None;
-        }
-        let equivalent = ClaimOutcome::Equivalent.word();
-        let is = |word: &str| lines.iter().any(|it| it.in_all() == word);
-        let decided = lines.iter().filter(|it| it.is_decided() && it.together.is_none());
-        let small = decided.clone().filter(|it| it.verdict == equivalent).count();
-        let fails = decided.clone().filter(|it| it.differs()).count();
-        let holds = decided.count() - small - fails;
-        // After a longer training a small difference may be a large one.
-        let against = if is_short { fails } else { fails + small };
-        let may_come = is_short && (small > 0 || is(ClaimOutcome::NotLearned.word()));
-        Some(match (holds, against) {
-            (holds, 0) if holds == lines.len() => Self::Yes,
-            (0, 0) if may_come || is(ClaimOutcome::NotAtThisBudget.word()) => Self::NotAtThisBudget,
-            (0, 0) => Self::Open,
-            (0, _) => Self::No,
-            _ => Self::Partly,
-        })
-    }
-
-    /// The word as it is written.
-    #[must_use]
-    pub fn text(self) -> &'static str {
-        self.written().0
-    }
-
-    /// The word as it is written, and the verdict whose colour it has.
-    fn written(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Yes => ("yes", ClaimOutcome::Supported.word()),
-            Self::Partly => ("partly", ClaimOutcome::DirectionOnly.word()),
-            Self::No => ("no", ClaimOutcome::Refuted.word()),
-            Self::NotAtThisBudget => ("not at this budget", ClaimOutcome::NotAtThisBudget.word()),
-            Self::Open => ("cannot be said", ClaimOutcome::Inconclusive.word()),
-        }
-    }
-}
 
 /// The answers of some studies by family, each study with the way to its report. Studies without a family stand
 /// together under an empty name. Lines that rest on nothing, and families without a line, are left out.
@@ -310,6 +182,7 @@ fn natural(text: &str) -> Vec<(String, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::passed::Passed;
 
     fn passed(about: &str, verdict: &str) -> Passed {
         Passed {
@@ -317,66 +190,6 @@ mod tests {
             verdict: verdict.into(),
             ..Passed::default()
         }
-    }
-
-    fn word(verdicts: &[&str]) -> Option<&'static str> {
-        let study = Verdicts {
-            verdicts: verdicts.iter().map(|word| passed("", word)).collect(),
-            training_share: Some("1.3 %".into()),
-            ..Verdicts::default()
-        };
-        let answered = Answered {
-            lines: (0..verdicts.len()).collect(),
-            ..Answered::default()
-        };
-        answered.word(&study).map(|word| word.written().0)
-    }
-
-    #[test]
-    fn the_answer_follows_from_the_verdicts() {
-        assert_eq!(word(&[]), None);
-        assert_eq!(word(&["SUPPORTED", "REPRODUCED"]), Some("yes"));
-        assert_eq!(word(&["SUPPORTED", "INCONCLUSIVE"]), Some("partly"));
-        assert_eq!(word(&["SUPPORTED", "REFUTED"]), Some("partly"));
-        assert_eq!(word(&["REFUTED", "INCONCLUSIVE"]), Some("no"));
-        assert_eq!(word(&["DIFFERS"]), Some("no"));
-        assert_eq!(word(&["EQUIVALENT"]), Some("not at this budget"));
-        assert_eq!(Word::of(&[&passed("", "EQUIVALENT")], false), Some(Word::No));
-        assert_eq!(
-            word(&["NOT AT THIS BUDGET", "INCONCLUSIVE"]),
-            Some("not at this budget")
-        );
-        assert_eq!(word(&["NOT LEARNED"]), Some("not at this budget"));
-        assert_eq!(
-            word(&["CALIBRATED", "NOT JUDGED", "DIRECTION ONLY"]),
-            Some("cannot be said")
-        );
-        let falls = Passed {
-            together: Some("INCONCLUSIVE".into()),
-            ..passed("", "SUPPORTED")
-        };
-        assert_eq!(Word::of(&[&falls], true), Some(Word::Open));
-        assert_eq!(Word::of(&[&passed("", "NOT LEARNED")], false), Some(Word::Open));
-    }
-
-    #[test]
-    fn claims_and_values_are_found_among_the_verdicts() {
-        let verdicts = [
-            passed("t: a, b", "REPRODUCED"),
-            Passed {
-                in_full: Some("u: a, b".into()),
-                ..passed("u: a", "DIFFERS")
-            },
-            passed("claim 1: a.x > b.x in one", "SUPPORTED"),
-            passed("claim 1: a.x > b.x in two", "REFUTED"),
-            passed("claim 12: a.x > c.x", "REFUTED"),
-        ];
-        let found = |text: &str| places(&presentation::summary::Summary::asks(text).unwrap(), &verdicts);
-        assert_eq!(found("claim 1"), [2, 3]);
-        assert_eq!(found("claim 2"), [0; 0]);
-        assert_eq!(found("t: a, b"), [0]);
-        assert_eq!(found("u: a"), [1]);
-        assert_eq!(found("u: a, b"), [1]);
     }
 
     #[test]

@@ -5,15 +5,17 @@
 //! it: they are those by which it was found.
 
 use super::{
-    ClaimLine, Contents, StudyInfo, budgets,
-    contents::{claim_lines, make_table},
+    budgets,
+    contents::{ClaimLine, Contents, claim_lines, make_table},
+    passed::words,
+    rounds::{Alone, Confirmed},
     sheet::{Entry, NONE, Sheet, Tone},
+    study_info::StudyInfo,
 };
 use analysis::results::{Cost, Results};
 use contract::trial::CellName;
 use document::count::seed_ranges;
 use presentation::table::{Cell, Grid};
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use study::Confirmation;
 
@@ -31,29 +33,6 @@ pub struct Round {
     pub contents: Contents,
     /// When it was fixed, as a sentence.
     pub fixed: Option<String>,
-}
-
-/// The verdict of one round of seeds alone.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Alone {
-    /// The seeds, as in `100-115`.
-    pub seeds: String,
-    /// The verdict.
-    pub verdict: String,
-    /// The value or difference, with its interval.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub value: String,
-}
-
-/// Something that was put to several rounds of seeds.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Confirmed {
-    /// The claim with its place, or the table with its cell.
-    pub(super) about: String,
-    /// The verdict of each round alone.
-    pub(super) rounds: Vec<Alone>,
-    /// The verdict of all rounds together.
-    pub(super) all: Alone,
 }
 
 impl Contents {
@@ -254,8 +233,5 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
 
 /// The same word, as one of those that verdicts have.
 fn known_word(word: &str) -> &'static str {
-    super::verdicts::words()
-        .into_iter()
-        .find(|known| *known == word)
-        .unwrap_or(NONE)
+    words().into_iter().find(|known| *known == word).unwrap_or(NONE)
 }

@@ -1,7 +1,11 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
 use super::{
-    Alone, FigureFacts, Kept, Manifest, StudyInfo, collapses, confirmations::Confirmed, files, floors,
+    collapses, files, floors,
+    kept::{FigureFacts, Kept},
+    manifest::Manifest,
+    rounds::{Alone, Confirmed},
+    study_info::StudyInfo,
 };
 use analysis::{
     claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},

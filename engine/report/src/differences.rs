@@ -6,11 +6,7 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use analysis::results::Results;
-use contract::{
-    complete_config::CompleteConfig,
-    trial::{Part, Purpose},
-    trial_result::TrialResult,
-};
+use contract::{complete_config::CompleteConfig, part::Part, trial::Purpose, trial_result::TrialResult};
 use serde_json::{Map, Value};
 use std::{collections::BTreeSet, path::Path};
 

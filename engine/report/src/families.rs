@@ -2,8 +2,9 @@
 //! when all of them are asked at once (Holm), and how many there are of each word.
 
 use super::{
-    Passed, Verdicts,
+    passed::Passed,
     sheet::{Entry, Sheet},
+    verdicts::Verdicts,
 };
 use serde::Serialize;
 use statistics::{Verdict, holm};

@@ -4,8 +4,8 @@
 use super::{
     Verdicts, answered, families, open,
     page::{Extra, document_with},
+    passed::words,
     sheet::{Entry, NONE, Sheet},
-    verdicts::words,
 };
 use document::count::duration;
 use presentation::table::{escape_html as escape, prose, verdict_word};

@@ -13,7 +13,7 @@ pub(super) fn entries(contents: &Contents) -> Vec<(&'static str, &'static str)> 
         contents.outcomes(true),
     ];
     let occurs = |word: &str| counted.iter().flatten().any(|(it, _)| *it == word);
-    super::verdicts::words()
+    super::passed::words()
         .into_iter()
         .filter(|word| occurs(word))
         .map(|word| (word, meaning(word)))
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn every_word_has_a_meaning_of_its_own_or_that_of_its_namesake() {
-        let words = super::super::verdicts::words();
+        let words = super::super::passed::words();
         let meanings: std::collections::BTreeSet<&str> = words.iter().map(|word| meaning(word)).collect();
         assert!(meanings.iter().all(|meaning| meaning.ends_with('.')));
         assert_eq!(meanings.len(), words.len());

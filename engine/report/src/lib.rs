@@ -15,6 +15,7 @@ pub mod compare;
 mod confirmations;
 mod contents;
 mod differences;
+mod effort;
 pub mod export;
 mod families;
 mod files;
@@ -31,167 +32,58 @@ mod on_paper;
 mod open;
 mod outcome;
 mod page;
+mod parts;
+mod passed;
 mod period;
 mod profiles;
+mod provenance;
 pub mod record;
+mod rounds;
 mod sentence;
 mod sheet;
 mod stages;
+mod study_info;
 mod summary;
 #[cfg(test)]
 mod tests;
 mod verdicts;
 
-pub use answered::{Answered, Word, answers_as_markdown, counts_as_markdown, items_as_markdown};
+pub use answered::{answers_as_markdown, counts_as_markdown, items_as_markdown};
 pub use basis::basis;
 pub use budgets::told;
-pub use confirmations::{Alone, Round};
+pub use confirmations::Round;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
+pub use effort::Effort;
 pub use families::{Family, families, families_as_markdown, take_together};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
 pub use kept::{FigureFacts, Kept};
 pub use manifest::{Manifest, Replaced};
-pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
+pub use open::{Decided, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
+pub use passed::Passed;
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
+pub use provenance::Provenance;
+pub use rounds::Alone;
 pub use sentence::sentence;
 pub use stages::{Stage, Take};
+pub use study_info::StudyInfo;
 pub use summary::{summary, tinted};
-pub use verdicts::{Passed, Verdicts};
+pub use verdicts::{Answered, Verdicts, Word};
 
 use analysis::results::{Ran, Results};
-use contract::{Better, Build, Error};
-use presentation::{
-    answers::Answer,
-    claim_spec::{ClaimSpec, Relevance},
-    figure::{self, FigureSpec},
-    summary::Summary,
-    table::{self, TableSpec},
-};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use sheet::Sheet;
+use contract::Error;
+use parts::Parts;
+use presentation::{figure, table};
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     path::{Path, PathBuf},
 };
-use study::{Confirmation, Repeats};
 
 /// The profile that tries a study out: nothing that is computed under it is a result.
 pub const REHEARSAL: &str = "smoke";
-
-/// What a report must know of a study besides its results.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct StudyInfo {
-    /// Its name, which is the name of its folder.
-    pub name: String,
-    /// Its title.
-    pub title: String,
-    /// What it reproduces.
-    pub source: String,
-    /// What it came to, with placeholders.
-    pub summary: Option<Summary>,
-    /// Its lines in the answers of all studies.
-    pub answers: Vec<Answer>,
-    /// The verdicts that are read together with those of this study, such as `chapter 3`; its own alone where absent.
-    pub family: Option<String>,
-    /// Where it departs from that.
-    pub departures: Vec<String>,
-    /// Samples of its sweep, where several came to the same setting.
-    pub repeats: Option<Repeats>,
-    /// Tables by name, in order.
-    pub tables: Vec<(String, TableSpec)>,
-    /// Figures by name, in order.
-    pub figures: Vec<(String, FigureSpec)>,
-    /// Claims.
-    pub claims: Vec<ClaimSpec>,
-    /// Rounds of claims and published values on further seeds.
-    pub confirm: Vec<Confirmation>,
-    /// Agents in the study's order, which gives them their colours.
-    pub agents: Vec<String>,
-    /// Environments in the study's order.
-    pub environments: Vec<String>,
-    /// The entries of a study whose trials take from each other; empty where none does.
-    pub stages: Vec<Stage>,
-    /// True under the profile that tries a study out: what it computes is no result.
-    pub is_rehearsal: bool,
-    /// Agents that a trained one must be better than to have learned.
-    pub floors: Vec<String>,
-    /// Which difference matters for claims that do not say it.
-    pub relevance: Option<Relevance>,
-    /// The better direction by metric.
-    pub better: BTreeMap<String, Better>,
-    /// Units by metric.
-    pub units: BTreeMap<String, String>,
-    /// Agents that learn.
-    pub learners: BTreeSet<String>,
-    /// Configs with every default, by kind and name of the plugin, as in `agent dsac`.
-    pub defaults: BTreeMap<String, Value>,
-    /// The study without a profile and with each of its profiles; empty where it has none.
-    pub profiles: Vec<ProfileState>,
-    /// When its trials ended, where the store knows.
-    pub ended: Option<Period>,
-    /// Options of the command line that make the results differ from the study as it is written, as `--set
-    /// dsac.discount=0.9`.
-    pub options: Vec<String>,
-    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
-    pub earlier_versions: Vec<String>,
-    /// Keys of the study that had other values when the trials ran.
-    pub changed_settings: Vec<String>,
-}
-
-impl StudyInfo {
-    /// What the reader must know first: the options of the command line, where there are some.
-    fn asked_with(&self) -> Option<String> {
-        (!self.options.is_empty()).then(|| format!("Computed with {}.", self.options.join(", ")))
-    }
-
-    /// That nothing here is a result, where that is so.
-    fn rehearsal(&self) -> Option<&'static str> {
-        self.is_rehearsal.then_some(
-            "This is no result: the profile `smoke` only tries the study out, with budgets from which nothing follows. \
-             Nothing is judged, and what the study says of budgets is said of another one.",
-        )
-    }
-
-    /// Sentences on trials that are not those which the study has now.
-    fn outdated(&self) -> Vec<String> {
-        let sentence = |what: &str, names: &[String]| {
-            (!names.is_empty()).then(|| format!("{what}: {}.", names.join("; ")))
-        };
-        let versions = sentence("Of an earlier version", &self.earlier_versions);
-        let settings = sentence("Of other settings than the study has now", &self.changed_settings);
-        versions.into_iter().chain(settings).collect()
-    }
-}
-
-/// What made the results.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Provenance {
-    /// The source code of the program that made the report, where it knows.
-    pub build: Option<Build>,
-    /// The source code of the programs that computed the trials, where they said it, each with the number of
-    /// its trials.
-    pub builds: Vec<(Option<Build>, usize)>,
-    /// The program and its version.
-    pub program: String,
-    /// Plugins by kind and name, with their versions.
-    pub plugins: Vec<(String, u32)>,
-    /// Kind of processor.
-    pub cpu: String,
-    /// Operating system.
-    pub operating_system: String,
-    /// The seeds of the study.
-    pub seeds: Vec<u64>,
-    /// Name of the profile, where one was chosen.
-    pub profile: Option<String>,
-    /// When the report was made, where it shall say so.
-    pub date: Option<String>,
-}
 
 /// Where a report was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -247,33 +139,6 @@ pub fn write(
         markdown,
         files,
     })
-}
-
-/// What the renderers of the report read.
-struct Parts<'a> {
-    study: &'a StudyInfo,
-    results: &'a Results,
-    contents: &'a Contents,
-    provenance: &'a Provenance,
-    /// SVG of each figure, by name.
-    drawings: &'a BTreeMap<String, String>,
-    /// What the study came to.
-    sentence: Option<String>,
-    /// Seeds and what was exploratory.
-    basis: String,
-    /// The lines of its `answers`.
-    answered: Option<Sheet>,
-    /// Every published value and claim with its verdict.
-    answers: Option<Sheet>,
-    /// The counts at the head.
-    head: Vec<head::Line>,
-    claims: Option<Sheet>,
-    confirmed: Option<Sheet>,
-    budgets: Option<Sheet>,
-    /// How the trials ended.
-    ran: Ran,
-    /// The settings that differ, a table per plugin.
-    settings: Vec<Sheet>,
 }
 
 fn write_verdicts(dir: &Path, verdicts: &Verdicts) -> Result<PathBuf, Error> {

@@ -2,28 +2,15 @@
 //! computing says most.
 
 use super::{
-    Passed, Verdicts,
+    effort::Effort,
+    passed::Passed,
     sheet::{Entry, NONE, Sheet, Tone},
+    verdicts::Verdicts,
 };
-use analysis::{claim::ClaimOutcome, results::Results};
-use contract::{trial::CellName, trial_result::TrialResult};
+use analysis::claim::ClaimOutcome;
 use document::count::duration;
-use serde::{Deserialize, Serialize};
-use std::{
-    cmp::Ordering,
-    collections::{BTreeMap, BTreeSet},
-};
-
-/// About what would decide an open verdict with a power of 80 %, on seeds that nobody has seen, if mean and spread
-/// stay as they are.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Effort {
-    /// Seeds in all, none of those that there are among them.
-    pub seeds: u32,
-    /// Wall-clock time of their trials in seconds, one after another, with what these take from others; rounded to
-    /// tenths.
-    pub trial_time_s: f64,
-}
+use serde::Serialize;
+use std::cmp::Ordering;
 
 /// A verdict that is judged and open, with its study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -45,17 +32,6 @@ impl StillOpen {
             about: passed.about.clone(),
             verdict: passed.verdict.clone(),
             would_decide: passed.would_decide,
-        }
-    }
-}
-
-impl Effort {
-    /// So many seeds of these combinations.
-    pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
-        let seconds = f64::from(seeds) * seconds_per_seed(rests_on, results);
-        Self {
-            seeds,
-            trial_time_s: (10.0 * seconds).round() / 10.0,
         }
     }
 }
@@ -177,50 +153,10 @@ pub fn open_as_markdown(open: &[StillOpen]) -> String {
     sheet(open).map_or_else(String::new, |sheet| sheet.markdown())
 }
 
-/// Time of all ended trials of these combinations and of those that they take from, each once, by the number of
-/// their seeds.
-fn seconds_per_seed(rests_on: &BTreeSet<CellName>, results: &Results) -> f64 {
-    let own: Vec<&TrialResult> = results
-        .trials
-        .iter()
-        .filter(|trial| rests_on.contains(&trial.cell()) && trial.end.is_some())
-        .collect();
-    let seeds: BTreeSet<u64> = own.iter().map(|trial| trial.trial.key.seed).collect();
-    let seconds: f64 = with_sources(own, results).values().sum();
-    #[allow(clippy::cast_precision_loss, reason = "a study has at most a million seeds")]
-    let seeds = seeds.len().max(1) as f64;
-    seconds / seeds
-}
-
-/// Seconds by id, of these trials and of all that they take from.
-fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTreeMap<&'a str, f64> {
-    let all = [&results.prepared, &results.tried, &results.trials];
-    let by_id: BTreeMap<&str, &TrialResult> = all
-        .into_iter()
-        .flatten()
-        .map(|it| (it.trial.id.as_str(), it))
-        .collect();
-    let mut seconds = BTreeMap::new();
-    let mut left = trials;
-    while let Some(trial) = left.pop() {
-        let took = trial.end.as_ref().map_or(0.0, |end| end.wall_s);
-        if seconds.insert(trial.trial.id.as_str(), took).is_none() {
-            let sources = trial.trial.key.sources();
-            left.extend(sources.iter().filter_map(|id| by_id.get(id.as_str()).copied()));
-        }
-    }
-    seconds
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Alone, Passed};
-    use contract::{
-        product::{ProductKind, Taken},
-        trial::Purpose,
-    };
-    use testing::synthetic::trial;
+    use crate::rounds::Alone;
 
     fn passed(about: &str, verdict: &str, effort: Option<(u32, f64)>) -> Passed {
         Passed {
@@ -310,46 +246,6 @@ mod tests {
         assert_eq!(
             Decided::of(&studies).in_words(),
             "2 of 2 values and claims that are judged are decided (100 %), 1 of them by several rounds of seeds."
-        );
-    }
-
-    #[test]
-    fn a_seed_costs_its_trials_and_what_they_take_from_each_once() {
-        let mut teacher = trial("school", "teacher", "", 0, &Vec::new());
-        teacher.trial_mut().cell_mut().purpose = Purpose::Prepared;
-        teacher.end.as_mut().unwrap().wall_s = 10.0;
-        let mut trials = vec![teacher];
-        for seed in 0..2 {
-            for agent in ["pupil", "other", "third"] {
-                trials.push(trial("work", agent, "", seed, &Vec::new()));
-            }
-        }
-        let taken = Taken {
-            trial: "school-teacher-0".into(),
-            kind: ProductKind::Policy,
-        };
-        for pupil in trials.iter_mut().filter(|it| it.trial.cell.agent == "pupil") {
-            let mut part = (*pupil.trial.key.environment).clone();
-            part.products.insert("/from".into(), taken.clone());
-            pupil.trial_mut().key.environment = part.into();
-        }
-        let results = Results::of(trials);
-        let name = |agent: &str| ("work".into(), agent.into(), String::new());
-        let both: BTreeSet<CellName> = [name("pupil"), name("other")].into();
-        // Two seeds: two trials of a second each, and ten seconds that both share.
-        assert_eq!(
-            Effort::of(4, &both, &results),
-            Effort {
-                seeds: 4,
-                trial_time_s: 28.0
-            }
-        );
-        let other: BTreeSet<CellName> = [name("other")].into();
-        assert_eq!(Effort::of(3, &other, &results).trial_time_s, 3.0);
-        // What has not run costs nothing that is known.
-        assert_eq!(
-            Effort::of(3, &[name("nobody")].into(), &results).trial_time_s,
-            0.0
         );
     }
 }

@@ -84,7 +84,8 @@ pub(super) mod tests {
     use super::*;
     use contract::{
         cast::Seating,
-        trial::{Part, TrialCell, TrialKey},
+        part::Part,
+        trial::{TrialCell, TrialKey},
     };
 
     /// A study with one trial of every end, and one that has not run.

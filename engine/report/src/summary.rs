@@ -1,6 +1,6 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, sentence, verdicts::words};
+use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, passed::words, sentence};
 use analysis::results::Results;
 use presentation::table::{Grid, terminal, terminal_in_short, wrap};
 use std::path::Path;

@@ -7,9 +7,10 @@ use analysis::results::Results;
 use contract::{
     Build, Phase,
     cast::Seating,
+    part::Part,
     recorder::Row,
     standard_metrics::{EPISODE_LENGTH, UPDATES},
-    trial::{Part, Trial},
+    trial::Trial,
     trial_end::EndState,
     trial_result::TrialResult,
 };

@@ -1,15 +1,18 @@
 //! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
 //! watch over many of them.
 
-use super::{Alone, Answered, ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, sentence};
+use super::{
+    basis::basis,
+    contents::Contents,
+    passed::{Passed, not_made, of_claim, of_table},
+    sentence::{filled, sentence},
+    study_info::StudyInfo,
+};
 use analysis::{claim::ClaimOutcome, results::Results, training_share};
 use contract::trial_result::TrialResult;
-use presentation::table::{Grid, TableSpec};
+use presentation::{answers::Answer, summary::Asks};
 use serde::{Deserialize, Serialize};
-use statistics::{Judgement, TrainingShare, Verdict};
-
-/// The word for published values of a table that could not be made.
-const NOT_MADE: &str = "NOT MADE";
+use statistics::TrainingShare;
 
 /// The verdicts of a report and how many there are of which kind.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -57,92 +60,6 @@ pub struct Verdicts {
     pub verdicts: Vec<Passed>,
 }
 
-/// One verdict.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Passed {
-    /// What it is about, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in four_cells`.
-    pub about: String,
-    /// The same with the column, of a value in a table that shows but one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub in_full: Option<String>,
-    /// The word, of this value or claim alone.
-    pub verdict: String,
-    /// The word where all of its family are taken together (Holm) and it is another.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub together: Option<String>,
-    /// The strictest share of its level at which it is decided so; absent where it is open.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub strictest: Option<f64>,
-    /// True where it was thought of after results were seen.
-    #[serde(default)]
-    pub exploratory: bool,
-    /// What was found out about why it differs or is refuted.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cause: Option<String>,
-    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and where
-    /// a design has looks left, which says itself when to go on.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub would_decide: Option<Effort>,
-    /// The verdict of each round of seeds alone, where there are several.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rounds: Vec<Alone>,
-}
-
-impl Passed {
-    /// True where the seeds were to decide it: it was planned, nothing was chosen by it, what it is about has
-    /// run and learned, and it is not fixed by construction. What failed or cannot be read is judged and not
-    /// decided.
-    #[must_use]
-    pub fn is_judged(&self) -> bool {
-        let unasked = [
-            Verdict::Calibrated.word(),
-            Verdict::NotJudged.word(),
-            ClaimOutcome::NotLearned.word(),
-            Verdict::NotTrained.word(),
-            Verdict::NotRun.word(),
-        ];
-        !self.exploratory && !unasked.contains(&self.verdict.as_str())
-    }
-
-    /// True where the seeds say that it does not hold.
-    #[must_use]
-    pub fn differs(&self) -> bool {
-        [Verdict::Differs.word(), ClaimOutcome::Refuted.word()].contains(&self.verdict.as_str())
-    }
-
-    /// The word where all of the study are taken together (Holm).
-    #[must_use]
-    pub fn in_all(&self) -> &str {
-        self.together.as_ref().unwrap_or(&self.verdict)
-    }
-
-    /// True where the seeds decide it, either way.
-    #[must_use]
-    pub fn is_decided(&self) -> bool {
-        let settled = [
-            Verdict::Reproduced.word(),
-            ClaimOutcome::Supported.word(),
-            ClaimOutcome::Equivalent.word(),
-        ];
-        self.differs() || settled.contains(&self.verdict.as_str())
-    }
-}
-
-/// All words that a verdict may have, each once.
-pub(super) fn words() -> Vec<&'static str> {
-    let mut words: Vec<&'static str> = Vec::new();
-    let all = Verdict::ALL.map(Verdict::word).into_iter();
-    for word in all
-        .chain(ClaimOutcome::ALL.map(ClaimOutcome::word))
-        .chain([UNREAD, NOT_MADE])
-    {
-        if !words.contains(&word) {
-            words.push(word);
-        }
-    }
-    words
-}
-
 impl Verdicts {
     /// The verdicts of a report.
     #[must_use]
@@ -179,126 +96,197 @@ impl Verdicts {
     }
 }
 
-fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
-    let mut passed = Vec::new();
-    for (index, (row, cells)) in grid.rows.iter().zip(&grid.cells).enumerate() {
-        for (column, cell) in grid.columns.iter().zip(cells) {
-            let Some(judgement) = &cell.judgement else {
-                continue;
-            };
-            let verdict = judgement.verdict;
-            let together = judgement.adjusted.filter(|adjusted| *adjusted != verdict);
-            let in_full = format!("{name}: {}, {}", row.name, column.name);
-            let shows_one = grid.columns.len() == 1;
-            let cause = grid.cause(index).filter(|_| verdict == Verdict::Differs);
-            passed.push(Passed {
-                about: if shows_one {
-                    format!("{name}: {}", row.name)
-                } else {
-                    in_full.clone()
-                },
-                in_full: shows_one.then_some(in_full),
-                verdict: verdict.word().into(),
-                together: together.map(|it| it.word().into()),
-                strictest: judgement.strictest,
-                exploratory: grid.is_exploratory(cell),
-                cause: cause.map(Into::into),
-                would_decide: seeds_to_decide(judgement).map(|n| Effort::of(n, &cell.rests_on, results)),
-                rounds: Vec::new(),
-            });
+/// A line of the answers.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Answered {
+    /// The item of the source; empty for a question that none prints.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub item: String,
+    /// The source's statement there, or the question.
+    pub printed: String,
+    /// The finding, in words and values.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub here: String,
+    /// The verdicts that it rests on, by their places among those of the study.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lines: Vec<usize>,
+    /// How the system differs from that of the source; empty where it is the same.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub system: String,
+}
+
+impl Answered {
+    /// The lines of a study; none where it is only tried out.
+    fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
+        let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
+        let line = |answer: &Answer| Self {
+            item: answer.text.item.clone(),
+            printed: answer.text.printed.clone(),
+            here: filled(&answer.here, contents),
+            lines: answer.by.iter().flat_map(|asks| places(asks, verdicts)).collect(),
+            system: answer.text.system.clone(),
+        };
+        answers.map(line).collect()
+    }
+
+    /// The answer, from the verdicts of its study; `None` where it rests on none of them.
+    #[must_use]
+    pub fn word(&self, study: &Verdicts) -> Option<Word> {
+        let lines = self.lines.iter().filter_map(|&at| study.verdicts.get(at));
+        Word::of(&lines.collect::<Vec<_>>(), study.training_share.is_some())
+    }
+}
+
+/// The places of the verdicts on a claim, or on a value of a table.
+fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
+    let is_meant = |passed: &Passed| match asks {
+        Asks::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
+        Asks::Cell { table, place, .. } => {
+            let name = format!("{table}: {place}");
+            passed.about == name || passed.in_full.as_ref() == Some(&name)
+        }
+    };
+    let all = verdicts.iter().enumerate();
+    all.filter(|(_, passed)| is_meant(passed))
+        .map(|(at, _)| at)
+        .collect()
+}
+
+/// An answer in a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Word {
+    /// Everything holds.
+    Yes,
+    /// Some of it holds, and the rest does not or is open.
+    Partly,
+    /// Some of it does not hold, and none of it does.
+    No,
+    /// Nothing is decided, and the training was much shorter than that of the source.
+    NotAtThisBudget,
+    /// Nothing is decided.
+    Open,
+}
+
+impl Word {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Yes,
+        Self::Partly,
+        Self::No,
+        Self::NotAtThisBudget,
+        Self::Open,
+    ];
+
+    /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
+    fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
+        if lines.is_empty() {
+            return None;
+        }
+        let equivalent = ClaimOutcome::Equivalent.word();
+        let is = |word: &str| lines.iter().any(|it| it.in_all() == word);
+        let decided = lines.iter().filter(|it| it.is_decided() && it.together.is_none());
+        let small = decided.clone().filter(|it| it.verdict == equivalent).count();
+        let fails = decided.clone().filter(|it| it.differs()).count();
+        let holds = decided.count() - small - fails;
+        // After a longer training a small difference may be a large one.
+        let against = if is_short { fails } else { fails + small };
+        let may_come = is_short && (small > 0 || is(ClaimOutcome::NotLearned.word()));
+        Some(match (holds, against) {
+            (holds, 0) if holds == lines.len() => Self::Yes,
+            (0, 0) if may_come || is(ClaimOutcome::NotAtThisBudget.word()) => Self::NotAtThisBudget,
+            (0, 0) => Self::Open,
+            (0, _) => Self::No,
+            _ => Self::Partly,
+        })
+    }
+
+    /// The word as it is written.
+    #[must_use]
+    pub fn text(self) -> &'static str {
+        self.written().0
+    }
+
+    /// The word as it is written, and the verdict whose colour it has.
+    pub(super) fn written(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Yes => ("yes", ClaimOutcome::Supported.word()),
+            Self::Partly => ("partly", ClaimOutcome::DirectionOnly.word()),
+            Self::No => ("no", ClaimOutcome::Refuted.word()),
+            Self::NotAtThisBudget => ("not at this budget", ClaimOutcome::NotAtThisBudget.word()),
+            Self::Open => ("cannot be said", ClaimOutcome::Inconclusive.word()),
         }
     }
-    passed
-}
-
-/// Published values that have no table are not passed over.
-fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
-    let is_published = !spec.published.is_empty() || !spec.published_curves.is_empty();
-    is_published.then(|| Passed {
-        about: name.into(),
-        verdict: NOT_MADE.into(),
-        exploratory: spec.exploratory,
-        ..Passed::default()
-    })
-}
-
-fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
-    let claim = &line.spec.claim;
-    let place = if line.place.is_empty() || claim.ends_with(&line.place) {
-        String::new()
-    } else {
-        format!(" in {}", line.place)
-    };
-
-    Passed {
-        about: format!("claim {}: {claim}{place}", line.number),
-        in_full: None,
-        verdict: line.word().into(),
-        together: line.together().map(|outcome| outcome.word().into()),
-        strictest: line.verdict.as_ref().ok().and_then(|claim| claim.strictest),
-        exploratory: line.is_exploratory(),
-        cause: line.cause().map(Into::into),
-        would_decide: line
-            .seeds_to_decide()
-            .map(|n| Effort::of(n, &line.rests_on, results)),
-        rounds: line.rounds.clone(),
-    }
-}
-
-/// About how many fresh seeds would decide a published value that is open.
-fn seeds_to_decide(judgement: &Judgement) -> Option<u32> {
-    let is_last = judgement.stage.is_none_or(|stage| stage.is_last());
-    let open = judgement.verdict == Verdict::Inconclusive && is_last;
-    let more = judgement.more_seeds.filter(|_| open)?;
-    u32::try_from(judgement.n).ok().map(|n| n + more)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn passed(verdict: &str, exploratory: bool) -> Passed {
+    fn passed(about: &str, verdict: &str) -> Passed {
         Passed {
+            about: about.into(),
             verdict: verdict.into(),
-            exploratory,
             ..Passed::default()
         }
     }
 
-    #[test]
-    fn every_word_is_judged_or_not_and_decided_or_not() {
-        let words = words();
-        let those = |is: fn(&Passed) -> bool| {
-            let found = words.iter().copied().filter(|word| is(&passed(word, false)));
-            found.collect::<Vec<&str>>()
+    fn word(verdicts: &[&str]) -> Option<&'static str> {
+        let study = Verdicts {
+            verdicts: verdicts.iter().map(|word| passed("", word)).collect(),
+            training_share: Some("1.3 %".into()),
+            ..Verdicts::default()
         };
-        assert_eq!(those(Passed::differs), ["DIFFERS", "REFUTED"]);
+        let answered = Answered {
+            lines: (0..verdicts.len()).collect(),
+            ..Answered::default()
+        };
+        answered.word(&study).map(|word| word.written().0)
+    }
+
+    #[test]
+    fn the_answer_follows_from_the_verdicts() {
+        assert_eq!(word(&[]), None);
+        assert_eq!(word(&["SUPPORTED", "REPRODUCED"]), Some("yes"));
+        assert_eq!(word(&["SUPPORTED", "INCONCLUSIVE"]), Some("partly"));
+        assert_eq!(word(&["SUPPORTED", "REFUTED"]), Some("partly"));
+        assert_eq!(word(&["REFUTED", "INCONCLUSIVE"]), Some("no"));
+        assert_eq!(word(&["DIFFERS"]), Some("no"));
+        assert_eq!(word(&["EQUIVALENT"]), Some("not at this budget"));
+        assert_eq!(Word::of(&[&passed("", "EQUIVALENT")], false), Some(Word::No));
         assert_eq!(
-            those(Passed::is_decided),
-            ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED", "EQUIVALENT"]
+            word(&["NOT AT THIS BUDGET", "INCONCLUSIVE"]),
+            Some("not at this budget")
         );
-        let judged = those(Passed::is_judged);
-        let open = [
-            "INCONCLUSIVE",
-            "NOT AT THIS BUDGET",
-            "DIRECTION ONLY",
-            "FAILED",
-            "NOT READ",
-            "NOT MADE",
-        ];
-        assert!(
-            open.iter()
-                .chain(&those(Passed::is_decided))
-                .all(|word| judged.contains(word))
+        assert_eq!(word(&["NOT LEARNED"]), Some("not at this budget"));
+        assert_eq!(
+            word(&["CALIBRATED", "NOT JUDGED", "DIRECTION ONLY"]),
+            Some("cannot be said")
         );
-        let unasked = [
-            "CALIBRATED",
-            "NOT JUDGED",
-            "NOT LEARNED",
-            "NOT TRAINED",
-            "NOT RUN",
+        let falls = Passed {
+            together: Some("INCONCLUSIVE".into()),
+            ..passed("", "SUPPORTED")
+        };
+        assert_eq!(Word::of(&[&falls], true), Some(Word::Open));
+        assert_eq!(Word::of(&[&passed("", "NOT LEARNED")], false), Some(Word::Open));
+    }
+
+    #[test]
+    fn claims_and_values_are_found_among_the_verdicts() {
+        let verdicts = [
+            passed("t: a, b", "REPRODUCED"),
+            Passed {
+                in_full: Some("u: a, b".into()),
+                ..passed("u: a", "DIFFERS")
+            },
+            passed("claim 1: a.x > b.x in one", "SUPPORTED"),
+            passed("claim 1: a.x > b.x in two", "REFUTED"),
+            passed("claim 12: a.x > c.x", "REFUTED"),
         ];
-        assert!(unasked.iter().all(|word| !judged.contains(word)));
-        assert!(!passed("DIFFERS", true).is_judged());
+        let found = |text: &str| places(&presentation::summary::Summary::asks(text).unwrap(), &verdicts);
+        assert_eq!(found("claim 1"), [2, 3]);
+        assert_eq!(found("claim 2"), [0; 0]);
+        assert_eq!(found("t: a, b"), [0]);
+        assert_eq!(found("u: a"), [1]);
+        assert_eq!(found("u: a, b"), [1]);
     }
 }

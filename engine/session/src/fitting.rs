@@ -1,11 +1,7 @@
 //! The needs of trials, held against a machine, a host or a task of a queue, before anything runs.
 
 use crate::{Failure, Settings, programs};
-use contract::{
-    Registry,
-    resources::{Capacity, Needs},
-    trial::Part,
-};
+use contract::{Registry, part::Part, resources::Capacity};
 use execution::{
     executor::{self, LOCAL, Way},
     scheduler::hosts::Host,
@@ -80,7 +76,7 @@ impl Machines {
         agents: impl Iterator<Item = &'a Part>,
     ) -> Result<(), Failure> {
         for part in agents {
-            let needs = Needs::of(registry, Some(part));
+            let needs = registry.needs(Some(part));
             if self.all.iter().any(|machine| machine.fits(&needs)) {
                 continue;
             }

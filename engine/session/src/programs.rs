@@ -1,11 +1,7 @@
 //! The programs that are not ours and that trials would start.
 
 use crate::{Failure, Planned, Session};
-use contract::{
-    Error, Interface, Registry, random,
-    trial::{Part, Trial},
-    trial_end::EndState,
-};
+use contract::{Error, Interface, Registry, part::Part, random, trial::Trial, trial_end::EndState};
 use document::reach::Reach;
 use execution::store::Store;
 use serde::{Deserialize, Serialize};

@@ -10,7 +10,6 @@ use contract::{
     Error, Registry,
     metrics_file::MetricsTable,
     repeats::{Recorded, Repeats},
-    resources::Needs,
     trial::Trial,
     trial_end::EndState,
 };
@@ -212,7 +211,7 @@ fn task<'a>(how: &Compute<'_>, trial: &'a Arc<Trial>, cost: u64, limits: &Arc<Li
         before: None,
         after: trial.key.sources(),
         until: first_measurement(trial),
-        needs: Needs::of(how.session.registry, trial.key.agent.agent()),
+        needs: how.session.registry.needs(trial.key.agent.agent()),
     }
 }
 

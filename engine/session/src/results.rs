@@ -6,12 +6,8 @@ use analysis::{
     search::{Progress, Search},
 };
 use contract::{
-    Error, ProductKind, Registry,
-    drawing::Drawings,
-    product::Taken,
-    standard_metrics::names_times,
-    trial::{Part, Trial},
-    trial_result::TrialResult,
+    Error, ProductKind, Registry, drawing::Drawings, part::Part, product::Taken,
+    standard_metrics::names_times, trial::Trial, trial_result::TrialResult,
 };
 use execution::store::Store;
 use report::StudyInfo;

@@ -3,8 +3,8 @@
 use crate::{Observer, Planned, Session};
 use analysis::results::Results;
 use contract::{
-    Error,
-    trial::{self, CellName},
+    Error, digest,
+    trial::{CellName, Trial},
     trial_end::is_missing,
 };
 use execution::store::{self, Fixed, SeenVerdicts, Store};
@@ -30,8 +30,7 @@ pub(crate) fn fix(session: &Session<'_>, planned: &[Planned], store: &Store) -> 
         if seen.fixed.is_some() {
             continue;
         }
-        let has_ended =
-            |trial: &&Arc<trial::Trial>| store.end(&trial.id).is_ok_and(|end| !is_missing(end.as_ref()));
+        let has_ended = |trial: &&Arc<Trial>| store.end(&trial.id).is_ok_and(|end| !is_missing(end.as_ref()));
         seen.fixed = Some(Fixed {
             digest: digest_of_round(&one.study),
             at: store::now(),
@@ -332,6 +331,6 @@ impl<'a> FirstIds<'a> {
             .iter()
             .filter_map(|cell| self.0.get(cell).copied())
             .collect();
-        trial::hash(&json!(ids))
+        digest::of_json(&json!(ids))
     }
 }

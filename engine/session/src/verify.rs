@@ -7,7 +7,7 @@ use crate::{
     planned::costs,
     programs::{self, Program},
 };
-use contract::{Error, Registry, resources::Needs, trial::Trial, trial_end::EndState};
+use contract::{Error, Registry, trial::Trial, trial_end::EndState};
 use document::count::count;
 use execution::{
     limits::Limits,
@@ -435,7 +435,7 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
         before: None,
         after: member.trial.key.sources(),
         until: member.until,
-        needs: Needs::of(how.session.registry, member.trial.key.agent.agent()),
+        needs: how.session.registry.needs(member.trial.key.agent.agent()),
     };
     members.iter().zip(costs).map(task).collect()
 }

@@ -12,6 +12,7 @@ pub mod bootstrap;
 pub mod common_steps;
 pub mod comparison;
 pub mod estimators;
+mod interval;
 pub mod mean_estimate;
 pub mod normal;
 pub mod performance_profile;
@@ -30,6 +31,7 @@ pub mod verdict;
 pub use binomial::Share;
 pub use bootstrap::Bootstrap;
 pub use comparison::PermutationTest;
+pub use interval::Interval;
 pub use mean_estimate::{MeanEstimate, PublishedMean};
 pub use performance_profile::performance_profile;
 pub use power::Room;
@@ -42,25 +44,6 @@ pub use training_share::TrainingShare;
 pub use verdict::{Judgement, Reference, Sample, Seeds, Verdict};
 
 use serde::{Deserialize, Serialize};
-
-/// An interval with the confidence level it was made for.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Interval {
-    /// Lower end.
-    pub low: f64,
-    /// Upper end.
-    pub high: f64,
-    /// Confidence level, for example 0.95.
-    pub level: f64,
-}
-
-impl Interval {
-    /// True where `value` lies in the interval, ends included.
-    #[must_use]
-    pub fn contains(&self, value: f64) -> bool {
-        self.low <= value && value <= self.high
-    }
-}
 
 /// What a cell of a table says about its seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -3,10 +3,14 @@
 
 use super::{
     grid::{self, Grid},
-    known::Resolved,
-    taking::Source,
+    part::Resolved,
 };
-use contract::{cast, product::Taken, setting::Setting, trial::Part};
+use contract::{
+    cast,
+    part::Part,
+    product::{ProductKind, Taken},
+    setting::Setting,
+};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, HashSet},
@@ -38,6 +42,29 @@ pub enum Place {
     Tried(usize),
     /// What leads an environment and an agent, by their indices, to the last setting of a schedule.
     Leading(usize, usize),
+}
+
+/// A product that a cell takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Which of the cell's parts takes it: 0 the environment, 1 the agent, 2 the protocol.
+    pub part: usize,
+    /// Where in the part's config, as a JSON pointer.
+    pub pointer: String,
+    /// What is taken.
+    pub kind: ProductKind,
+    /// Index of the cell whose trial leaves it.
+    pub cell: usize,
+    /// The seed whose product every seed takes; that of the same seed where absent.
+    pub seed: Option<u64>,
+}
+
+impl Source {
+    /// The seed of the trial that leaves what a trial with `seed` takes.
+    #[must_use]
+    pub fn seed_for(&self, seed: u64) -> u64 {
+        self.seed.unwrap_or(seed)
+    }
 }
 
 impl Place {

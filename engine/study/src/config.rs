@@ -1,7 +1,7 @@
 //! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the
 //! study's own keys.
 
-use contract::{Error, data_file::hash_of, registry::About, trial::Part};
+use contract::{Error, data_file::hash_of, part::Part, plugin::About};
 use document::{
     Kind, Node,
     diagnostic::{Diagnostic, Sources, Span},

@@ -4,15 +4,12 @@
 //! what was seen. A confirmation says before its first trial which claims it puts to which seeds. It is computed as a
 //! study of its own, with the same combinations, and the last word is that of all rounds together.
 
-use super::{
-    ClaimSpec, Study,
-    seeds::{SeedPlan, SeedsText},
-};
+use super::seeds::{SeedPlan, SeedsText};
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span},
 };
-use presentation::table::TableSpec;
+use presentation::{claim_spec::ClaimSpec, table::TableSpec};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::spending::Design;
@@ -93,32 +90,6 @@ impl Confirmation {
             spec.published.retain(|row, _| self.rows.contains(row));
         }
         spec
-    }
-}
-
-impl Study {
-    /// The study that a confirmation is computed as: the same combinations with its seeds, its claims and the published
-    /// values of its tables. Its name is that of the folder inside the results of this study.
-    #[must_use]
-    pub fn confirmation(&self, index: usize) -> Self {
-        let it = &self.confirm[index];
-        let claims = it.claims.iter().filter_map(|claim| self.claims.get(*claim));
-        let tables = self.tables.iter().filter(|(name, _)| it.tables.contains(name));
-        let tables = tables.map(|(name, spec)| (name.clone(), it.table(spec)));
-        Self {
-            name: format!("{}/confirm-{}", self.name, index + 1),
-            seeds: it.seeds.clone(),
-            design: it.design.clone(),
-            claims: claims.map(|claim| it.claim(claim)).collect(),
-            tables: tables.collect(),
-            figures: Vec::new(),
-            summary: None,
-            answers: Vec::new(),
-            confirm: Vec::new(),
-            warnings: Vec::new(),
-            repeats: None,
-            ..self.clone()
-        }
     }
 }
 

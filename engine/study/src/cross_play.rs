@@ -2,13 +2,13 @@
 
 use super::{
     cell::Cells,
-    cells::{MOST_TRIALS, Sections},
+    checked_sections::{MOST_TRIALS, Sections},
     config::{self, Files, locate},
-    known::Form,
-    path::{KeyPath, Target},
-    written::Named,
+    part::Form,
+    path::KeyPath,
+    written::{Named, Target},
 };
-use contract::{Environment, protocol, trial::Part};
+use contract::{Environment, part::Part, protocol};
 use document::{
     Node,
     diagnostic::{Diagnostic, Span, suggest},
@@ -433,9 +433,4 @@ impl Reader<'_> {
             );
         }
     }
-}
-
-/// Target of the play with this index, for dotted paths such as `cross_play.NAME.episodes`.
-pub(super) fn target(plays: &[Named], name: &str) -> Option<Target> {
-    plays.iter().position(|play| play.name == name).map(Target::Play)
 }

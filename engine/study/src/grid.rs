@@ -2,13 +2,14 @@
 //! resolved once, on all cores, and then only that is kept of it which does not follow from its dimensions one by one.
 
 use super::{
+    checked_sections::Sections,
     config::{Files, Plugin},
-    known::{Given, Known, Resolved},
+    part::{Given, Resolved},
 };
 use contract::{
     complete_config::{Change, CompleteConfig, changes},
+    part::Part,
     product::named_in,
-    trial::Part,
 };
 use document::diagnostic::Diagnostic;
 use rayon::prelude::*;
@@ -46,23 +47,20 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Resolves what `given` says at every point of some dimensions.
+    /// Resolves what `given` says at every point of some dimensions; `first` is the part at the first of them.
     ///
     /// # Errors
     /// What keeps points from being resolved.
     pub(super) fn resolve(
-        known: &mut Known<'_>,
-        given: &Given,
+        sections: &Sections<'_>,
+        files: &Files<'_>,
+        (given, first): (&Given, Result<Arc<Resolved>, Vec<Diagnostic>>),
         dimensions: Vec<(usize, usize)>,
     ) -> Result<Self, Vec<Diagnostic>> {
-        let points = points(&dimensions, 0);
-        let first = known.part(Given {
-            points,
-            ..given.clone()
-        });
         let maker = Maker {
-            known,
-            plugin: known.sections.plugin(given.target).ok_or_else(Vec::new)?,
+            sections,
+            files,
+            plugin: sections.plugin(given.target).ok_or_else(Vec::new)?,
             given,
             first: first.as_deref().ok(),
             names_products: AtomicBool::new(false),
@@ -136,7 +134,8 @@ fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option
 
 /// Resolves points.
 struct Maker<'a> {
-    known: &'a Known<'a>,
+    sections: &'a Sections<'a>,
+    files: &'a Files<'a>,
     plugin: Plugin<'a>,
     given: &'a Given,
     /// `None` where it was refused.
@@ -154,7 +153,7 @@ impl Maker<'_> {
             points,
             ..self.given.clone()
         };
-        let resolved = self.known.sections.resolve(&self.plugin, given, files)?;
+        let resolved = self.sections.resolve(&self.plugin, given, files)?;
         if !named_in(&resolved.part.config).is_empty() {
             self.names_products.store(true, Ordering::Relaxed);
         }
@@ -178,7 +177,7 @@ impl Maker<'_> {
                 (first.files == part.files).then(|| changes.collect())
             };
             let all = (1..dimensions[place].1).into_par_iter();
-            all.map_with(self.known.files.clone(), changed).collect()
+            all.map_with(self.files.clone(), changed).collect()
         };
         (0..dimensions.len()).map(of_dimension).collect()
     }
@@ -197,7 +196,7 @@ impl Maker<'_> {
                 .into_par_iter()
                 .with_min_len(MANY);
             let found: Vec<_> = places
-                .map_with(self.known.files.clone(), |files, place| {
+                .map_with(self.files.clone(), |files, place| {
                     let outcome = self.to_keep(points(dimensions, place), single, files);
                     outcome.transpose().map(|outcome| (place, outcome))
                 })

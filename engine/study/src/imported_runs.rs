@@ -1,6 +1,6 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
-use super::{cells::Sections, seeds::SeedPlan, way::name_written_out};
+use super::{checked_sections::Sections, seeds::SeedPlan, way::name_written_out};
 use analysis::results::Origin;
 use contract::Metric;
 use document::{

@@ -2,8 +2,12 @@
 //! `check` holds studies against it, so the two cannot differ.
 
 use super::sections::Sections;
-use contract::{Registry, cast, registry::About};
-use document::schema_check::NAME;
+use contract::{Registry, cast, plugin::About};
+use document::{
+    Node,
+    diagnostic::{Diagnostic, Sources, Span},
+    schema_check::{At, Checker, NAME, View},
+};
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 
@@ -104,6 +108,25 @@ pub(super) fn with_presets(about: &About) -> Value {
             json!({ "description": description, "enum": names, "x-kind": "preset" });
     }
     schema
+}
+
+/// Holds a study against the schema.
+pub(super) fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
+    let mut checker = Checker::new(sources);
+    let start = Span {
+        length: 1,
+        ..root.span
+    };
+    checker.check(
+        root,
+        &At {
+            key: start,
+            name: String::new(),
+            path: String::new(),
+        },
+        &View::new(schema, schema),
+    );
+    checker.found
 }
 
 /// Moves a schema with its own definitions under `prefix`, and returns a reference to it.

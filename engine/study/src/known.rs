@@ -2,77 +2,18 @@
 
 use super::{
     cell::{Cell, Place},
-    cells::Sections,
-    config::Files,
+    checked_sections::Sections,
+    config::{self, Files},
     grid::Grid,
     overrides::Override,
-    path::Target,
+    part::{Form, Given, Resolved},
     schedule::Stretch,
     search::Searched,
+    written::Target,
 };
-use contract::{complete_config::CompleteConfig, own_training::Measured, setting::Setting, trial::Part};
+use contract::{complete_config::CompleteConfig, part::Part, setting::Setting};
 use document::{Node, diagnostic::Diagnostic};
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, OnceLock},
-};
-
-/// A plugin with its complete config.
-#[derive(Debug)]
-pub struct Resolved {
-    /// What is built.
-    pub part: Arc<Part>,
-    /// Its hash, once somebody has asked for it.
-    id: OnceLock<String>,
-    /// What was given for it, to find the place of a mistake.
-    pub given: Given,
-}
-
-impl Resolved {
-    /// A part, and what was given for it.
-    #[must_use]
-    pub fn new(part: Part, given: Given) -> Self {
-        Self {
-            part: part.into(),
-            id: OnceLock::new(),
-            given,
-        }
-    }
-
-    /// The hash of the part.
-    #[must_use]
-    pub fn id(&self) -> &str {
-        self.id.get_or_init(|| self.part.id())
-    }
-}
-
-/// What sets a part's config apart from what is written for it.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Given {
-    /// The part.
-    pub target: Target,
-    /// Overrides that apply, by index.
-    pub overrides: Vec<usize>,
-    /// Dimensions of the sweep with the point taken.
-    pub points: Vec<(usize, usize)>,
-    /// A search with the setting taken.
-    pub tried: Option<(usize, usize)>,
-    /// The part of a schedule that a protocol takes.
-    pub stretch: Option<Stretch>,
-    /// The form in which a protocol is given to an agent.
-    pub form: Form,
-}
-
-/// How an agent comes to its policy, which decides the keys of a protocol that concern it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Form {
-    /// The protocol trains it. All parts but protocols have this form.
-    Trained,
-    /// It does not learn.
-    Alone,
-    /// It trains itself, and is measured in this way.
-    Own(Option<Measured>),
-}
+use std::{collections::BTreeMap, sync::Arc};
 
 pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
 
@@ -109,7 +50,9 @@ impl<'a> Known<'a> {
             if let Some(known) = self.grids.get(&given) {
                 return known.clone();
             }
-            let outcome = Grid::resolve(self, &given, dimensions).map(Arc::new);
+            let first = self.part(given.clone());
+            let outcome =
+                Grid::resolve(self.sections, &self.files, (&given, first), dimensions).map(Arc::new);
             self.grids.insert(given, outcome.clone());
             outcome
         });
@@ -174,6 +117,42 @@ impl<'a> Known<'a> {
             .collect();
         let values = searched.points[place].iter().map(Node::to_value);
         words(&keys).into_iter().zip(values).collect()
+    }
+
+    /// What leads a combination to the last setting of the schedule that was found for its agent: nothing where a
+    /// setting was.
+    pub(super) fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
+        let Some((search, _)) = self.sections.chosen(agent) else {
+            return Ok(Vec::new());
+        };
+        let targets = [
+            Target::Environment(environment),
+            Target::Agent(agent),
+            Target::Protocol,
+        ];
+        let way = self.sections.searches[search].way_to_chosen();
+        let cell = |place: usize| {
+            let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
+            let point = self.point(search, place);
+            Ok(Cell::new(Place::Leading(environment, agent), point, parts))
+        };
+        way.into_iter().map(cell).collect()
+    }
+
+    /// Refuses an entry of `prepare` with an agent whose schedule is searched.
+    pub(super) fn needs_no_schedule(&self, entry: usize, agent: Target) -> Result<(), Vec<Diagnostic>> {
+        let is_of_agent = |it: &&Searched<'_>| Target::Agent(it.agent) == agent && it.search.is_population();
+        let Some(searched) = self.sections.searches.iter().find(is_of_agent) else {
+            return Ok(());
+        };
+        let entry = &self.sections.written.prepared[entry];
+        let message = format!(
+            "the entry `{}` would need the whole schedule that `{}` searches for `{}`",
+            entry.name, searched.search.name, searched.search.agent
+        );
+        let at = format!("prepare.{}", entry.name);
+        let error = self.sections.sources.error(entry.name_span, &at, message);
+        Err(vec![error.help("write the agent that is meant into the entry")])
     }
 
     pub(super) fn parts(
@@ -273,4 +252,23 @@ fn parts_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<[Arc<Res
     known
         .parts(targets, (searched.environment, searched.agent), &[], None)
         .ok()
+}
+
+/// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
+pub(super) fn member(sections: &Sections<'_>, searched: &Searched<'_>, shares: &[f64]) -> Option<Part> {
+    let mut known = Known::new(sections);
+    let pair = (searched.environment, searched.agent);
+    let targets = [
+        Target::Environment(pair.0),
+        Target::Agent(pair.1),
+        Target::Protocol,
+    ];
+    let [_, agent, _] = known.parts(targets, pair, &[], None).ok()?;
+    let mut config = sections.assigned(&agent.given);
+    let keys = searched.paths.iter().zip(&searched.search.keys).zip(shares);
+    for ((path, (_, range)), share) in keys {
+        path.assign(&mut config, &Node::from_value(path.span, &range.at(*share)));
+    }
+    let plugin = sections.plugin(targets[1])?;
+    config::resolve(&plugin, &config, &mut known.files, sections.sources).ok()
 }

@@ -1,9 +1,9 @@
 //! `overrides` and `exclude`: what differs for some combinations of environment and agent.
 
 use super::{
-    path::{self, KeyPath, Target},
+    path::{self, KeyPath},
     sweep::Dimension,
-    written::{Selection, Written},
+    written::{Selection, Target, Written},
 };
 use document::{
     Node,

@@ -1,31 +1,12 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
-use super::written::{Chosen, Named, PartKind, Written};
+use super::written::{Chosen, Named, PartKind, Target, Written};
 use document::{
     Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::{At, Checker, View},
 };
 use serde_json::Value;
-
-/// What a path begins with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Target {
-    /// The environment with this index.
-    Environment(usize),
-    /// The agent with this index.
-    Agent(usize),
-    /// The protocol.
-    Protocol,
-    /// The play with this index.
-    Play(usize),
-    /// The search with this index.
-    Search(usize),
-    /// A part that is written in the entry of `prepare` with this index.
-    Prepared(usize, PartKind),
-    /// The seeds.
-    Seeds,
-}
 
 /// A path that exists.
 #[derive(Debug, Clone)]
@@ -251,7 +232,10 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     };
     match words {
         ["protocol", ..] => Some((Target::Protocol, 1)),
-        ["cross_play", name, ..] => Some((super::cross_play::target(&written.plays, name)?, 2)),
+        ["cross_play", name, ..] => {
+            let index = written.plays.iter().position(|play| play.name == *name)?;
+            Some((Target::Play(index), 2))
+        }
         ["search", name, ..] => {
             let index = written.searches.iter().position(|search| search.name == *name)?;
             Some((Target::Search(index), 2))
@@ -311,6 +295,29 @@ impl KeyPath<'_> {
     /// Writes a value at this key of a config.
     pub fn assign(&self, config: &mut Node, value: &Node) {
         assign(config, &self.config, &self.keys, self.span, value);
+    }
+
+    /// Replaces the value at this key of the study, as profiles and `--set` do.
+    pub fn set(&self, written: &mut Written, value: &Node) {
+        match self.target {
+            Target::Environment(index) => self.assign(&mut written.environments[index].config, value),
+            Target::Agent(index) => self.assign(&mut written.agents[index].config, value),
+            Target::Protocol => self.assign(&mut written.protocol.config, value),
+            Target::Play(index) => self.assign(&mut written.plays[index].config, value),
+            Target::Search(index) => self.assign(&mut written.searches[index].config, value),
+            Target::Prepared(index, kind) => {
+                written.prepared[index]
+                    .own_mut(kind)
+                    .into_iter()
+                    .for_each(|named| self.assign(&mut named.config, value));
+            }
+            Target::Seeds => {
+                let seeds = written
+                    .seeds
+                    .get_or_insert_with(|| Node::empty_mapping(self.span));
+                self.assign(seeds, value);
+            }
+        }
     }
 
     /// True for the key `preset`, which is no key of the config itself.

@@ -1,7 +1,7 @@
 //! One plugin's config in a file of its own, as `rollout` takes it.
 
 use super::{config, json_schema::with_presets};
-use contract::{registry::About, trial::Part};
+use contract::{part::Part, plugin::About};
 use document::{
     diagnostic::{Diagnostic, Sources, Span, in_order},
     input_file,

@@ -1,14 +1,13 @@
 //! The section `search`: which keys of an agent are searched, by what, and the settings that were tried so far.
 //!
 //! A study with a search is read again for every generation: [`Progress`] says which settings there are and which one
-//! was chosen. Its trials are cells of their own ([`super::Place::Tried`]), and the agent itself has no trials before
+//! was chosen. Its trials are cells of their own ([`Place::Tried`](crate::cell::Place::Tried)), and the agent itself has no trials before
 //! its setting is chosen.
 
 use super::{
-    Options,
-    path::{self, KeyPath, Target},
+    path::{self, KeyPath},
     sweep::{self, Dimension},
-    written::{Named, Written},
+    written::{Named, Target, Written},
 };
 use analysis::search::{FIRST_TUNING_SEED, Failed, Goal, Method, Progress, Range, Search, lineage};
 use document::{
@@ -18,6 +17,7 @@ use document::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// A search as it is written.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -26,7 +26,7 @@ use serde_json::Value;
 pub(super) struct SearchText {
     /// Keys of one agent by dotted path, each with the values among which is searched.
     #[schemars(extend("minProperties" = 1))]
-    over: std::collections::BTreeMap<String, RangeText>,
+    over: BTreeMap<String, RangeText>,
     /// The metric by which settings are compared: its mean over the final episodes and the seeds of the search.
     by: String,
     /// Which values of the metric are better.
@@ -130,7 +130,7 @@ impl Searched<'_> {
     }
 }
 
-/// Reads all searches; keys that a profile or `--set` fixed are left out.
+/// Reads all searches; keys that a profile or `--set` fixed are left out. `progress` says how far they are, by name.
 ///
 /// # Errors
 /// Paths and names that do not exist, limits that hold nothing, and agents that are searched twice or swept besides.
@@ -139,7 +139,7 @@ pub fn read<'a>(
     schema: &'a Value,
     sources: &Sources,
     (fixed, dimensions): (&[KeyPath<'_>], &[Dimension<'_>]),
-    options: &Options,
+    progress: &BTreeMap<String, Progress>,
 ) -> Result<Vec<Searched<'a>>, Vec<Diagnostic>> {
     let (mut searches, mut found) = (Vec::<Searched<'a>>::new(), Vec::new());
     for named in &written.searches {
@@ -151,7 +151,7 @@ pub fn read<'a>(
             fixed,
             dimensions,
         };
-        match reader.search(options, &searches) {
+        match reader.search(progress, &searches) {
             Ok(search) => searches.push(search),
             Err(errors) => found.extend(errors),
         }
@@ -185,7 +185,11 @@ struct Reader<'a, 's> {
 }
 
 impl<'a> Reader<'a, '_> {
-    fn search(&self, options: &Options, others: &[Searched<'_>]) -> Result<Searched<'a>, Vec<Diagnostic>> {
+    fn search(
+        &self,
+        progress: &BTreeMap<String, Progress>,
+        others: &[Searched<'_>],
+    ) -> Result<Searched<'a>, Vec<Diagnostic>> {
         // What the check against the schema refused was said there.
         let text: SearchText =
             serde_json::from_value(self.named.config.to_value()).map_err(|_| Vec::new())?;
@@ -196,11 +200,7 @@ impl<'a> Reader<'a, '_> {
         self.has_room(&keys, text.settings)?;
         self.can_move(&keys, &text.method)?;
         self.has_members(text.settings, &text.method)?;
-        let progress = options
-            .searches
-            .get(&self.named.name)
-            .cloned()
-            .unwrap_or_default();
+        let progress = progress.get(&self.named.name).cloned().unwrap_or_default();
         let node = |value: &Value| Node::from_value(self.named.name_span, value);
         let points = progress
             .points

@@ -1,6 +1,6 @@
 //! Searches against what trials record: what compares settings, and where trials pause.
 
-use super::{cells::Sections, known, path::Target, search::Searched};
+use super::{checked_sections::Sections, known, search::Searched, written::Target};
 use analysis::search::Search;
 use contract::{
     Better, Interface, random,
@@ -8,7 +8,7 @@ use contract::{
 };
 use document::diagnostic::Diagnostic;
 use presentation::{
-    request::{Names, Picked, Place},
+    names::{Names, Picked, Place},
     vocabulary::Vocabulary,
 };
 

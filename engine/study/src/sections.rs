@@ -5,7 +5,7 @@ use super::{
     confirmations::ConfirmationText, cross_play::EPISODES, search::SearchText, seeds::SeedsText,
     sweep::Generator,
 };
-use analysis::training_share::PaperBudget;
+use analysis::results::PaperBudget;
 use contract::trial_result::Success;
 use document::schema_check::{NAME, SLUG};
 use execution::limits::Limits;

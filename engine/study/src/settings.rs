@@ -5,16 +5,34 @@
 //! is checked.
 
 use super::{
-    Options, check_structure,
+    json_schema::check_structure,
     path::{self, KeyPath},
     section, sweep,
     written::Written,
 };
+use analysis::search::Progress;
 use document::{
     Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
 };
+use execution::store::Announcements;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// What a command line changes of a study.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Options {
+    /// The profile to use.
+    pub profile: Option<String>,
+    /// `PATH=VALUE` words, applied after the profile, in order.
+    pub sets: Vec<String>,
+    /// Number of seeds in place of the study's.
+    pub seeds: Option<u64>,
+    /// How far the searches are, by name; they begin where nothing is given.
+    pub searches: BTreeMap<String, Progress>,
+    /// What environments announced before; all are tried out where nothing is given.
+    pub announced: Option<Announcements>,
+}
 
 /// Applies the profile, then `--set` in order, then `--seeds`. All profiles are checked, used or not.
 ///
@@ -58,7 +76,7 @@ pub fn apply<'a>(
 }
 
 fn fix<'a>(path: KeyPath<'a>, value: Node, written: &mut Written, fixed: &mut Vec<KeyPath<'a>>) {
-    written.set(&path, value);
+    path.set(written, &value);
     fixed.push(path);
 }
 
@@ -245,7 +263,7 @@ fn seeds_option(seeds: u64, written: &mut Written, schema: &Value, sources: &mut
         Ok(path) => {
             let wrong = path.check(&value, "seeds", sources);
             if wrong.is_empty() {
-                written.set(&path, value);
+                path.set(written, &value);
             }
             wrong
         }

@@ -5,8 +5,8 @@
 //! `latin_hypercube`, whose slices move).
 
 use super::{
-    path::{self, KeyPath, Target},
-    written::Written,
+    path::{self, KeyPath},
+    written::{Target, Written},
 };
 use analysis::search::Numbers;
 use contract::random;

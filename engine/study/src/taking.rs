@@ -2,38 +2,15 @@
 //! of the study.
 
 use super::{
-    cell::{Cell, Cells, Place},
-    cells::Sections,
+    cell::{Cell, Cells, Place, Source},
+    checked_sections::Sections,
     config::locate,
-    known::Resolved,
-    path::Target,
+    part::Resolved,
+    written::Target,
 };
-use contract::product::{ProductKind, Reference, named_in};
+use contract::product::{Reference, named_in};
 use document::diagnostic::{Diagnostic, Span, say_once, suggest};
 use std::{collections::BTreeMap, sync::Arc};
-
-/// A product that a cell takes.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Source {
-    /// Which of the cell's parts takes it: 0 the environment, 1 the agent, 2 the protocol.
-    pub part: usize,
-    /// Where in the part's config, as a JSON pointer.
-    pub pointer: String,
-    /// What is taken.
-    pub kind: ProductKind,
-    /// Index of the cell whose trial leaves it.
-    pub cell: usize,
-    /// The seed whose product every seed takes; that of the same seed where absent.
-    pub seed: Option<u64>,
-}
-
-impl Source {
-    /// The seed of the trial that leaves what a trial with `seed` takes.
-    #[must_use]
-    pub fn seed_for(&self, seed: u64) -> u64 {
-        self.seed.unwrap_or(seed)
-    }
-}
 
 /// Finds what every cell takes, and gives an order in which each cell comes after those that it takes from.
 ///

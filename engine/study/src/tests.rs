@@ -1,10 +1,15 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
-use super::*;
+use super::{Options, Study, json_schema, load, load_text, resolved_yaml};
 use contract::trial::Trial;
+use document::diagnostic::Diagnostic;
 use presentation::figure::FigureKind;
 use serde_json::json;
-use std::{collections::BTreeSet, sync::Arc};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use testing::toys::toys;
 
 const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/specs");

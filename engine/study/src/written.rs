@@ -1,6 +1,5 @@
 //! The study as written: its sections read from the document, with the positions of all names.
 
-use super::path::{KeyPath, Target};
 use document::{
     Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -71,6 +70,25 @@ impl PartKind {
     }
 }
 
+/// A section or an entry of a study that a dotted path leads into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Target {
+    /// The environment with this index.
+    Environment(usize),
+    /// The agent with this index.
+    Agent(usize),
+    /// The protocol.
+    Protocol,
+    /// The play with this index.
+    Play(usize),
+    /// The search with this index.
+    Search(usize),
+    /// A part that is written in the entry of `prepare` with this index.
+    Prepared(usize, PartKind),
+    /// The seeds.
+    Seeds,
+}
+
 impl Prepared {
     /// The part that is written in the entry; `None` for one of the study's.
     #[must_use]
@@ -82,7 +100,7 @@ impl Prepared {
         }
     }
 
-    fn own_mut(&mut self, kind: PartKind) -> Option<&mut Named> {
+    pub(super) fn own_mut(&mut self, kind: PartKind) -> Option<&mut Named> {
         match (kind, &mut self.environment, &mut self.agent) {
             (PartKind::Environment, Chosen::Own(named), _) | (PartKind::Agent, _, Chosen::Own(named)) => {
                 Some(named)
@@ -182,27 +200,6 @@ impl Written {
             Target::Search(index) => self.searches.get(index),
             Target::Prepared(index, kind) => self.prepared.get(index)?.own(kind),
             Target::Seeds => None,
-        }
-    }
-
-    /// Replaces a value, as profiles and `--set` do.
-    pub fn set(&mut self, path: &KeyPath<'_>, value: Node) {
-        match path.target {
-            Target::Environment(index) => path.assign(&mut self.environments[index].config, &value),
-            Target::Agent(index) => path.assign(&mut self.agents[index].config, &value),
-            Target::Protocol => path.assign(&mut self.protocol.config, &value),
-            Target::Play(index) => path.assign(&mut self.plays[index].config, &value),
-            Target::Search(index) => path.assign(&mut self.searches[index].config, &value),
-            Target::Prepared(index, kind) => {
-                self.prepared[index]
-                    .own_mut(kind)
-                    .into_iter()
-                    .for_each(|named| path.assign(&mut named.config, &value));
-            }
-            Target::Seeds => {
-                let seeds = self.seeds.get_or_insert_with(|| Node::empty_mapping(path.span));
-                path.assign(seeds, &value);
-            }
         }
     }
 

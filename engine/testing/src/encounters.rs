@@ -4,7 +4,8 @@ use crate::synthetic::trial;
 use contract::{
     Phase,
     cast::{Cast, Member, Seating},
-    trial::{Part, Purpose},
+    part::Part,
+    trial::Purpose,
     trial_result::TrialResult,
 };
 use std::collections::BTreeMap;

@@ -4,10 +4,11 @@ use analysis::results::Results;
 use contract::{
     Phase,
     cast::Seating,
+    part::Part,
     recorder::Row,
     setting::Setting,
     standard_metrics::UPDATES,
-    trial::{Part, Trial, TrialCell, TrialKey},
+    trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
     trial_result::TrialResult,
 };

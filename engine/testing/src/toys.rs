@@ -3,8 +3,9 @@
 use contract::{
     Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, ProductKind,
     Protocol, Registry, Rng, Seat, Space, Step, Updates,
-    registry::{AgentTraits, Config, Preset},
-    trial::Part,
+    part::Part,
+    plugin::{Config, Preset},
+    registry::AgentTraits,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

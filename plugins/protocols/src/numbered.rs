@@ -2,9 +2,7 @@
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Mode, NoKeeper, Observation,
-    Recorder, Registry, Rng, Seat, Space, Step,
-    cast::Seating,
-    trial::{Part, TrialKey},
+    Recorder, Registry, Rng, Seat, Space, Step, cast::Seating, part::Part, trial::TrialKey,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

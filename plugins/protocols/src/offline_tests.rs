@@ -7,9 +7,10 @@ use contract::{
     UseOfDatasets,
     cast::Seating,
     dataset::{Dataset, DatasetWriter, Episode},
+    part::Part,
     product::{ProductKind, Taken, named_in},
     standard_metrics::UPDATES,
-    trial::{Part, TrialKey},
+    trial::TrialKey,
 };
 use rand::Rng as _;
 use schemars::JsonSchema;

@@ -3,11 +3,7 @@
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode,
     NoKeeper, Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
-    Updates,
-    cast::Seating,
-    data_file::hash_of,
-    standard_metrics::UPDATES,
-    trial::{Part, TrialKey},
+    Updates, cast::Seating, data_file::hash_of, part::Part, standard_metrics::UPDATES, trial::TrialKey,
 };
 use rand::Rng as _;
 use schemars::JsonSchema;

@@ -6,10 +6,10 @@ use contract::{
     Checkpoint, Config, Environment, Error, Metric, Mode, Observation, Phase, Product, ProductKind, Protocol,
     Registry, Rng,
     agent::Transition,
-    checkpoint::exact,
+    exact,
     own_training::Measured,
+    part::Part,
     protocol::{self, Blocks, Measurement, Position, Run, measure, measure_alone, observe, restored},
-    trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

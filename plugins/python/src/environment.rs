@@ -7,7 +7,7 @@ use crate::{
     server::{self, Request, Server, Shared, prefixed},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step, checkpoint::exact};
+use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step, exact};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -2,10 +2,7 @@
 
 use crate::refusal::Refusal;
 use contract::{
-    Environment, Registry,
-    product::no_product,
-    registry::{About, EnvironmentEntry},
-    trial::Part,
+    Environment, Registry, part::Part, plugin::About, product::no_product, registry::EnvironmentEntry,
 };
 use document::diagnostic;
 

@@ -324,8 +324,9 @@ mod tests {
     use super::*;
     use contract::{
         cast::Seating,
+        part::Part,
         recorder::Row,
-        trial::{Part, Trial, TrialCell, TrialKey},
+        trial::{Trial, TrialCell, TrialKey},
     };
 
     fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {

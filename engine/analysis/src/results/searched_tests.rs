@@ -8,10 +8,11 @@ use crate::search::{
 use contract::{
     Phase, Rng,
     cast::Seating,
+    part::Part,
     random,
     recorder::Row,
     setting::Setting,
-    trial::{Part, Trial, TrialCell, TrialKey},
+    trial::{Trial, TrialCell, TrialKey},
     trial_end::TrialEnd,
 };
 use proptest::prelude::*;

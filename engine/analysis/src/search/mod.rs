@@ -21,7 +21,7 @@ pub use population::{lineage, schedule_in_words};
 pub use progress::Progress;
 pub use range::{Numbers, Range};
 
-use contract::{random, trial, trial_end::EndState};
+use contract::{digest, random, trial_end::EndState};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -417,7 +417,7 @@ impl Search {
             .iter()
             .map(|(key, range)| (last(key), format!("{range:?}")))
             .collect();
-        trial::hash(&json!([
+        digest::of_json(&json!([
             self.plugin,
             keys,
             self.by,

@@ -11,8 +11,9 @@ use super::{
 
 use contract::{
     Agent, Metric, ProductKind, Protocol, Registry, cast,
+    plugin::About,
     protocol::given_to_learn,
-    registry::{About, AgentEntry, ProtocolEntry},
+    registry::{AgentEntry, ProtocolEntry},
     standard_metrics::{time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric},
 };
 use document::schema_check::View;

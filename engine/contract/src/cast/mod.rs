@@ -9,10 +9,10 @@ mod team;
 pub use team::{Team, take_up};
 
 use crate::{
-    Registry,
+    Registry, digest,
+    part::Part,
+    plugin::About,
     product::{Policy, Product, ProductKind, Taken, reference_schema},
-    registry::About,
-    trial::{Part, hash},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -143,7 +143,7 @@ impl Cast {
     pub fn id(&self) -> String {
         let member = |member: &Member| json!([member.seats, member.agent.id(), member.trial]);
         let roles: BTreeMap<&String, _> = self.roles.iter().map(|(role, it)| (role, member(it))).collect();
-        hash(&json!(["cast", VERSION, roles]))
+        digest::of_json(&json!(["cast", VERSION, roles]))
     }
 
     /// The policies that it takes.

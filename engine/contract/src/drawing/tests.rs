@@ -1,7 +1,7 @@
 //! Drawings on disk: what is written comes back, what is no drawing is refused by name.
 
 use super::*;
-use crate::{Rng, Seat, Step};
+use crate::{Environment, Rng, Seat, Step, protocol::leave_drawings};
 use serde_json::{Value, json};
 
 fn image(side: u32, value: u8) -> Image {
@@ -236,7 +236,7 @@ impl Environment for Drawer {
 #[test]
 fn an_environment_leaves_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
-    let left = |graph, images| leave(&mut Drawer(graph, images), folder.path());
+    let left = |graph, images| leave_drawings(&mut Drawer(graph, images), folder.path());
     assert_eq!(left(None, Vec::new()).unwrap(), []);
     assert!(ProductKind::ALL.iter().all(|kind| !kind.lies_in(folder.path())));
     let both = left(Some(graph()), vec![image(3, 1)]).unwrap();
@@ -246,7 +246,7 @@ fn an_environment_leaves_what_it_has() {
         left(Some(Graph::default()), Vec::new()),
         Err(Error::Drawing(_))
     ));
-    let nowhere = leave(
+    let nowhere = leave_drawings(
         &mut Drawer(Some(graph()), Vec::new()),
         &folder.path().join("none"),
     );

@@ -1,12 +1,12 @@
 //! Measuring a policy: whole episodes, every one on random numbers of its own.
 
 use super::{
-    Run,
+    Run, leave_drawings,
     position::{Blocks, Position, restored},
 };
 use crate::{
     Action, End, Environment, Error, Metric, Mode, Observation, Phase, Rng, agent::Agent, clock, dataset,
-    drawing, episode_metrics::EpisodeMetrics, standard_metrics::EPISODE_LENGTH,
+    episode_metrics::EpisodeMetrics, standard_metrics::EPISODE_LENGTH,
 };
 use serde::Serialize;
 use serde_json::Value;
@@ -363,7 +363,7 @@ fn leave(
     finish(run, what, episode);
     let is_drawn = what.drawn && episode.index + 1 == what.episodes;
     if let Some(folder) = run.folder.filter(|_| is_drawn) {
-        drawing::leave(&mut *episode.environment, folder)?;
+        leave_drawings(&mut *episode.environment, folder)?;
     }
     if let (Some(kept), Some(mut gathered)) = (kept, episode.gathered.take()) {
         gathered.end = end;

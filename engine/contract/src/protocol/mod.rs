@@ -9,7 +9,7 @@ mod going_on;
 mod position;
 
 use crate::{
-    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder,
+    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, drawing::Image,
     own_training::Assignment, random::Streams, standard_metrics::UPDATES,
 };
 use serde::{Serialize, de::DeserializeOwned};
@@ -70,7 +70,7 @@ impl Run<'_> {
 
     /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs
     /// besides agent and record. Numbers that may not be finite belong into a field with
-    /// [`exact`](crate::checkpoint::exact).
+    /// [`exact`](crate::exact).
     ///
     /// # Errors
     /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded
@@ -98,6 +98,26 @@ impl Run<'_> {
             Ok(())
         }
     }
+}
+
+/// Writes the graph and the images that an environment has after its last episode into a trial's folder, each
+/// where there is one; says what was written.
+///
+/// # Errors
+/// What the environment reports, [`Error::Drawing`] where it gives what cannot be drawn, and [`Error::Store`]
+/// where a file cannot be written.
+pub fn leave_drawings(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ProductKind>, Error> {
+    let mut left = Vec::new();
+    if let Some(graph) = environment.graph() {
+        graph.write(folder)?;
+        left.push(ProductKind::Graph);
+    }
+    let images = environment.images()?;
+    if !images.is_empty() {
+        Image::write_all(&images, folder)?;
+        left.push(ProductKind::Images);
+    }
+    Ok(left)
 }
 
 fn misfit(source: serde_json::Error) -> Error {

@@ -35,9 +35,10 @@ use crate::{
 use contract::{
     Error, ProductKind, Registry,
     cast::Seating,
+    part::Part,
     product::Taken,
     resources::{Capacity, Needs},
-    trial::{Part, Trial, TrialCell, TrialKey},
+    trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, is_missing},
 };
 use ledger::{Ledger, Who};

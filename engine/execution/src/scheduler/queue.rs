@@ -286,8 +286,9 @@ mod tests {
     use super::*;
     use contract::{
         cast::Seating,
+        part::Part,
         resources::Needs,
-        trial::{Part, Trial, TrialCell, TrialKey},
+        trial::{Trial, TrialCell, TrialKey},
     };
 
     fn trial(id: &str) -> Trial {

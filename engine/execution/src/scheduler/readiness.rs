@@ -62,7 +62,8 @@ mod tests {
     use super::*;
     use contract::{
         cast::Seating,
-        trial::{Part, Trial, TrialCell, TrialKey},
+        part::Part,
+        trial::{Trial, TrialCell, TrialKey},
     };
 
     fn trial(seed: u64) -> Trial {

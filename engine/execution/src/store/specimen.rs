@@ -2,7 +2,8 @@
 
 use contract::{
     cast::Seating,
-    trial::{Part, Trial, TrialCell, TrialKey},
+    part::Part,
+    trial::{Trial, TrialCell, TrialKey},
 };
 use serde_json::json;
 

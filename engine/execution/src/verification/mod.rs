@@ -6,8 +6,9 @@ pub use receipt::{Entry, Outcome, Receipt};
 
 use contract::{
     Registry,
-    registry::About,
-    trial::{Part, Trial, TrialKey},
+    part::Part,
+    plugin::About,
+    trial::{Trial, TrialKey},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},

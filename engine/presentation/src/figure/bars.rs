@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     kinds::Contradiction,
-    request::{Names, Place},
+    names::{Names, Place},
     table::{self, Comparison, Grid, Intervals, Table},
 };
 use contract::Error;

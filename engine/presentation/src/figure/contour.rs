@@ -7,7 +7,7 @@ use super::{
     chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
 };
 use crate::{
-    request::{Names, Picked, Place},
+    names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

@@ -6,7 +6,7 @@ use super::{
     chart::{Chart, Shape},
     drawn::{Choice, panel},
 };
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use contract::{
     Error, ProductKind,
     drawing::{Drawings, Graph},

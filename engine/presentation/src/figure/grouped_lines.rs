@@ -6,7 +6,7 @@ use super::{
     chart::{Chart, Point, Scale, Series, Shape},
 };
 use crate::{
-    request::{Names, Place},
+    names::{Names, Place},
     table::{Axis, Scope},
 };
 use contract::{Error, setting::word};

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     kinds::Contradiction,
-    request::{Names, Place},
+    names::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
 };
 use contract::Error;

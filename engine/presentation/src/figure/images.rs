@@ -6,7 +6,7 @@ use super::{
     chart::{Chart, Shape, Tiles},
     drawn::{Choice, panel},
 };
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use contract::{Error, ProductKind, drawing::Drawings, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -7,7 +7,7 @@ use super::{
     searched::Searched,
 };
 use crate::{
-    request::{Names, Place},
+    names::{Names, Place},
     table::metric_of_search,
 };
 use analysis::search::importance::{FEWEST, Importance, TREES, importance};

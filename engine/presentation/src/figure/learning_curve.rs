@@ -10,7 +10,7 @@ use super::{
     published,
 };
 use crate::{
-    request::{Names, Picked, Place},
+    names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
 use analysis::published_curve::{PublishedCurve, Run};

@@ -71,7 +71,7 @@ pub use trajectory::Trajectory;
 
 use crate::{
     kinds::{Contradiction, kinds},
-    request::{Names, Place},
+    names::{Names, Place},
 };
 use analysis::published_curve::PublishedCurve;
 use contract::{Error, ProductKind};

@@ -8,7 +8,7 @@ use super::{
     ticks::{self, Tick},
 };
 use crate::{
-    request::{Names, Place},
+    names::{Names, Place},
     table::metric_of_search,
 };
 use analysis::search::Range;

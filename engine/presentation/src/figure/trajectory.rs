@@ -6,7 +6,7 @@ use super::{
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
-    request::{Names, Place},
+    names::{Names, Place},
     table::{Axis, Scope},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

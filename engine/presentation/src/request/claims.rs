@@ -1,7 +1,10 @@
 //! Claims against what trials record.
 
-use super::{Names, Picked, typed};
-use crate::claim_spec::ClaimSpec;
+use super::typed;
+use crate::{
+    claim_spec::ClaimSpec,
+    names::{Names, Picked},
+};
 use analysis::claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within};
 use contract::standard_metrics::SUCCESS;
 use document::{

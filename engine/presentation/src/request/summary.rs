@@ -1,8 +1,9 @@
 //! The sentences of a study against its tables and claims.
 
-use super::{Names, claims::Text};
+use super::claims::Text;
 use crate::{
     answers::{Answer, AnswerText},
+    names::Names,
     summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
 };
 use document::{

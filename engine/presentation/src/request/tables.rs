@@ -1,8 +1,8 @@
 //! Tables against what trials record: what they are made of, published values, margins.
 
-use super::{Names, Place};
-use crate::table::{
-    Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec,
+use crate::{
+    names::{Names, Place},
+    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use document::{
     Entry,
@@ -267,29 +267,6 @@ impl Names<'_> {
             let message = format!("{} is no share of {n} runs", entry.value);
             let help = format!("the nearest is {:.3}, {nearest} of {n}", nearest / f64::from(n));
             self.say(at, message, help);
-        }
-    }
-
-    pub(crate) fn labels(&mut self, place: &Place<'_>, rows: &[String], columns: &[String]) {
-        let Some(labels) = place.below("labels") else {
-            return;
-        };
-        let known: Vec<&str> = rows.iter().chain(columns).map(String::as_str).collect();
-        for entry in labels
-            .node
-            .entries()
-            .iter()
-            .filter(|entry| !known.contains(&entry.key.as_str()))
-        {
-            let message = format!(
-                "`{}` is no row or column, so its label is never printed",
-                entry.key
-            );
-            self.say(
-                (entry.key_span, format!("{}.{}", labels.at, entry.key)),
-                message,
-                suggest(&entry.key, known.iter().copied()),
-            );
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The settings that a search tried, from the best to the worst.
 
 use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use analysis::results::{Results, SearchResult, TriedSetting};
 use contract::Error;
 use document::diagnostic::suggest;

@@ -5,7 +5,7 @@ use super::{
     Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, Quantity, Scope, Statistic, Table,
     comparison::summarise, problem,
 };
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use analysis::{cross_play::Encounters, results::Results};
 use contract::Error;
 use document::diagnostic::suggest;

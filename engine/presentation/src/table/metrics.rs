@@ -1,7 +1,7 @@
 //! Several metrics side by side: one row each, agents along the columns, and how two agents rank them.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
-use crate::request::{Names, Picked, Place};
+use crate::names::{Names, Picked, Place};
 use analysis::results::Results;
 use contract::Error;
 use schemars::JsonSchema;

@@ -48,7 +48,7 @@ pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
     kinds::{Contradiction, kinds},
-    request::{Names, Place},
+    names::{Names, Place},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;

@@ -5,7 +5,7 @@
 //! by itself is kept beside it.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::Error;
 use schemars::JsonSchema;

@@ -7,11 +7,7 @@ use super::{
     Subject,
     table::{Cells, Column},
 };
-use contract::{
-    cast::Seating,
-    registry::About,
-    trial::{Part, TrialKey},
-};
+use contract::{cast::Seating, part::Part, plugin::About, trial::TrialKey};
 use document::schema_check::View;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -352,7 +352,7 @@ impl Compute<'_> {
     }
 
     fn needs(&self, trial: &Trial) -> Needs {
-        Needs::of(self.session.registry, trial.key.agent.agent())
+        self.session.registry.needs(trial.key.agent.agent())
     }
 
     /// The study's limits, tightened by the machine's, and what the command line says in their place.

@@ -18,12 +18,8 @@ pub(crate) use play::episode;
 
 use crate::{Exit, Failure, one_trial};
 use contract::{
-    Agent, Environment, Registry,
-    product::Taken,
-    random::Streams,
-    registry::{About, AgentEntry},
-    trial::Part,
-    trial_result::TrialResult,
+    Agent, Environment, Registry, part::Part, plugin::About, product::Taken, random::Streams,
+    registry::AgentEntry, trial_result::TrialResult,
 };
 use document::diagnostic;
 use execution::{

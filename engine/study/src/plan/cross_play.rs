@@ -2,7 +2,7 @@
 //! them.
 
 use super::{DEVICE, OfCells};
-use crate::Study;
+use crate::checked_study::Study;
 use analysis::cross_play::title;
 use contract::{
     cast::{Cast, Member, Seating},

@@ -1,7 +1,7 @@
 //! Parts taken apart into leaves: the values of a config by dotted path. Equal parts and equal values become
 //! equal numbers, so that many parts are compared quickly.
 
-use contract::{complete_config::CompleteConfig, trial::Part};
+use contract::{complete_config::CompleteConfig, part::Part};
 use serde_json::{Value, json};
 use std::{
     cmp::Ordering,

@@ -16,11 +16,15 @@ pub use explain::{explain, to_json};
 pub use leaves::Difference;
 pub use novelty::{Novelty, Reason, novelties};
 
-use crate::{Cell, Place, Study};
+use crate::{
+    cell::{Cell, Place},
+    checked_study::Study,
+};
 use contract::{
     cast::{Cast, Member, Seating},
+    part::Part,
     product::Taken,
-    trial::{CellName, Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
+    trial::{CellName, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
 use presentation::vocabulary::Play;
 use std::{

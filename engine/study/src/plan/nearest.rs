@@ -7,7 +7,8 @@
 use super::leaves::{Catalogue, Difference, PartIndex};
 use contract::{
     cast::{POLICY, Seating},
-    trial::{Part, TrialKey},
+    part::Part,
+    trial::TrialKey,
 };
 use execution::store::{StoredCell, Took};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -3,7 +3,8 @@
 use super::{Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, to_json};
 use contract::{
     cast::Seating,
-    trial::{Part, Trial, TrialCell, TrialKey},
+    part::Part,
+    trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
 };
 use serde_json::{Value, json};

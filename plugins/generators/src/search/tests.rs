@@ -178,7 +178,7 @@ fn the_number_of_scored_images_is_in_the_identity_and_not_in_the_random_streams(
     let of = |key: &str, value: usize| {
         let mut config = about.defaults.clone();
         config[key] = json!(value);
-        let environment = contract::trial::Part::new(NAME, about.version, config);
+        let environment = contract::part::Part::new(NAME, about.version, config);
         (environment.id(), environment.stream_id(about))
     };
     let ((id, streams), (other_id, other_streams)) = (of("scored_images", 20), of("scored_images", 40));

@@ -3,9 +3,9 @@
 use super::Worth;
 use contract::{
     Action, Agent, Error, Metric, Mode, Observation, Phase, Rng, Space, Updates,
-    checkpoint::exact,
     dataset::Episode,
     design::{Design, Designs, in_words},
+    exact,
     protocol::Run,
     standard_metrics::EPISODE_LENGTH,
 };

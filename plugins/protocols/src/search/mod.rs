@@ -27,10 +27,10 @@ use candidates::{Candidate, Candidates, Following, Nobody};
 use contract::{
     Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, ProductKind, Protocol,
     Registry, Rng, Transition,
-    checkpoint::exact,
     dataset::{Dataset, DatasetWriter, Episode},
     design::Designs,
     episode_metrics::EpisodeMetrics,
+    exact,
     protocol::{self, Blocks, Measurement, Position, Run, measure, observe, restored},
 };
 use schemars::JsonSchema;

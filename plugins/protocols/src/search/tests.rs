@@ -3,11 +3,7 @@
 use super::*;
 use contract::{
     Action, Agent, AgentTraits, Better, Channel, Choice, NoKeeper, Observation, Recorder, Seat, Space, Step,
-    Transition,
-    cast::Seating,
-    choice,
-    design::FILE,
-    trial::{Part, TrialKey},
+    Transition, cast::Seating, choice, design::FILE, part::Part, trial::TrialKey,
 };
 use serde_json::json;
 

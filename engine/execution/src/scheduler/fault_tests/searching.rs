@@ -19,8 +19,9 @@ use analysis::{
 };
 use contract::{
     Error,
+    part::Part,
     setting::Setting,
-    trial::{Part, Purpose, Trial},
+    trial::{Purpose, Trial},
     trial_end::{EndState, is_missing},
     trial_result::TrialResult,
 };

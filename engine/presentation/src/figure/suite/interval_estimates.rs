@@ -8,7 +8,7 @@ use crate::{
         build::{Context, count},
         chart::{Chart, Panel, Point, Scale, Series, Shape},
     },
-    request::{Names, Place},
+    names::{Names, Place},
     table::Normalise,
 };
 use contract::Error;

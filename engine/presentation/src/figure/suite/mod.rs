@@ -22,7 +22,7 @@ use super::{
     chart::Style,
 };
 use crate::{
-    request::{Names, Picked, Place},
+    names::{Names, Picked, Place},
     table::{
         Axis, Normalise, Scope, ScoreScale,
         normalised_scores::{Pooled, ends_in_words, normalised},

@@ -9,7 +9,7 @@ use crate::{
         chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
     },
     kinds::Contradiction,
-    request::{Names, Place},
+    names::{Names, Place},
     table::Normalise,
 };
 use contract::Error;

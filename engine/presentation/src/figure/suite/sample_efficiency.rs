@@ -8,7 +8,7 @@ use crate::{
         build::{Context, level, problem},
         chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
     },
-    request::{Names, Place},
+    names::{Names, Place},
     table::{Axis, Normalise, ScoreScale},
 };
 use contract::{Error, Phase, trial_result::TrialResult};

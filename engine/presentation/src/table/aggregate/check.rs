@@ -2,7 +2,7 @@
 
 use super::{Aggregate, SUITE_MEAN};
 use crate::{
-    request::{Names, Place},
+    names::{Names, Place},
     table::normalised_scores::{Pooled, normalised, plays_everywhere},
 };
 use document::Node;

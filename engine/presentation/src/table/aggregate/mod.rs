@@ -12,7 +12,7 @@ use super::{
     Axis, Cell, Direction, Fixed, Grid, Heading, Missing, NoValue, Normalise, NumberFormat, OneNumber,
     Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
-use crate::request::{Names, Place};
+use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::{Error, trial_result::TrialResult};
 use schemars::JsonSchema;

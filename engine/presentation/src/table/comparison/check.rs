@@ -1,7 +1,7 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
 use super::{AS_GIVEN, Along, Axis, Comparison, Form, taken::Taken};
-use crate::request::{Names, Picked, Place, quoted};
+use crate::names::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;
 

@@ -13,7 +13,7 @@ pub(super) use build::summarise;
 use super::{Grid, NumberFormat, Table};
 use crate::{
     kinds::Contradiction,
-    request::{Names, Place},
+    names::{Names, Place},
 };
 use analysis::results::Results;
 use contract::Error;

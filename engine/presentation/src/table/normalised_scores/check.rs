@@ -2,7 +2,7 @@
 //! pooled.
 
 use super::{Bound, Normalise};
-use crate::request::{Names, Picked, Place, quoted};
+use crate::names::{Names, Picked, Place, quoted};
 use document::diagnostic::suggest;
 use std::collections::BTreeMap;
 

@@ -2,10 +2,10 @@
 //! that a product of the wrong kind or shape is refused before anything runs, by the code that will read the
 //! real one.
 
-use super::{
-    builds::Builder,
-    cell::Cell,
-    taking::{self, Source},
+use super::Builder;
+use crate::{
+    cell::{Cell, Source},
+    taking,
 };
 use contract::{
     Agent, Error, Interface, ProductKind, product::Taken, protocol::write_checkpoint_specimen, random,

@@ -1,11 +1,8 @@
 //! Agents whose code is not this program's own: they are tried out in environments of their trials, unless it is known
 //! that they were.
 
-use super::{
-    builds::{Builder, Outcome, built},
-    cell::Cell,
-    known::Form,
-};
+use super::{Builder, Outcome, built};
+use crate::{cell::Cell, part::Form};
 use contract::{Agent, Error};
 use serde_json::json;
 

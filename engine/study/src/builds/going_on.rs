@@ -1,6 +1,7 @@
 //! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
 
-use super::{builds::Builder, cell::Cell, schedule, search::Searched, taking};
+use super::Builder;
+use crate::{cell::Cell, known, search::Searched, taking};
 use contract::{
     Agent, Interface, ProductKind,
     protocol::{load_from_checkpoint, write_checkpoint_specimen},
@@ -92,7 +93,7 @@ impl Builder<'_> {
         shares: &[f64],
         interface: &Interface,
     ) -> Option<Box<dyn Agent>> {
-        let part = schedule::member(self.sections, searched, shares)?;
+        let part = known::member(self.sections, searched, shares)?;
         let entry = self.sections.registry.agents.get(part.plugin.as_str())?;
         if !part.products.is_empty() {
             return None;

@@ -1,9 +1,7 @@
 //! What is known of the environments of a study: they are made and tried out, unless it is known what they announced.
 
-use super::{
-    builds::{Builder, Outcome, built},
-    cell::Cell,
-};
+use super::{Builder, Outcome, built};
+use crate::cell::Cell;
 use contract::{Environment, Error, Interface, Metric};
 use execution::patience;
 use serde::{Deserialize, Serialize};

@@ -1,15 +1,18 @@
 //! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the
 //! built environment and protocol know what trials record.
 
-use super::fit;
-use super::{
+mod facts;
+mod going_on;
+mod specimens;
+mod tried;
+
+use crate::{
     cell::{Cell, Cells},
-    cells::Sections,
+    checked_sections::Sections,
     config::locate,
-    facts::Facts,
-    known::{self, Form, Resolved},
-    path::Target,
-    specimens::Specimens,
+    fit,
+    part::{self, Form, Resolved},
+    written::{Named, Target},
 };
 use contract::{
     Agent, Error, Interface, Metric, Protocol, UseOfDatasets,
@@ -21,12 +24,13 @@ use contract::{
     standard_metrics::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
-    trial::with_names,
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
+use facts::Facts;
 use presentation::vocabulary::Vocabulary;
 use serde_json::Value;
+use specimens::Specimens;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -102,7 +106,7 @@ enum Given {
 /// # Errors
 /// What plugins refuse, at the key that they name.
 pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vocabulary, Vec<Diagnostic>> {
-    let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
+    let names = |list: &[Named]| list.iter().map(|named| named.name.clone()).collect();
     let mut vocabulary = Vocabulary {
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
@@ -163,7 +167,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
 }
 
 /// What is given for the environment and the agent of a cell, which tells its agent from others.
-fn given(cell: &Cell) -> [known::Given; 2] {
+fn given(cell: &Cell) -> [part::Given; 2] {
     [0, 1].map(|part| cell.parts[part].given.clone())
 }
 
@@ -212,15 +216,15 @@ fn note(
     );
 }
 
-pub(super) struct Builder<'a> {
-    pub(super) sections: &'a Sections<'a>,
-    pub(super) cells: &'a Cells,
-    pub(super) specimens: Specimens,
+struct Builder<'a> {
+    sections: &'a Sections<'a>,
+    cells: &'a Cells,
+    specimens: Specimens,
     /// By id; `None` where the build failed and was reported.
-    pub(super) environments: BTreeMap<String, Option<Arc<Facts>>>,
+    environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<Measures>>,
     /// What a built agent asks for before it learns, by what is given for environment and agent.
-    agents: BTreeMap<[known::Given; 2], u64>,
+    agents: BTreeMap<[part::Given; 2], u64>,
     /// Environments and agents, each with the ids of environment and protocol that were noted.
     recorded: BTreeSet<((usize, usize), [String; 2])>,
     /// Environments and protocols that were asked whether they fit, by id.
@@ -229,17 +233,17 @@ pub(super) struct Builder<'a> {
     /// What warnings say: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
     /// What environments return that is not as they declare it.
-    pub(super) doubts: Vec<Diagnostic>,
-    pub(super) is_recalled: bool,
+    doubts: Vec<Diagnostic>,
+    is_recalled: bool,
     /// What those that were tried out announced, by id.
-    pub(super) announced: BTreeMap<String, Value>,
+    announced: BTreeMap<String, Value>,
 }
 
 /// What is refused, at its place.
-pub(super) type Outcome<T> = Result<T, Box<Diagnostic>>;
+type Outcome<T> = Result<T, Box<Diagnostic>>;
 
 /// What a plugin builds; one that panics refuses.
-pub(super) fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
 }
 
@@ -278,7 +282,7 @@ impl<'a> Builder<'a> {
     }
 
     /// What the registry has of the cell's agent; `None` for a policy of another trial.
-    pub(super) fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
+    fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
         let sections = self.sections;
         sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
     }
@@ -350,7 +354,7 @@ impl<'a> Builder<'a> {
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let begun = self.config(cell, 0).and_then(|config| {
             let assignment = Assignment {
-                environment: with_names(&config, (entry.names)(&config)),
+                environment: entry.named(&config),
                 ..Assignment::default()
             };
             built
@@ -478,7 +482,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds the agent of a cell for the seats of its environment.
-    pub(super) fn agent(&mut self, cell: &Cell, interface: &Interface) -> Outcome<Box<dyn Agent>> {
+    fn agent(&mut self, cell: &Cell, interface: &Interface) -> Outcome<Box<dyn Agent>> {
         if cell.is_policy() {
             return self.policy(cell, interface);
         }
@@ -622,7 +626,7 @@ impl<'a> Builder<'a> {
     }
 
     /// A refusal, placed at the key that the plugin names where the study gives it.
-    pub(super) fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
+    fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
         let (sections, target) = (self.sections, resolved.given.target);
         let plugin = sections.plugin(target);
         let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));

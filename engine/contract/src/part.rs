@@ -1,0 +1,163 @@
+//! Plugins with their configs, as parts of a trial.
+
+use crate::{
+    Error,
+    complete_config::CompleteConfig,
+    data_file, digest,
+    plugin::About,
+    product::{FindProduct, Taken},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{borrow::Cow, collections::BTreeMap};
+
+/// A plugin's name, version and complete config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Registered name.
+    pub plugin: String,
+    /// Version of the plugin's code.
+    pub version: u32,
+    /// Config with every default filled in; the trials of a plan share it.
+    pub config: CompleteConfig,
+    /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers,
+    /// its path does not.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
+    /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers,
+    /// its name in a study does not.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub products: BTreeMap<String, Taken>,
+    /// Keys of the config that say where it is computed and not what, by name: they determine no numbers. The
+    /// plugin's schema says `x-identity: false` of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of_machine: Vec<String>,
+}
+
+impl Part {
+    /// A part without data files and products.
+    #[must_use]
+    pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
+        let (files, products) = (BTreeMap::new(), BTreeMap::new());
+        Self {
+            plugin: plugin.into(),
+            version,
+            config: config.into(),
+            files,
+            products,
+            of_machine: Vec::new(),
+        }
+    }
+
+    /// Hash of plugin, version, config, the content of data files and the trials whose products are taken.
+    #[must_use]
+    pub fn id(&self) -> String {
+        // The canonical text of `[plugin, version, config]`: a plan has many configs, and none is copied.
+        let mut text = vec![b'['];
+        digest::write_scalar(&self.plugin, &mut text);
+        text.push(b',');
+        digest::write_scalar(&self.version, &mut text);
+        text.push(b',');
+        digest::write_canonical(&self.identity(), &mut text);
+        text.extend(b",]");
+        digest::of_bytes(&text)
+    }
+
+    /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that say
+    /// only how it is looked at ([`About::looking_keys`]). Settings that differ in these meet the same episodes.
+    #[must_use]
+    pub fn stream_id(&self, about: &About) -> String {
+        let mut looking = about.looking_keys().peekable();
+        if looking.peek().is_none() {
+            return self.id();
+        }
+        let mut happening = self.clone();
+        if let Value::Object(config) = happening.config.make_mut() {
+            looking.for_each(|key| drop(config.remove(key)));
+        }
+        happening.id()
+    }
+
+    /// The config with the content of data files in place of their paths, and trials in place of names, without
+    /// what is of a machine: what enters the hash.
+    #[must_use]
+    pub fn identity(&self) -> Cow<'_, Value> {
+        if self.files.is_empty() && self.products.is_empty() && self.of_machine.is_empty() {
+            return self.config.whole();
+        }
+        let mut config = self.config.whole().into_owned();
+        if let Some(keys) = config.as_object_mut() {
+            keys.retain(|key, _| !self.of_machine.contains(key));
+        }
+        for (key, content) in &self.files {
+            if let Some(path) = config.pointer_mut(key) {
+                *path = json!({ "content": content });
+            }
+        }
+        for (key, taken) in &self.products {
+            if let Some(named) = config.pointer_mut(key) {
+                *named = json!({ "product": taken.kind, "trial": taken.trial });
+            }
+        }
+        Cow::Owned(config)
+    }
+
+    /// The config as its plugin is built from it: with what its data files hold, each read once and held
+    /// against its hash, and with the folders of products, which `find` looks up.
+    ///
+    /// # Errors
+    /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and what `find` says.
+    pub fn loaded(&self, find: FindProduct<'_>) -> Result<Cow<'_, Value>, Error> {
+        if self.files.is_empty() && self.products.is_empty() {
+            return Ok(Cow::Borrowed(&self.config));
+        }
+        let mut config = self.config.whole().into_owned();
+        for (key, content) in &self.files {
+            let named = config.pointer_mut(key).filter(|value| value.is_string());
+            let named = named
+                .ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
+            *named = data_file::read(named.as_str().unwrap_or_default(), content)?;
+        }
+        for (key, taken) in &self.products {
+            let named = config.pointer_mut(key).filter(|value| value.is_object());
+            let named = named
+                .ok_or_else(|| Error::config(key, "names no product, but the trial has the source of one"))?;
+            named["folder"] = json!(find(taken)?);
+        }
+        Ok(Cow::Owned(config))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_id_of_a_part_is_the_hash_of_its_canonical_text() {
+        let part = Part::new(
+            "odd \"name\"",
+            3,
+            json!({"b": [1.5, "x\n"], "a": {"c": null, "d": true}}),
+        );
+        assert_eq!(
+            part.id(),
+            digest::of_json(&json!([part.plugin, part.version, *part.config]))
+        );
+        assert_eq!(part.id(), "61feced781fc19da9c518f083e51baee");
+    }
+
+    #[test]
+    fn what_is_of_a_machine_does_not_reach_the_id() {
+        let part = |program: &str| Part {
+            of_machine: vec!["program".into()],
+            ..Part::new("tank", 1, json!({ "program": program, "height": 2.0 }))
+        };
+        assert_eq!(part("python3").id(), part("/opt/python").id());
+        assert_eq!(
+            part("python3").id(),
+            Part::new("tank", 1, json!({ "height": 2.0 })).id()
+        );
+        let stored: Part = serde_json::from_value(json!(part("python3"))).unwrap();
+        assert_eq!(stored, part("python3"));
+    }
+}

@@ -1,0 +1,82 @@
+//! Plugins as the engine knows them: their configs, presets and schemas.
+
+use schemars::{JsonSchema, Schema};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+
+/// What a plugin's config must be.
+///
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then
+/// reads what its id names, whatever happens to the file.
+///
+/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
+/// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the
+/// limits that `check` holds; `#[schemars(extend("x-unit" = "s"))]` the unit and
+/// `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
+pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static {
+    /// Named settings that differ from the default.
+    fn presets() -> Vec<Preset> {
+        Vec::new()
+    }
+}
+
+/// A named setting of a plugin: keys that replace the defaults.
+#[derive(Debug, Clone, Serialize)]
+pub struct Preset {
+    /// The name, as in `preset: thesis`.
+    pub name: &'static str,
+    /// Where it comes from.
+    pub about: &'static str,
+    /// A JSON object with the keys that differ.
+    pub values: Value,
+}
+
+/// What the engine knows of every plugin.
+pub struct About {
+    /// One line.
+    pub about: &'static str,
+    /// Raised whenever a change of code changes the numbers of a trial.
+    pub version: u32,
+    /// The config with every default.
+    pub defaults: Value,
+    /// JSON Schema of the config.
+    pub schema: Schema,
+    /// Named settings.
+    pub presets: Vec<Preset>,
+    /// Parses a config and writes it back with every default.
+    pub resolve: Resolve,
+}
+
+impl About {
+    /// Keys of the config that say only how the plugin is looked at and never what happens in it: those that the
+    /// schema marks with `x-looks`. They belong to a trial's identity and not to its random streams.
+    pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-looks", true)
+    }
+
+    /// Keys of the config that say where it is computed and not what: those that the schema marks with
+    /// `x-identity: false`. They belong neither to a trial's identity nor to its random streams.
+    pub fn machine_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-identity", false)
+    }
+
+    /// Keys of the config that name files by a list of patterns: those that the schema marks with `x-patterns`.
+    /// The list is replaced by a mapping of names to files before the config is read.
+    pub fn pattern_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-patterns", true)
+    }
+
+    fn marked(&self, mark: &'static str, value: bool) -> impl Iterator<Item = &str> {
+        let properties = self.schema.get("properties").and_then(Value::as_object);
+        let is_marked =
+            move |(_, property): &(&String, &Value)| property.get(mark) == Some(&Value::Bool(value));
+        properties
+            .into_iter()
+            .flatten()
+            .filter(is_marked)
+            .map(|(key, _)| key.as_str())
+    }
+}
+
+/// Fills in the defaults of a config and refuses what does not fit.
+pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;

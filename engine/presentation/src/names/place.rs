@@ -1,0 +1,70 @@
+//! Places of a study that names are looked for at.
+
+use document::{Entry, Kind, Node, diagnostic::Span};
+
+/// The part of the study that a table or figure takes its values from.
+pub struct Picked {
+    /// Indices of agents.
+    pub agents: Vec<usize>,
+    /// Indices of environments.
+    pub environments: Vec<usize>,
+}
+
+impl Picked {
+    /// The same where one environment is shown: the one that is named, else the first.
+    pub fn of_one_environment(mut self) -> Self {
+        self.environments.truncate(1);
+        self
+    }
+}
+
+/// A mapping of the study with its place.
+#[derive(Clone)]
+pub struct Place<'a> {
+    /// The mapping.
+    pub node: &'a Node,
+    /// Where its key stands.
+    pub key: Span,
+    /// Its dotted path.
+    pub at: String,
+}
+
+impl<'a> Place<'a> {
+    /// The value of an entry whose dotted path is known.
+    #[must_use]
+    pub fn of(entry: &'a Entry, at: String) -> Self {
+        Self {
+            node: &entry.value,
+            key: entry.key_span,
+            at,
+        }
+    }
+
+    /// The mapping under a key; `None` where it is not given.
+    #[must_use]
+    pub fn below(&self, key: &str) -> Option<Place<'a>> {
+        self.node
+            .entry(key)
+            .map(|entry| Place::of(entry, format!("{}.{key}", self.at)))
+    }
+
+    /// The items of a list.
+    pub fn items(&self) -> impl Iterator<Item = Place<'a>> {
+        let item = |(index, node): (usize, &'a Node)| Place {
+            node,
+            key: node.span,
+            at: format!("{}[{index}]", self.at),
+        };
+        self.node.items().iter().enumerate().map(item)
+    }
+
+    /// Where the value under a key stands, or the mapping's own key where it is not given.
+    pub fn value(&self, key: &str) -> (Span, String) {
+        let at = format!("{}.{key}", self.at);
+        match self.node.entry(key) {
+            Some(entry) if matches!(entry.value.kind, Kind::Scalar(_)) => (entry.value.span, at),
+            Some(entry) => (entry.key_span, at),
+            None => (self.key, at),
+        }
+    }
+}

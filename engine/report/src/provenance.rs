@@ -1,0 +1,29 @@
+//! The programs, the plugins and the machine that made the results of a report.
+
+use contract::Build;
+use serde::{Deserialize, Serialize};
+
+/// What made the results.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The source code of the program that made the report, where it knows.
+    pub build: Option<Build>,
+    /// The source code of the programs that computed the trials, where they said it, each with the number of
+    /// its trials.
+    pub builds: Vec<(Option<Build>, usize)>,
+    /// The program and its version.
+    pub program: String,
+    /// Plugins by kind and name, with their versions.
+    pub plugins: Vec<(String, u32)>,
+    /// Kind of processor.
+    pub cpu: String,
+    /// Operating system.
+    pub operating_system: String,
+    /// The seeds of the study.
+    pub seeds: Vec<u64>,
+    /// Name of the profile, where one was chosen.
+    pub profile: Option<String>,
+    /// When the report was made, where it shall say so.
+    pub date: Option<String>,
+}

@@ -1,0 +1,22 @@
+//! Intervals with their confidence levels.
+
+use serde::{Deserialize, Serialize};
+
+/// An interval with the confidence level it was made for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Confidence level, for example 0.95.
+    pub level: f64,
+}
+
+impl Interval {
+    /// True where `value` lies in the interval, ends included.
+    #[must_use]
+    pub fn contains(&self, value: f64) -> bool {
+        self.low <= value && value <= self.high
+    }
+}

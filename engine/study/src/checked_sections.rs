@@ -1,0 +1,221 @@
+//! The sections of a study that cells are made of, read and checked one by one.
+
+use super::{
+    config::{self, Files, Plugin},
+    overrides::Override,
+    part::{Form, Given, Resolved},
+    path,
+    search::Searched,
+    sweep::Dimension,
+    written::{PartKind, Selection, Target, Written},
+};
+use contract::{
+    Registry, cast,
+    own_training::{MEASURED, Measured},
+};
+use document::{
+    Node,
+    diagnostic::{Diagnostic, Sources},
+    schema_check::View,
+};
+use execution::{limits::Limits, store::Announcements};
+use serde_json::Value;
+use std::path::Path;
+
+/// Largest number of trials of one study.
+pub const MOST_TRIALS: u64 = 1_000_000;
+
+/// All that cells are made of.
+pub struct Sections<'a> {
+    /// The named parts.
+    pub written: &'a Written,
+    /// The plugins.
+    pub registry: &'a Registry,
+    /// The schema of a study.
+    pub schema: &'a Value,
+    /// The texts.
+    pub sources: &'a Sources,
+    /// Folder of the study.
+    pub folder: &'a Path,
+    /// Values for some combinations.
+    pub overrides: &'a [Override<'a>],
+    /// The sweep.
+    pub dimensions: &'a [Dimension<'a>],
+    /// The searches.
+    pub searches: &'a [Searched<'a>],
+    /// Combinations that are left out.
+    pub excluded: &'a [Selection],
+    /// What one trial may use.
+    pub limits: &'a Limits,
+    /// What environments announced before, where that is known.
+    pub announced: Option<&'a Announcements>,
+    /// True without a profile and options of the command line.
+    pub is_as_written: bool,
+}
+
+impl Sections<'_> {
+    /// Number of cells, without making them.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        let points = |(environment, agent): (usize, usize)| {
+            let targets = [
+                Target::Environment(environment),
+                Target::Agent(agent),
+                Target::Protocol,
+            ];
+            let relevant = self
+                .dimensions
+                .iter()
+                .filter(|dimension| dimension.concerns(&targets));
+            relevant.fold(1u64, |count, dimension| {
+                count.saturating_mul(dimension.n_points() as u64)
+            })
+        };
+        self.pairs()
+            .map(points)
+            .fold(self.written.prepared.len() as u64, u64::saturating_add)
+    }
+
+    /// Environments and agents that meet.
+    pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let agents = self.written.agents.len();
+        let all = (0..self.written.environments.len())
+            .flat_map(move |environment| (0..agents).map(move |agent| (environment, agent)));
+        all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
+    }
+
+    /// The dimensions that concern these targets, by their places, with how many points each has.
+    pub(super) fn concerned(&self, targets: &[Target]) -> Vec<(usize, usize)> {
+        let all = self.dimensions.iter().enumerate();
+        all.filter(|(_, it)| it.concerns(targets))
+            .map(|(index, it)| (index, it.n_points()))
+            .collect()
+    }
+
+    /// A warning for samples that came to the same setting.
+    pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
+        self.dimensions
+            .iter()
+            .filter_map(|dimension| dimension.repeats(self.sources))
+    }
+
+    /// The config of a part with overrides and swept values written into it.
+    #[must_use]
+    pub fn assigned(&self, given: &Given) -> Node {
+        let mut config = self
+            .written
+            .part(given.target)
+            .map_or_else(|| Node::empty_mapping(Default::default()), |it| it.config.clone());
+        for index in &given.overrides {
+            for (_, path, value) in self.overrides[*index]
+                .set
+                .iter()
+                .filter(|(_, path, _)| path.target == given.target)
+            {
+                path.assign(&mut config, value);
+            }
+        }
+        for (index, point) in &given.points {
+            for key in self.dimensions[*index]
+                .keys
+                .iter()
+                .filter(|key| key.path.target == given.target)
+            {
+                key.path.assign(&mut config, &key.values[*point]);
+            }
+        }
+        if let Some((search, point)) = given.tried {
+            let searched = &self.searches[search];
+            let values = searched.paths.iter().zip(&searched.points[point]);
+            values.for_each(|(path, value)| path.assign(&mut config, value));
+        }
+        if let Some(stretch) = given.stretch {
+            stretch.assign(&self.searches[stretch.search].search.name, &mut config);
+        }
+        config
+    }
+
+    /// Makes the complete config of a part.
+    pub(super) fn resolve(
+        &self,
+        plugin: &Plugin<'_>,
+        given: Given,
+        files: &mut Files<'_>,
+    ) -> Result<Resolved, Vec<Diagnostic>> {
+        let config = self.assigned(&given);
+        let mut part = config::resolve(plugin, &config, files, self.sources)?;
+        let protocol = || &self.registry.protocols[plugin.name];
+        let changed = match given.form {
+            Form::Trained => None,
+            Form::Alone => Some((protocol().without_training)(&part.config)),
+            // A protocol that has nothing for such an agent is refused with it.
+            Form::Own(measured) => {
+                let own = protocol().own_training.as_ref();
+                own.map(|changed| changed(&part.config, measured))
+            }
+        };
+        if let Some(changed) = changed {
+            let config = changed.map_err(|error| {
+                let message = format!("`{}` has no form for this agent: {error}", plugin.name);
+                vec![self.sources.error(plugin.span, &plugin.at, message)]
+            })?;
+            part.config = config.into();
+        }
+        Ok(Resolved::new(part, given))
+    }
+
+    /// Whether an agent learns, as it is written.
+    pub(super) fn learns(&self, agent: Target) -> bool {
+        let named = self.written.part(agent);
+        named.is_some_and(|named| {
+            let entry = self.registry.agents.get(named.plugin.as_str());
+            entry.is_some_and(|entry| match entry.traits.by_config {
+                None => entry.traits.learns,
+                Some(_) => entry.learns_with(&named.config.to_value()),
+            })
+        })
+    }
+
+    /// How an agent that trains itself is measured, as it is written.
+    pub(super) fn measured(&self, agent: Target) -> Option<Measured> {
+        let said = self.written.part(agent)?.config.get(MEASURED)?;
+        // Another word is refused where the agent's own config is read.
+        serde_json::from_value(said.to_value()).ok()
+    }
+
+    /// The setting that was chosen for an agent: the search and its place there.
+    pub(super) fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
+        let search = self.searches.iter().position(|it| it.agent == agent)?;
+        Some((search, self.searches[search].chosen?))
+    }
+
+    /// The plugin of a part.
+    #[must_use]
+    pub fn plugin(&self, target: Target) -> Option<Plugin<'_>> {
+        let named = self.written.part(target)?;
+        let (kind, at) = match target {
+            Target::Environment(_) => (PartKind::Environment, format!("environments.{}", named.name)),
+            Target::Agent(_) => (PartKind::Agent, format!("agents.{}", named.name)),
+            Target::Protocol => (PartKind::Protocol, "protocol".into()),
+            Target::Prepared(_, kind) => (kind, format!("prepare.{}.{}", named.name, kind.name())),
+            Target::Play(_) | Target::Search(_) | Target::Seeds => return None,
+        };
+        let about = match kind {
+            PartKind::Environment => &self.registry.environments.get(named.plugin.as_str())?.about,
+            PartKind::Agent => {
+                cast::agents(self.registry)
+                    .find(|(name, _)| *name == named.plugin)?
+                    .1
+            }
+            PartKind::Protocol => &self.registry.protocols.get(named.plugin.as_str())?.about,
+        };
+        let schema = path::config_schema(View::new(self.schema, self.schema), target, &named.plugin)?;
+        Some(Plugin {
+            name: &named.plugin,
+            about,
+            schema,
+            at: format!("{at}.{}", named.plugin),
+            span: named.plugin_span,
+        })
+    }
+}

@@ -1,0 +1,133 @@
+//! A study that was read and checked.
+
+use super::{cell::Cells, confirmations::Confirmation, repeats::Repeats, resolved};
+use ::imported::Imported;
+use analysis::{
+    results::PaperBudget,
+    search::{Progress, Search},
+};
+use contract::{Metric, trial_result::Success};
+use document::diagnostic::Diagnostic;
+use execution::limits::Limits;
+use presentation::{
+    answers::Answer,
+    claim_spec::{ClaimSpec, Relevance},
+    figure::FigureSpec,
+    summary::Summary,
+    table::TableSpec,
+    vocabulary::Play,
+};
+use serde_json::Value;
+use statistics::spending::Design;
+use std::{collections::BTreeMap, path::PathBuf};
+
+/// A study that passed every check.
+#[derive(Debug, Clone)]
+pub struct Study {
+    /// Name of the study and of its folder of results.
+    pub name: String,
+    /// What it is about, as a heading; empty where absent.
+    pub title: String,
+    /// Where the published numbers come from; empty where absent.
+    pub source: String,
+    /// The verdicts that are read together with those of this study; its own alone where absent.
+    pub family: Option<String>,
+    /// What it came to, with placeholders; `None` where absent.
+    pub summary: Option<Summary>,
+    /// Its lines in the answers of all studies.
+    pub answers: Vec<Answer>,
+    /// Departures from the source, one sentence each.
+    pub departures: Vec<String>,
+    /// Names of the environments, in order.
+    pub environments: Vec<String>,
+    /// Names of the agents, in order.
+    pub agents: Vec<String>,
+    /// All seeds that it may use.
+    pub seeds: Vec<u64>,
+    /// The looks at which seeds are added until all that is judged is decided; `None` where their number is
+    /// fixed.
+    pub design: Option<Design>,
+    /// What counts as a success of a seed.
+    pub success: Option<Success>,
+    /// How long the source trained.
+    pub paper_budget: Option<PaperBudget>,
+    /// Agents that a trained one must be better than to have learned.
+    pub floors: Vec<String>,
+    /// Which difference matters for claims that do not say it.
+    pub relevance: Option<Relevance>,
+    /// The profile that was used.
+    pub profile: Option<String>,
+    /// Names of all its profiles, in order.
+    pub profiles: Vec<String>,
+    /// Tables by name, in order.
+    pub tables: Vec<(String, TableSpec)>,
+    /// Figures by name, in order.
+    pub figures: Vec<(String, FigureSpec)>,
+    /// Claims, in order.
+    pub claims: Vec<ClaimSpec>,
+    /// Plays, in order.
+    pub plays: Vec<Play>,
+    /// Runs of other programs, in order; their names are among those of the agents.
+    pub imported: Vec<Imported>,
+    /// What one trial may use.
+    pub limits: Limits,
+    /// True where an environment was not tried out, since it is known what it announced.
+    pub is_recalled: bool,
+    /// What environments that are not this program's own announced when they were tried out, by id.
+    pub announced: BTreeMap<String, Value>,
+    /// What can be run and is probably not meant, sorted by position.
+    pub warnings: Vec<Diagnostic>,
+    /// Everything that its trials record, by name; where parts share a name, the first of protocol,
+    /// environments and agents.
+    pub metrics: Vec<Metric>,
+    /// Names of the entries of `prepare`, in order.
+    pub prepared: Vec<String>,
+    /// Units of everything that the trials record and trace, by name.
+    pub units: BTreeMap<String, String>,
+    /// Samples of its sweep, where several came to the same setting.
+    pub repeats: Option<Repeats>,
+    /// Searches for settings, in order, with how far they are.
+    pub searches: Vec<(Search, Progress)>,
+    /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
+    /// searches try.
+    pub(crate) cells: Cells,
+    /// The cells in an order in which each comes after those that it takes from.
+    pub(crate) order: Vec<usize>,
+    /// Version of the shared numerical code.
+    pub(crate) numerics: u32,
+    /// The sections that trials are made of, with all defaults.
+    pub(crate) resolved: Vec<(String, resolved::Section)>,
+    /// The folder that data files were sought from.
+    pub(crate) folder: PathBuf,
+    /// The files that it includes, in the order in which they were read.
+    pub included: Vec<PathBuf>,
+    /// Rounds of claims and published values on further seeds, in order; none under a profile and options of the
+    /// command line.
+    pub confirm: Vec<Confirmation>,
+}
+
+impl Study {
+    /// The study that a confirmation is computed as: the same combinations with its seeds, its claims and the published
+    /// values of its tables. Its name is that of the folder inside the results of this study.
+    #[must_use]
+    pub fn confirmation(&self, index: usize) -> Self {
+        let it = &self.confirm[index];
+        let claims = it.claims.iter().filter_map(|claim| self.claims.get(*claim));
+        let tables = self.tables.iter().filter(|(name, _)| it.tables.contains(name));
+        let tables = tables.map(|(name, spec)| (name.clone(), it.table(spec)));
+        Self {
+            name: format!("{}/confirm-{}", self.name, index + 1),
+            seeds: it.seeds.clone(),
+            design: it.design.clone(),
+            claims: claims.map(|claim| it.claim(claim)).collect(),
+            tables: tables.collect(),
+            figures: Vec::new(),
+            summary: None,
+            answers: Vec::new(),
+            confirm: Vec::new(),
+            warnings: Vec::new(),
+            repeats: None,
+            ..self.clone()
+        }
+    }
+}

@@ -1,0 +1,411 @@
+//! A study is read from its file, checked and made ready to be planned.
+
+use super::{
+    blocks, builds,
+    cell::Cells,
+    checked_sections::{MOST_TRIALS, Sections},
+    checked_study::Study,
+    confirmations::{self, Confirmation},
+    cross_play, imported_runs, include,
+    json_schema::{check_structure, json_schema},
+    overrides, quotes,
+    repeats::Repeats,
+    resolved, search, search_checks,
+    seeds::SeedPlan,
+    settings::{self, Options},
+    sweep, taking,
+    written::Written,
+};
+use ::imported::Imported;
+use contract::{Registry, trial_result::Success};
+use document::{
+    Node,
+    diagnostic::{Diagnostic, Sources, Span, in_order},
+    input_file,
+};
+use execution::limits::{LimitError, Limits};
+use presentation::request::{self, Request};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Reads and checks the study in a file.
+///
+/// # Errors
+/// Everything that is wrong with it, sorted by position.
+pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study, Vec<Diagnostic>> {
+    let (name, text) = read_text(path)?;
+    load_text(&text, &name, folder_of(path), registry, options)
+}
+
+/// The name of the study in a file, whatever its other sections say.
+///
+/// # Errors
+/// What keeps the file from being read as one document.
+pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
+    let (name, text) = read_text(path)?;
+    let (schema, mut sources) = (json_schema(registry), Sources::default());
+    let composed =
+        compose(&text, &name, folder_of(path), &schema, &mut sources, options).map_err(in_order)?;
+    Ok(section(&composed.root, "study").unwrap_or_default())
+}
+
+/// The folder that files named by a study are sought from.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// What messages call a file, and its text.
+fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
+    let name = path.display().to_string();
+    let unreadable = |error: std::io::Error| {
+        let mut sources = Sources::default();
+        let source = sources.add_file(&name, "");
+        vec![sources.error(
+            Span {
+                source,
+                ..Span::default()
+            },
+            "",
+            format!("cannot read the study: {error}"),
+        )]
+    };
+    let bytes = input_file::read(path, input_file::Use::Study).map_err(unreadable)?;
+    let text = document::decode(&name, &bytes)?;
+    Ok((name, text))
+}
+
+/// Checks the study in a text. Messages call it `name`; data files are sought from `folder`.
+///
+/// # Errors
+/// Everything that is wrong with it, sorted by position.
+pub fn load_text(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    registry: &Registry,
+    options: &Options,
+) -> Result<Study, Vec<Diagnostic>> {
+    let mut sources = Sources::default();
+    let schema = json_schema(registry);
+    let Composed {
+        root,
+        included,
+        mut found,
+    } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
+    found.extend(check_structure(&root, &schema, &sources));
+    if !found.iter().any(about_limits) {
+        found.extend(wrong_limits(&root, &sources));
+    }
+    let mut written = Written::read(&root);
+    found.extend(written.name_clashes(&sources));
+    let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
+    let sources = &sources;
+    found.extend(errors);
+    let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
+    let dimensions = sweep::read(&root, &written, &schema, sources, &fixed)
+        .map_err(&mut keep)
+        .unwrap_or_default();
+    let overrides = overrides::read(&root, &written, &schema, sources, &dimensions, &fixed)
+        .map_err(&mut keep)
+        .unwrap_or_default();
+    let excluded = overrides::read_exclude(&root, &written, sources)
+        .map_err(&mut keep)
+        .unwrap_or_default();
+    let searches = search::read(
+        &written,
+        &schema,
+        sources,
+        (&fixed, &dimensions),
+        &options.searches,
+    )
+    .map_err(&mut keep)
+    .unwrap_or_default();
+    if found.iter().any(blocks_trials) {
+        return Err(in_order(found));
+    }
+    let limits: Limits = section(&root, "limits").unwrap_or_default();
+    let sections = Sections {
+        written: &written,
+        registry,
+        schema: &schema,
+        sources,
+        folder,
+        overrides: &overrides,
+        dimensions: &dimensions,
+        searches: &searches,
+        excluded: &excluded,
+        limits: &limits,
+        announced: options.announced.as_ref(),
+        is_as_written: options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none(),
+    };
+    let study = finish(&root, &sections, found)?;
+    Ok(Study {
+        profile: options.profile.clone(),
+        included,
+        ..study
+    })
+}
+
+/// A study as one document.
+struct Composed {
+    root: Node,
+    included: Vec<PathBuf>,
+    found: Vec<Diagnostic>,
+}
+
+/// The document with what it includes, its blocks and the sections that options of the command line set.
+fn compose(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    schema: &Value,
+    sources: &mut Sources,
+    options: &Options,
+) -> Result<Composed, Vec<Diagnostic>> {
+    let source = sources.add_file(name, text);
+    let root = document::parse(sources, source, text)?;
+    let file = folder.join(Path::new(name).file_name().unwrap_or_default());
+    let included = include::read(root, &file, schema, sources)?;
+    let mut root = included.root;
+    blocks::expand(&mut root, schema, sources)?;
+    let found = settings::lay_sections(&mut root, schema, sources, options);
+    Ok(Composed {
+        root,
+        included: included.files,
+        found,
+    })
+}
+
+/// What the second half of loading makes.
+struct Made {
+    plan: SeedPlan,
+    success: Option<Success>,
+    cells: Cells,
+    order: Vec<usize>,
+    vocabulary: presentation::vocabulary::Vocabulary,
+    imported: Vec<Imported>,
+    request: Request,
+    confirm: Vec<Confirmation>,
+    resolved: Vec<(String, resolved::Section)>,
+    title: String,
+    departures: Vec<String>,
+}
+
+/// The second half of loading: cells are made and built, and what is asked of them is checked.
+fn finish(root: &Node, sections: &Sections<'_>, found: Vec<Diagnostic>) -> Result<Study, Vec<Diagnostic>> {
+    make(root, sections, found).map(|made| assemble(root, sections, made))
+}
+
+fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Result<Made, Vec<Diagnostic>> {
+    let sources = sections.sources;
+    let known = found.clone();
+    let with = |more: Vec<Diagnostic>| in_order(known.iter().cloned().chain(more).collect());
+    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sources).map_err(&with)?;
+    if let Some(error) = too_many(root, sections, plan.seeds.len()) {
+        return Err(with(vec![error]));
+    }
+    if let Some(error) = searched_seed(root, sections, &plan) {
+        return Err(with(vec![error]));
+    }
+    let success: Option<Success> = section(root, "success");
+    let cells = sections.cells().map_err(&with)?;
+    let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
+    let mut vocabulary = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
+    let imported = imported_runs::resolve(root, sections, &plan, &mut vocabulary).map_err(&with)?;
+    let about_success = request::success(root, success.as_ref(), &mut vocabulary, sources);
+    vocabulary.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
+        .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
+    let resolved = resolved::sections(root, sections, &plan, &vocabulary.plays);
+    let root = &quotes::fill(root, &resolved, sources).unwrap_or_else(|errors| {
+        found.extend(errors);
+        root.clone()
+    });
+    let request = Request::read(root, &vocabulary, sources, sections.folder);
+    found.extend(
+        about_success
+            .into_iter()
+            .chain(search_checks::searches(sections, &vocabulary)),
+    );
+    found.extend(request::beside_the_source(root, &vocabulary, sources));
+    found.extend(request.found.iter().cloned());
+    let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
+    let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
+    let confirm = if sections.is_as_written {
+        confirmations::read(root, (&request.claims, &request.tables), &used, sources)
+    } else {
+        // Profiles and options make another study of it, which confirms nothing.
+        Ok(Vec::new())
+    };
+    let confirm = confirm.unwrap_or_else(|errors| {
+        found.extend(errors);
+        Vec::new()
+    });
+    if !found.is_empty() {
+        return Err(in_order(found));
+    }
+    Ok(Made {
+        plan,
+        success,
+        cells,
+        order,
+        vocabulary,
+        imported,
+        request,
+        confirm,
+        resolved,
+        title: section(root, "title").unwrap_or_default(),
+        departures: section(root, "departures").unwrap_or_default(),
+    })
+}
+
+/// What a chosen setting is worth is measured on other seeds than those by which it was chosen.
+fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Option<Diagnostic> {
+    let entry = root.entry("seeds")?;
+    let used = |it: &search::Searched<'_>| {
+        it.search
+            .seeds
+            .iter()
+            .copied()
+            .find(|seed| plan.seeds.contains(seed))
+    };
+    let seed = sections.searches.iter().find_map(used)?;
+    let message = format!(
+        "seed {seed} is one by which a search chooses, so that what it chooses would look better than it is"
+    );
+    let error = sections.sources.error(entry.key_span, "seeds", message);
+    Some(error.help("use smaller seeds"))
+}
+
+/// A section that was held against its schema before; `None` where it is absent.
+fn section<T: serde::de::DeserializeOwned>(root: &Node, name: &str) -> Option<T> {
+    serde_json::from_value(root.get(name)?.to_value()).ok()
+}
+
+fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
+    let Made {
+        plan,
+        success,
+        cells,
+        order,
+        vocabulary,
+        imported,
+        request,
+        confirm,
+        resolved,
+        title,
+        departures,
+    } = made;
+    let profiles = root.get("profiles").map_or(&[][..], Node::entries);
+    Study {
+        name: section(root, "study").unwrap_or_default(),
+        title,
+        source: section(root, "source").unwrap_or_default(),
+        family: section(root, "family"),
+        summary: request.summary,
+        answers: request.answers,
+        departures,
+        environments: vocabulary.environments,
+        agents: vocabulary.agents,
+        resolved,
+        plays: vocabulary.plays,
+        seeds: plan.seeds,
+        design: plan.design,
+        success,
+        paper_budget: section(root, "paper_budget"),
+        floors: section(root, "floors").unwrap_or_default(),
+        relevance: section(root, "relevance"),
+        profile: None,
+        profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
+        tables: request.tables,
+        figures: request.figures,
+        claims: request.claims,
+        imported,
+        limits: sections.limits.clone(),
+        is_recalled: vocabulary.is_recalled,
+        announced: vocabulary.announced,
+        warnings: in_order(sections.repeats().chain(vocabulary.warnings).collect()),
+        repeats: sections.dimensions.iter().find_map(Repeats::of),
+        searches: sections.searches.iter().map(search::progress).collect(),
+        metrics: vocabulary.metrics,
+        units: vocabulary.units,
+        prepared: sections
+            .written
+            .prepared
+            .iter()
+            .map(|entry| entry.name.clone())
+            .collect(),
+        cells,
+        order,
+        numerics: sections.registry.numerics_version,
+        folder: sections.folder.to_path_buf(),
+        included: Vec::new(),
+        confirm,
+    }
+}
+
+/// A limit that its schema allows and that limits nothing or everything.
+fn wrong_limits(root: &Node, sources: &Sources) -> Option<Diagnostic> {
+    let limits: Limits = section(root, "limits")?;
+    let LimitError { key, value, instead } = limits.check().err()?;
+    let span = root.get("limits")?.get(key)?.span;
+    let message = format!("`{key}` is {value}, which is no limit");
+    Some(
+        sources
+            .error(span, &format!("limits.{key}"), message)
+            .help(instead),
+    )
+}
+
+fn about_limits(diagnostic: &Diagnostic) -> bool {
+    diagnostic.path.split('.').next() == Some("limits")
+}
+
+/// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
+/// others.
+fn blocks_trials(diagnostic: &Diagnostic) -> bool {
+    const SHOWN: [&str; 15] = [
+        "answers",
+        "confirm",
+        "family",
+        "title",
+        "source",
+        "summary",
+        "departures",
+        "success",
+        "paper_budget",
+        "floors",
+        "relevance",
+        "tables",
+        "figures",
+        "claims",
+        "limits",
+    ];
+    let first = diagnostic.path.split(['.', '[']).next().unwrap_or_default();
+    !SHOWN.contains(&first)
+}
+
+fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diagnostic> {
+    let trials = sections.count().saturating_mul(n_seeds as u64);
+    if trials <= MOST_TRIALS {
+        return None;
+    }
+    let section = if sections.dimensions.is_empty() {
+        "seeds"
+    } else {
+        "sweep"
+    };
+    let span = root.entry(section).map_or(root.span, |entry| entry.key_span);
+    let count = if trials == u64::MAX {
+        "far too many".into()
+    } else {
+        trials.to_string()
+    };
+    let error = sections.sources.error(
+        span,
+        section,
+        format!("this makes {count} trials, but a study has at most {MOST_TRIALS}"),
+    );
+    Some(error.help(
+        "every `grid` key multiplies the trials; use `zip`, or sample with `random` or `latin_hypercube`",
+    ))
+}
