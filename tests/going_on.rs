@@ -235,12 +235,12 @@ agents:
   dsac: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } }
 protocol: { train_evaluate: { steps: 192, environments: 8, evaluate_every: 48, episodes: 1, final_episodes: 2 } }
 seeds: 2
-search:
+tune:
   rates:
     over:
       dsac.actor_learning_rate: { log_uniform: { low: 0.0001, high: 0.1 } }
       dsac.batch_size: { choice: [8, 16, 32] }
-    by: cycle_length
+    metric: cycle_length
     settings: 4
     method: { population: { pauses: [64, 128] } }
 tables:

@@ -50,7 +50,7 @@ fn a_difference_too_small_to_matter_is_decided_and_costs_no_more_seeds() {
     // Open after nine seeds where any difference matters.
     let bench = Bench::new();
     let open = "  - observed.cycle_length > 158\n";
-    let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
+    let alike = "  - { claim: observed.cycle_length > 158, min_effect: 60, why: a third of a cycle }\n";
     assert!(STUDY.contains(open));
     bench.write("looks.yaml", &STUDY.replace(open, alike));
     let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one", "--verbose"]);
@@ -209,7 +209,7 @@ fn a_margin_that_is_changed_after_its_verdict_was_seen_makes_it_exploratory() {
     );
     // A wider margin, and a difference that is said to matter, both with results in view.
     let open = "  - observed.cycle_length > 158\n";
-    let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
+    let alike = "  - { claim: observed.cycle_length > 158, min_effect: 60, why: a third of a cycle }\n";
     let changed = study.replace("absolute: 30", "absolute: 60").replace(open, alike);
     bench.write("looks.yaml", &changed);
     bench.ok(&["report", "looks.yaml"]);

@@ -116,7 +116,7 @@ const AMBIGUOUS: &str = r##"
 study: ambiguous
 title: "1e-6"
 source: "yes"
-departures: ["1:30", "0x1f", "0o17", "2001-01-01", "null", "~", "=", "<<", "- a", "a: b", "# c", " led", "trailed ", "two\nlines",
+deviations: ["1:30", "0x1f", "0o17", "2001-01-01", "null", "~", "=", "<<", "- a", "a: b", "# c", " led", "trailed ", "two\nlines",
              "a tab\t", "\u00e9 \u6f22 \U0001F600", "1_000", ".inf", "1.", "+1", "[a]", "{a: b}", "!tag", "&a", "*a", "%x", "@x",
              "`x`", "'", "\"", "", "on", "N"]
 environments: { cells: { battery: { cells: 2 } } }

@@ -34,7 +34,7 @@ RULES  lastrule: { equal_split: {} }
 protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 64, episodes: 2, final_episodes: 6 } }
 seeds: 3
 summary: \"A split lives {lengths: two_cells, lastrule} decisions.\"
-departures: [\"There is no `paper` behind it.\"]
+deviations: [\"There is no `paper` behind it.\"]
 tables:
   lengths:
     caption: All rules.

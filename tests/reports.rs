@@ -231,7 +231,7 @@ fn confirmed() -> String {
     let claims = "claims:\n  - { claim: dsac.cycle_length > equal.cycle_length, why: a floor }\n  \
                   - { claim: equal.cycle_length > 0.5, why: it lives, exploratory: true }\n";
     let confirm = "confirm:\n  - { claims: [2], seeds: 100-102, why: three more }\n  \
-                   - { claims: [1, 2], seeds: { first: 200, min: 3, max: 6 }, matters: 0.25 }\n";
+                   - { claims: [1, 2], seeds: { first: 200, min: 3, max: 6 }, min_effect: 0.25 }\n";
     format!("{STUDY}{claims}{confirm}")
 }
 
@@ -286,7 +286,7 @@ fn the_last_word_is_that_of_all_rounds() {
     // A round that asks something else than it did before its first trial says so.
     bench.write(
         "small.yaml",
-        &confirmed().replace("matters: 0.25", "matters: 0.5"),
+        &confirmed().replace("min_effect: 0.25", "min_effect: 0.5"),
     );
     bench.ok(&["report", "small.yaml"]);
     let report = read(&bench, "results/small/report.md");

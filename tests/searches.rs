@@ -17,18 +17,18 @@ agents:
   dsac: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } }
 protocol: { train_evaluate: { steps: 192, environments: 8, evaluate_every: 96, episodes: 1, final_episodes: 2 } }
 seeds: 3
-search:
+tune:
   rates:
     over:
       dsac.actor_learning_rate: { log_uniform: { low: 0.0001, high: 0.1 } }
       dsac.policy_layers: { uniform: { low: 1, high: 3 } }
       dsac.target_entropy: { choice: [minus_sqrt_d, { nats: -3 }] }
-    by: cycle_length
+    metric: cycle_length
     settings: 9
     seeds: 2
     method: { tree_parzen: { startup: 4, batch: 2 } }
 profiles:
-  smoke: { search.rates.settings: 5, search.rates.seeds: 1 }
+  smoke: { tune.rates.settings: 5, tune.rates.seeds: 1 }
 tables:
   settings: { caption: What was tried, best_settings: { search: rates, best: 3 } }
   lengths: { comparison: { rows: agent, value: cycle_length } }
@@ -175,8 +175,8 @@ fn before_the_setting_is_chosen_only_the_search_and_other_agents_have_trials() {
 fn a_setting_that_the_agent_refuses_says_where_it_comes_from() {
     let bench = Bench::new();
     let study = "study: tuned\nenvironments: { swing: { pendulum: {} } }\nagents: { sac: { soft_actor_critic: { \
-                 batch_size: 64 } } }\nprotocol: { train_evaluate: { steps: 192 } }\nsearch: { memory: { over: { \
-                 sac.replay_capacity: { choice: [16, 32] } }, by: return, settings: 2 } }\n";
+                 batch_size: 64 } } }\nprotocol: { train_evaluate: { steps: 192 } }\ntune: { memory: { over: { \
+                 sac.replay_capacity: { choice: [16, 32] } }, metric: return, settings: 2 } }\n";
     bench.write("tuned.yaml", study);
     let answer = bench.run(&["run", "tuned.yaml"]);
     assert_eq!(answer.code, 2, "{}", answer.err);
@@ -253,12 +253,12 @@ tables:
 
 /// Hyperband over the same values: two groups of settings, one of which pauses once more than the other.
 const HYPERBAND: &str = "
-search:
+tune:
   rates:
     over:
       dsac.actor_learning_rate: { choice: [0.00001, 0.0003, 0.003, 0.1] }
       dsac.critic_learning_rate: { choice: [0.00001, 0.001, 0.1] }
-    by: cycle_length
+    metric: cycle_length
     settings: 12
     seeds: 2
     method: { halving: { pauses: [1024, 2048], keep: 0.5, brackets: 2 } }
@@ -308,7 +308,10 @@ fn hyperband_over_stored_trials_trains_nothing_and_chooses_among_the_best() {
 #[test]
 fn a_search_that_finds_no_setting_fails_and_says_why() {
     let bench = Bench::new();
-    let study = STUDY.replace("by: cycle_length", "by: critic_loss\n    goal: least");
+    let study = STUDY.replace(
+        "metric: cycle_length",
+        "metric: critic_loss\n    direction: minimize",
+    );
     bench.write("tuned.yaml", &study);
     let answer = bench.run(&["run", "tuned.yaml", "-P", "smoke"]);
     assert_eq!(answer.code, 100, "{}", answer.err);

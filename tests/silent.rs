@@ -20,10 +20,10 @@ agents:
 protocol: { train_evaluate: { steps: 384, environments: 8, evaluate_every: 96, episodes: 1, final_episodes: 1, \
 trace_episodes: 0 } }
 seeds: 2
-search:
+tune:
   rates:
     over: { fickle.rate: { uniform: { low: 0, high: 1 } } }
-    by: cycle_length
+    metric: cycle_length
     settings: 6
     method: METHOD
 tables:
@@ -131,7 +131,7 @@ fn folders(store: &Path) -> Vec<PathBuf> {
 /// A sweep over the same values, and a search that pauses them later, on the seed of the search.
 fn others(rates: &BTreeSet<String>) -> [String; 2] {
     let values: Vec<&str> = rates.iter().map(String::as_str).collect();
-    let head = STUDY.split("search:").next().unwrap();
+    let head = STUDY.split("tune:").next().unwrap();
     let listed = values.join(", ");
     let sweep = head
         .replace("study: tuned", "study: sweep")
@@ -246,8 +246,8 @@ fn a_search_waits_for_trials_that_failed_and_chooses_as_if_they_had_not() {
 fn a_search_that_is_told_to_goes_on_without_what_failed_and_names_it() {
     let bench = Bench::new();
     let text = study("{ random: {} }").replace(
-        "    by: cycle_length",
-        "    failed: rank_last\n    by: cycle_length",
+        "    metric: cycle_length",
+        "    failed: rank_last\n    metric: cycle_length",
     );
     bench.write("tuned.yaml", &text);
     let fails = [("REGIMEN_TEST_FAILS", "0.3-0.8@3:fail")];

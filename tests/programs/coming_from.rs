@@ -80,8 +80,8 @@ fn the_sweep_of_the_page_on_wandb_becomes_its_study() {
     for part in [
         "run: [python, train.py, \"--lr={lr}\", \"--steps={steps}\"",
         "{ log_uniform: { low: 0.001, high: 0.5 } }",
-        "by: loss",
-        "goal: least",
+        "metric: loss",
+        "direction: minimize",
         "settings: 8",
         "method: { random: {} }",
         "steps: 1000, evaluate_every: 100",

@@ -101,7 +101,7 @@ fn the_sweep_of_another_tool_becomes_a_grid_or_a_search() {
     let text = read(&bench, "search.yaml");
     for part in [
         "mine.lr: { uniform: { low: 0.1, high: 0.5 } }",
-        "by: eval_loss\n    goal: least\n    settings: 3\n    method: { random: {} }",
+        "metric: eval_loss\n    direction: minimize\n    settings: 3\n    method: { random: {} }",
     ] {
         assert!(text.contains(part), "{part}:\n{text}");
     }

@@ -108,7 +108,7 @@ fn halving(resume: &str) -> String {
         "study: tuned\nenvironments:\n  task: {{ named: {{ id: Walk-v0 }} }}\nagents:\n  mine:\n    program:\n      run: [sh, a.sh, \
          \"{{rate}}\", \"{{checkpoint}}\"]\n      parameters: {{ rate: 1 }}\n      sources: [a.sh]\n      lock: none\n      \
          metrics: {{ return: r }}\n{resume}\nprotocol: {{ train_evaluate: {{ steps: 1000, evaluate_every: 100 }} }}\nseeds: \
-         2\nsearch:\n  rates:\n    over: {{ mine.rate: {{ choice: [1, 3, 5, 9] }} }}\n    by: return\n    settings: 4\n    \
+         2\ntune:\n  rates:\n    over: {{ mine.rate: {{ choice: [1, 3, 5, 9] }} }}\n    metric: return\n    settings: 4\n    \
          method: {{ halving: {{ pauses: [300], keep: 0.5 }} }}\n"
     )
 }

@@ -232,7 +232,7 @@ fn halving_pauses_learners_and_the_best_end_as_if_they_had_never_paused() {
     let Some(place) = Place::new() else { return };
     let search = |method: &str| {
         format!(
-            "search:\n  spreads:\n    over: {{ learner.arguments.spread: {{ choice: [1, 2, 3, 4] }} }}\n    by: \
+            "tune:\n  spreads:\n    over: {{ learner.arguments.spread: {{ choice: [1, 2, 3, 4] }} }}\n    metric: \
              return\n    settings: 4\n    method: {method}\nseeds: 1\n"
         )
     };

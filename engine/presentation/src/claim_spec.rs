@@ -82,7 +82,7 @@ pub struct ClaimSpec {
     /// difference matters without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub matters: Option<f64>,
+    pub min_effect: Option<f64>,
     /// What was chosen with the claim in view. That it holds then says nothing: CALIBRATED stands for SUPPORTED.
     #[serde(default)]
     pub calibrated_on: Option<String>,

@@ -8,8 +8,8 @@ use presentation::table::{Cell, Grid};
 use statistics::Verdict;
 
 const HEAD: [&str; 4] = ["question", "answer", "value or difference", "published"];
-/// So many departures stand at the head of a report; the study names those that matter most first.
-pub(super) const FIRST_DEPARTURES: usize = 3;
+/// So many deviations stand at the head of a report; the study names those that matter most first.
+pub(super) const FIRST_DEVIATIONS: usize = 3;
 
 /// The answers to what the study asks, in its order; `None` where nothing is published or claimed. What is exploratory
 /// answers nothing.

@@ -85,7 +85,7 @@ pub struct ClaimLine {
     /// What the seeds say; the reason where the claim cannot be read.
     pub verdict: Result<ClaimVerdict, String>,
     /// The smallest difference that matters to it; `None` where any does.
-    pub matters: Option<f64>,
+    pub min_effect: Option<f64>,
     /// How much of the source's training is behind it; `None` where the study does not say it.
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
@@ -626,13 +626,13 @@ impl ClaimLine {
                     true => format!("in spite of calibration: {on}"),
                     false => format!("calibrated: {on}"),
                 });
-        let matters = self
-            .matters
-            .map(|matters| match self.spec.matters {
-                Some(_) => matters.to_string(),
-                None => NumberFormat::fitting([matters].into_iter()).write(matters),
+        let min_effect = self
+            .min_effect
+            .map(|min_effect| match self.spec.min_effect {
+                Some(_) => min_effect.to_string(),
+                None => NumberFormat::fitting([min_effect].into_iter()).write(min_effect),
             })
-            .map(|matters| format!("differences of less than {matters} do not matter"));
+            .map(|min_effect| format!("differences of less than {min_effect} do not matter"));
         let training = self.training.filter(|share| share.own < share.paper);
         let training = training.map(|share| share.to_string());
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
@@ -651,7 +651,7 @@ impl ClaimLine {
                     exploratory,
                     calibrated,
                     training,
-                    matters,
+                    min_effect,
                     why,
                 ]
                 .into_iter()
@@ -730,7 +730,7 @@ fn claim_line(
         verdict,
         seen_at: None,
         first_judged_by: None,
-        matters: spec.matters,
+        min_effect: spec.min_effect,
         training: None,
         looks: Seeds::default(),
         rests_on: BTreeSet::new(),
@@ -752,7 +752,7 @@ fn plays_of(claim: &Claim) -> Option<String> {
 struct Held<'r> {
     verdict: ClaimVerdict,
     /// The smallest difference that matters; `None` where any does.
-    matters: Option<f64>,
+    min_effect: Option<f64>,
     /// The trials that it rests on.
     trials: Vec<&'r TrialResult>,
     looks: Seeds,
@@ -767,7 +767,7 @@ impl Held<'_> {
         };
         ClaimLine {
             looks: self.looks,
-            matters: self.matters,
+            min_effect: self.min_effect,
             training,
             rests_on: self.trials.iter().map(|trial| trial.cell()).collect(),
             ..claim_line(number, spec, place, Ok(verdict))
@@ -794,8 +794,8 @@ fn held_in<'r>(
         None => values(scope, operand, setting),
     };
     let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
-    let matters = spec.matters.or_else(|| margin(claim, study, &found));
-    let mut verdict = hold(claim, (spec, matters), &trials, &looks, &found, &imported);
+    let min_effect = spec.min_effect.or_else(|| margin(claim, study, &found));
+    let mut verdict = hold(claim, (spec, min_effect), &trials, &looks, &found, &imported);
     let trained = trained(&trials, results);
     if verdict.verdict.is_judged() && !floors::are_passed(claim, study, &trained, &found) {
         verdict = ClaimVerdict {
@@ -813,7 +813,7 @@ fn held_in<'r>(
     verdict.notes = with_agents(notes, results, Programs::OnlyLacking, named);
     Held {
         verdict,
-        matters,
+        min_effect,
         trials,
         looks,
     }
@@ -845,13 +845,13 @@ fn margin(
 /// The verdict on a claim, unless something keeps it from meaning what it says.
 fn hold(
     claim: &Claim,
-    (spec, matters): (&ClaimSpec, Option<f64>),
+    (spec, min_effect): (&ClaimSpec, Option<f64>),
     trials: &[&TrialResult],
     looks: &Seeds,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, matters, values, imported, looks);
+    let verdict = evaluate(claim, min_effect, values, imported, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))

@@ -31,7 +31,7 @@ fn head_blocks(parts: &Parts<'_>) -> Vec<String> {
     blocks.extend(parts.sentence.as_deref().map(prose::markdown));
     blocks.extend(parts.answered.as_ref().map(Sheet::markdown));
     blocks.extend(parts.answers.as_ref().map(Sheet::markdown));
-    blocks.extend(first_departures(study));
+    blocks.extend(first_deviations(study));
     blocks.push(prose::markdown(&parts.basis));
     blocks.extend(parts.head.iter().map(counts));
     blocks
@@ -42,7 +42,7 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
     let study = parts.study;
     let item = |name: &str, text: &str| format!("- {name}: {text}");
     let meanings = legend::entries(parts.contents).into_iter();
-    let departures = study.departures.iter();
+    let deviations = study.deviations.iter();
     let profiles = study.profiles.iter();
     let provenance = provenance(parts).into_iter();
     [
@@ -60,8 +60,8 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
                 .collect(),
         ),
         (
-            "Departures",
-            departures
+            "Deviations",
+            deviations
                 .map(|it| format!("- {}", prose::markdown(it)))
                 .collect(),
         ),
@@ -88,16 +88,16 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
     ]
 }
 
-/// The departures that matter most, where the section has more than these.
-fn first_departures(study: &StudyInfo) -> Vec<String> {
-    let first = study.departures.iter().take(answers::FIRST_DEPARTURES);
+/// The deviations that matter most, where the section has more than these.
+fn first_deviations(study: &StudyInfo) -> Vec<String> {
+    let first = study.deviations.iter().take(answers::FIRST_DEVIATIONS);
     let lines: Vec<String> = first.map(|it| format!("- {}", prose::markdown(it))).collect();
-    match study.departures.len() {
-        n if n <= answers::FIRST_DEPARTURES => Vec::new(),
+    match study.deviations.len() {
+        n if n <= answers::FIRST_DEVIATIONS => Vec::new(),
         n => vec![
             format!(
-                "Departures from the source, the first {} of {n}:",
-                answers::FIRST_DEPARTURES
+                "Deviations from the source, the first {} of {n}:",
+                answers::FIRST_DEVIATIONS
             ),
             lines.join("\n"),
         ],

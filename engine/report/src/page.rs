@@ -18,7 +18,7 @@ use presentation::{
 const STYLE: &str = include_str!("page.css");
 
 /// The sections that are not folded.
-const OPEN: [&str; 5] = ["Tables", "Figures", "Claims", "Confirmations", "Departures"];
+const OPEN: [&str; 5] = ["Tables", "Figures", "Claims", "Confirmations", "Deviations"];
 
 /// The whole page.
 pub(super) fn page(parts: &Parts<'_>) -> String {
@@ -28,7 +28,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
         ("Confirmations", parts.confirmed.iter().map(Sheet::html).collect()),
-        ("Departures", list(&parts.study.departures)),
+        ("Deviations", list(&parts.study.deviations)),
         ("Meaning of the verdicts", definitions(meanings(parts))),
         ("Stages", graph(parts)),
         ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
@@ -141,7 +141,7 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
         }
         None => (sentence, answers),
     };
-    let departures = first_departures(&parts.study.departures);
+    let deviations = first_deviations(&parts.study.deviations);
     let basis = paragraph(&parts.basis);
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
@@ -157,26 +157,26 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        [banner, sentence, answers, departures, basis].concat(),
+        [banner, sentence, answers, deviations, basis].concat(),
         parts.head.iter().map(chips).collect::<String>(),
         escape(&parts.ran.sentence()),
         parts.contents.cost(parts.results).sentence(),
     )
 }
 
-/// The departures that matter most, where the section has more than these.
-fn first_departures(all: &[String]) -> String {
-    let first = answers::FIRST_DEPARTURES;
+/// The deviations that matter most, where the section has more than these.
+fn first_deviations(all: &[String]) -> String {
+    let first = answers::FIRST_DEVIATIONS;
     if all.len() <= first {
         return String::new();
     }
     let link = format!(
         "<a href=\"#{}\">{first} of {}</a>",
-        anchor("Departures"),
+        anchor("Deviations"),
         all.len()
     );
     format!(
-        "<p>Departures from the source, the first {link}:</p>\n{}",
+        "<p>Deviations from the source, the first {link}:</p>\n{}",
         list(&all[..first])
     )
 }

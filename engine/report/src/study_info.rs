@@ -29,7 +29,7 @@ pub struct StudyInfo {
     /// The verdicts that are read together with those of this study, such as `chapter 3`; its own alone where absent.
     pub family: Option<String>,
     /// Where it departs from that.
-    pub departures: Vec<String>,
+    pub deviations: Vec<String>,
     /// Samples of its sweep, where several came to the same setting.
     pub repeats: Option<Repeats>,
     /// Tables by name, in order.

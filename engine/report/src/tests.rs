@@ -140,7 +140,7 @@ fn improvement() -> TableSpec {
 fn info() -> StudyInfo {
     let summary = "Learning gains {table-3.2: four_cells, dsac} % <against> {table-3.2: four_cells, dsac published} \
                    % ({claim 1}).";
-    let departure =
+    let deviation =
         "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.";
     let unit = |(name, unit): (&str, &str)| (name.to_string(), unit.to_string());
     StudyInfo {
@@ -148,7 +148,7 @@ fn info() -> StudyInfo {
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
         summary: Some(Summary::parse(summary).unwrap()),
-        departures: vec![departure.into()],
+        deviations: vec![deviation.into()],
         tables: tables(),
         figures: figures(),
         claims: claims(),
@@ -451,7 +451,7 @@ fn the_sections_of_the_page_stand_in_their_order() {
         "tables",
         "figures",
         "claims",
-        "departures",
+        "deviations",
         "meaning-of-the-verdicts",
         "budgets",
         "settings-that-differ",
@@ -649,11 +649,16 @@ fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
 #[test]
 fn what_differs_too_little_to_matter_is_decided_and_asks_for_no_seeds() {
     let results = two_agents([1.0, -1.0, 0.5, -0.5, 0.1], |_, _| {});
-    let line = |matters| ClaimSpec {
-        matters: Some(matters),
+    let line = |min_effect| ClaimSpec {
+        min_effect: Some(min_effect),
         ..claim("dsac.cycle_length > equal.cycle_length")
     };
-    let held = |matters| Contents::of(&one_environment(vec![line(matters)], published(11.0)), &results);
+    let held = |min_effect| {
+        Contents::of(
+            &one_environment(vec![line(min_effect)], published(11.0)),
+            &results,
+        )
+    };
     let [wide, narrow] = [2.0, 0.5].map(held);
     assert_eq!(wide.outcomes(false), [("EQUIVALENT", 1)]);
     assert_eq!(narrow.outcomes(false), [("INCONCLUSIVE", 1)]);

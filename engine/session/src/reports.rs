@@ -371,7 +371,7 @@ fn write_beside(
 /// The parts of a study that name metrics.
 fn asks(one: &Planned) -> Asks {
     let study = &one.study;
-    let searched: Vec<&String> = study.searches.iter().map(|(search, _)| &search.by).collect();
+    let searched: Vec<&String> = study.searches.iter().map(|(search, _)| &search.metric).collect();
     Asks::of(&(
         &study.tables,
         &study.figures,

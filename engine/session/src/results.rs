@@ -81,7 +81,7 @@ pub(crate) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         family: study.family.clone(),
         summary: study.summary.clone(),
         answers: study.answers.clone(),
-        departures: study.departures.clone(),
+        deviations: study.deviations.clone(),
         repeats: study.repeats,
         tables: study.tables.clone(),
         figures: study.figures.clone(),

@@ -73,7 +73,7 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         let (Some((search, _)), Some(stop)) = (search, stop) else {
             return false;
         };
-        !it.is_ok() && it.measured_at(&search.by, stop).is_some()
+        !it.is_ok() && it.measured_at(&search.metric, stop).is_some()
     };
     tried
         .iter()
@@ -102,7 +102,7 @@ pub fn exit_of_searches(one: &Planned) -> Exit {
 pub(crate) fn tell(session: &Session<'_>, planned: &[Planned]) -> Exit {
     let again = session.again();
     for it in planned.iter().flat_map(|one| &one.searched) {
-        let (words, by) = (analysis::results::search_in_words(it), &it.search.by);
+        let (words, by) = (analysis::results::search_in_words(it), &it.search.metric);
         if !it.seen_so(Sight::Failed).is_empty() {
             session.notice(&format!("error: {words}: `{again}` runs them again"));
         } else if it.found_nothing() {

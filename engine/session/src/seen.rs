@@ -45,7 +45,7 @@ pub(crate) fn fix(session: &Session<'_>, planned: &[Planned], store: &Store) -> 
 fn digest_of_round(round: &Study) -> String {
     let claims = round.claims.iter();
     let claims: Vec<_> = claims
-        .map(|it| json!([it.claim, it.environment, it.matters]))
+        .map(|it| json!([it.claim, it.environment, it.min_effect]))
         .collect();
     let tables = round.tables.iter();
     let tables: Vec<_> = tables
@@ -194,7 +194,7 @@ impl<'a> Noting<'a> {
         let seeds = number(judged, self.most_planned(&line.rests_on), n, &line.looks);
         let place = format!("{} in {}", line.spec.claim, line.place);
         line.seen_at = self.look(&place, &line.rests_on, seeds);
-        let rule = rule_of_claim(line.spec.matters, self.relevance);
+        let rule = rule_of_claim(line.spec.min_effect, self.relevance);
         line.first_judged_by = self.first_rule(&place, &line.rests_on, seeds.map(|_| rule));
     }
 
@@ -252,9 +252,9 @@ fn rule_of_value(reference: &Reference) -> String {
 }
 
 /// The rule of a claim besides its words, which name it: the difference that matters.
-fn rule_of_claim(matters: Option<f64>, relevance: Option<&Relevance>) -> String {
-    match (matters, relevance) {
-        (Some(matters), _) => format!("differences of {matters} or more"),
+fn rule_of_claim(min_effect: Option<f64>, relevance: Option<&Relevance>) -> String {
+    match (min_effect, relevance) {
+        (Some(min_effect), _) => format!("differences of {min_effect} or more"),
         (None, Some(relevance)) => format!("differences of {relevance} or more"),
         (None, None) => "any difference".into(),
     }

@@ -454,10 +454,10 @@ mod tests {
             high: f64::INFINITY,
             closed: false,
         };
-        let outcome = |shift: f64, matters: Option<f64>| {
+        let outcome = |shift: f64, min_effect: Option<f64>| {
             let moved: Vec<f64> = values.iter().map(|value| value + shift).collect();
             let mut statement = fixed(&moved, above);
-            statement.looks[0].alike = matters.map(|it| Region::between(-it, it));
+            statement.looks[0].alike = min_effect.map(|it| Region::between(-it, it));
             statement.decide().outcome
         };
         assert_eq!(outcome(0.0, None), Outcome::Open);

@@ -36,8 +36,8 @@ pub struct Study {
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
-    /// Departures from the source, one sentence each.
-    pub departures: Vec<String>,
+    /// Deviations from the source, one sentence each.
+    pub deviations: Vec<String>,
     /// Names of the environments, in order.
     pub environments: Vec<String>,
     /// Names of the agents, in order.

@@ -35,7 +35,7 @@ pub(super) struct ConfirmationText {
     /// The smallest difference that matters from now on, where the claims name none or a larger one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    matters: Option<f64>,
+    min_effect: Option<f64>,
     /// Why these seeds, and why this difference matters.
     #[serde(default)]
     why: String,
@@ -61,7 +61,7 @@ pub struct Confirmation {
     pub design: Option<Design>,
     /// The smallest difference that matters from now on; `None` where it stays as it was.
     #[serde(skip)]
-    pub matters: Option<f64>,
+    pub min_effect: Option<f64>,
     /// Why these seeds.
     #[serde(skip)]
     pub why: String,
@@ -75,7 +75,7 @@ impl Confirmation {
     #[must_use]
     pub fn claim(&self, claim: &ClaimSpec) -> ClaimSpec {
         ClaimSpec {
-            matters: self.matters.or(claim.matters),
+            min_effect: self.min_effect.or(claim.min_effect),
             // It is put to seeds that nobody has seen.
             exploratory: false,
             ..claim.clone()
@@ -160,7 +160,7 @@ impl Section<'_> {
             rows: written.rows,
             seeds,
             design,
-            matters: written.matters,
+            min_effect: written.min_effect,
             why: written.why,
             written: value.as_object().cloned().unwrap_or_default(),
         }))
@@ -205,16 +205,16 @@ impl Section<'_> {
 
     /// A difference that mattered before it was seen matters later, too.
     fn larger_difference(&self, round: &Confirmation, claims: &[ClaimSpec]) -> Option<Diagnostic> {
-        let matters = round.matters?;
+        let min_effect = round.min_effect?;
         let named = round.claims.iter().filter_map(|index| claims.get(*index));
         let smaller = named
-            .filter_map(|claim| claim.matters)
-            .find(|known| *known < matters)?;
+            .filter_map(|claim| claim.min_effect)
+            .find(|known| *known < min_effect)?;
         let message = format!(
-            "a difference of {smaller} mattered before its results were seen, and here only {matters} does"
+            "a difference of {smaller} mattered before its results were seen, and here only {min_effect} does"
         );
         Some(
-            self.error("matters", message)
+            self.error("min_effect", message)
                 .help("leave it out, or write a smaller one"),
         )
     }

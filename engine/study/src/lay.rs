@@ -114,10 +114,10 @@ mod tests {
     #[test]
     fn mappings_are_merged_and_lists_and_values_replaced() {
         let node = laid(
-            "{title: a, departures: [b, c], tables: {t: {caption: d}}}",
-            "{title: e, departures: [f], tables: {t: {labels: {g: h}}, u: {}}}",
+            "{title: a, deviations: [b, c], tables: {t: {caption: d}}}",
+            "{title: e, deviations: [f], tables: {t: {labels: {g: h}}, u: {}}}",
         );
-        let whole = json!({"title": "e", "departures": ["f"], "tables": {"t": {"caption": "d", "labels": {"g": "h"}}, "u": {}}});
+        let whole = json!({"title": "e", "deviations": ["f"], "tables": {"t": {"caption": "d", "labels": {"g": "h"}}, "u": {}}});
         assert_eq!(node.to_value(), whole);
     }
 

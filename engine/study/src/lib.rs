@@ -12,7 +12,7 @@
 //! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
 //! | `sweep`, `overrides` | what varies over the trials |
-//! | `search` | keys whose best values are searched |
+//! | `tune` | keys whose best values are searched |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
 //! | `part` | a plugin with its complete config, and what was given for it |
 //! | `checked_sections` | the sections that cells are made of |

@@ -188,7 +188,7 @@ struct Made {
     confirm: Vec<Confirmation>,
     resolved: Vec<(String, resolved::Section)>,
     title: String,
-    departures: Vec<String>,
+    deviations: Vec<String>,
 }
 
 /// The second half of loading: cells are made and built, and what is asked of them is checked.
@@ -254,7 +254,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         confirm,
         resolved,
         title: section(root, "title").unwrap_or_default(),
-        departures: section(root, "departures").unwrap_or_default(),
+        deviations: section(root, "deviations").unwrap_or_default(),
     })
 }
 
@@ -293,7 +293,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         confirm,
         resolved,
         title,
-        departures,
+        deviations,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
     Study {
@@ -303,7 +303,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         family: section(root, "family"),
         summary: request.summary,
         answers: request.answers,
-        departures,
+        deviations,
         environments: vocabulary.environments,
         agents: vocabulary.agents,
         resolved,
@@ -370,7 +370,7 @@ fn blocks_trials(diagnostic: &Diagnostic) -> bool {
         "title",
         "source",
         "summary",
-        "departures",
+        "deviations",
         "success",
         "paper_budget",
         "floors",

@@ -162,7 +162,7 @@ impl Spelled<'_> {
         let (what, index, known) = match words {
             ["prepare", ..] => return nothing_prepared(words, self.span, self.at, written, self.sources),
             ["cross_play", _, ..] => ("play", 1, named(&written.plays)),
-            ["search", _, ..] => ("search", 1, named(&written.searches)),
+            ["tune", _, ..] => ("search", 1, named(&written.searches)),
             _ => {
                 let is_section = words.len() > 1 && ["environments", "agents"].contains(&words[0]);
                 let known = written.names().into_iter().chain(["protocol", "seeds"]);
@@ -236,7 +236,7 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
             let index = written.plays.iter().position(|play| play.name == *name)?;
             Some((Target::Play(index), 2))
         }
-        ["search", name, ..] => {
+        ["tune", name, ..] => {
             let index = written.searches.iter().position(|search| search.name == *name)?;
             Some((Target::Search(index), 2))
         }
@@ -269,7 +269,7 @@ pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Optio
             study.property("protocol")?.property(plugin)
         }
         Target::Play(_) => study.property("cross_play")?.property("any"),
-        Target::Search(_) => study.property("search")?.property("any"),
+        Target::Search(_) => study.property("tune")?.property("any"),
         Target::Seeds => None,
     }
 }

@@ -1,4 +1,4 @@
-//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, departure, answer or the summary
+//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, deviation, answer or the summary
 //! stands for the number that the trials have, also under a profile.
 //!
 //! | placeholder | value |
@@ -22,7 +22,7 @@ const TEXTS: [&str; 7] = [
     "title",
     "summary",
     "answers",
-    "departures",
+    "deviations",
     "tables",
     "figures",
     "claims",

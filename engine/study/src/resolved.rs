@@ -93,7 +93,7 @@ pub fn sections(
     let searches: Vec<_> = searches
         .map(|(named, it)| (named.name.clone(), search(named, it)))
         .collect();
-    let searches = (!searches.is_empty()).then(|| ("search".into(), Section::Searches(searches)));
+    let searches = (!searches.is_empty()).then(|| ("tune".into(), Section::Searches(searches)));
     let plain = |name: &str| Some((name.into(), Section::Plain(root.get(name)?.to_value())));
     let judged_by = ["success", "paper_budget", "floors", "relevance"];
     let named = [prepared].into_iter().chain(named_sections(root, plays));

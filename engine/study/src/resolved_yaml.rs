@@ -39,7 +39,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
         let lines: Vec<_> = study.answers.iter().map(|it| &it.text).collect();
         sections.push(("answers".into(), Section::Plain(json!(lines))));
     }
-    sections.push(("departures".into(), Section::Plain(json!(study.departures))));
+    sections.push(("deviations".into(), Section::Plain(json!(study.deviations))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {

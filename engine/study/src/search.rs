@@ -1,4 +1,4 @@
-//! The section `search`: which keys of an agent are searched, by what, and the settings that were tried so far.
+//! The section `tune`: which keys of an agent are searched, by what, and the settings that were tried so far.
 //!
 //! A study with a search is read again for every generation: [`Progress`] says which settings there are and which one
 //! was chosen. Its trials are cells of their own ([`Place::Tried`](crate::cell::Place::Tried)), and the agent itself has no trials before
@@ -9,7 +9,7 @@ use super::{
     sweep::{self, Dimension},
     written::{Named, Target, Written},
 };
-use analysis::search::{FIRST_TUNING_SEED, Failed, Goal, Method, Progress, Range, Search, lineage};
+use analysis::search::{Direction, FIRST_TUNING_SEED, Failed, Method, Progress, Range, Search, lineage};
 use document::{
     Entry, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -28,10 +28,10 @@ pub(super) struct SearchText {
     #[schemars(extend("minProperties" = 1))]
     over: BTreeMap<String, RangeText>,
     /// The metric by which settings are compared: its mean over the final episodes and the seeds of the search.
-    by: String,
+    metric: String,
     /// Which values of the metric are better.
     #[serde(default)]
-    goal: Goal,
+    direction: Direction,
     /// The environment in which settings are compared; the only one where absent.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     environment: String,
@@ -222,8 +222,8 @@ impl<'a> Reader<'a, '_> {
                     .iter()
                     .map(|(text, _, range)| (text.clone(), range.clone()))
                     .collect(),
-                by: text.by,
-                goal: text.goal,
+                metric: text.metric,
+                direction: text.direction,
                 settings: text.settings,
                 seeds: (FIRST_TUNING_SEED..FIRST_TUNING_SEED + text.seeds).collect(),
                 method: text.method,

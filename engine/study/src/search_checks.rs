@@ -37,7 +37,7 @@ pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnos
                 "`exclude` leaves the combination out",
             );
         }
-        names.metric(&searched.search.by, &place, "by", &picked);
+        names.metric(&searched.search.metric, &place, "metric", &picked);
         compared_by(&mut names, &searched.search, &place);
         pauses(&mut names, sections, searched, &place);
     }
@@ -46,27 +46,31 @@ pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnos
 
 /// Says where a metric is none to compare settings by, or where it is not said that little of it is wanted.
 fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
-    let by = &search.by;
-    if [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&by.as_str()) {
+    let metric = &search.metric;
+    if [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&metric.as_str()) {
         let message = format!(
-            "`{by}` is a measurement of the machine, by which every run would choose another setting"
+            "`{metric}` is a measurement of the machine, by which every run would choose another setting"
         );
         names.say(
-            place.value("by"),
+            place.value("metric"),
             message,
             "compare settings by what their trials record",
         );
     }
-    let known = names.vocabulary.metrics.iter().find(|metric| metric.name == *by);
+    let known = names
+        .vocabulary
+        .metrics
+        .iter()
+        .find(|known| known.name == *metric);
     let is_loss = known.is_some_and(|metric| metric.better == Better::Lower);
-    if is_loss && place.node.get("goal").is_none() {
+    if is_loss && place.node.get("direction").is_none() {
         let message = format!(
-            "of `{by}` less is better, and without a `goal` the setting with the most of it is chosen"
+            "of `{metric}` less is better, and without a `direction` the setting with the most of it is chosen"
         );
         names.say(
-            place.value("by"),
+            place.value("metric"),
             message,
-            "write `goal: least`, or `goal: most` where that is meant",
+            "write `direction: minimize`, or `direction: maximize` where that is meant",
         );
     }
 }

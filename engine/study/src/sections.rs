@@ -49,8 +49,8 @@ pub(super) struct Sections {
     /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
     /// each.
     answers: Vec<AnswerText>,
-    /// Departures from the source, one sentence each.
-    departures: Vec<String>,
+    /// Deviations from the source, one sentence each.
+    deviations: Vec<String>,
     /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, ranges of them as in `100-199`, or a design
     /// `{ min, max, looks }`, with `first` where it does not begin with seed 0. With a design seeds are added
     /// look by look until every judged value and claim is decided.
@@ -65,14 +65,14 @@ pub(super) struct Sections {
     /// claim that compares trained agents is judged: NOT LEARNED.
     #[schemars(extend("x-kind" = "agent"))]
     floors: Vec<String>,
-    /// Which difference matters for claims of a direction without `matters`: a share of the range from floor to bound.
+    /// Which difference matters for claims of a direction without `min_effect`: a share of the range from floor to bound.
     relevance: Relevance,
     /// Swept keys, each with the way its values are made.
     sweep: BTreeMap<String, Generator>,
     /// Searches for settings of agents, by name. What is shown of such an agent is the best setting, measured on
     /// seeds that the search has not seen.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
-    search: BTreeMap<String, SearchText>,
+    tune: BTreeMap<String, SearchText>,
     /// Named budgets of the study: values that replace others, by dotted path.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     profiles: BTreeMap<String, Map<String, Value>>,

@@ -202,7 +202,7 @@ fn section_of<'a>(path: &'a str, written: &Written, schema: &Value) -> Option<&'
         "protocol",
         "prepare",
         "cross_play",
-        "search",
+        "tune",
         "seeds",
     ];
     const TEXT: [&str; 2] = ["include", "blocks"];

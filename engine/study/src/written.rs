@@ -165,7 +165,7 @@ impl Written {
             agents: section("agents"),
             protocol: root.entry("protocol").map(named).unwrap_or(nothing),
             plays: without_plugin("cross_play"),
-            searches: without_plugin("search"),
+            searches: without_plugin("tune"),
             prepared: root
                 .get("prepare")
                 .map_or_else(Vec::new, |node| node.entries().iter().map(prepared).collect()),
@@ -252,7 +252,7 @@ const RESERVED: [&str; 7] = [
     "environments",
     "agents",
     "cross_play",
-    "search",
+    "tune",
     "prepare",
 ];
 

@@ -207,14 +207,14 @@ impl ClaimVerdict {
 
 /// Holds `claim` against what `values` gives for each of its operands: one value per seed as the seeds below a number
 /// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can
-/// be added. Differences between the two sides of a direction that are smaller than `matters` do not matter.
+/// be added. Differences between the two sides of a direction that are smaller than `min_effect` do not matter.
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim
 /// inconclusive.
 #[must_use]
 pub fn evaluate(
     claim: &Claim,
-    matters: Option<f64>,
+    min_effect: Option<f64>,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
     seeds: &Seeds,
@@ -231,7 +231,7 @@ pub fn evaluate(
     let has_run = sides(u64::MAX).is_some_and(|(left, right)| left.has_run() && right.has_run());
     let looks = seeds.limits().into_iter().map(at).collect::<Option<Vec<_>>>();
     match looks.filter(|_| has_run) {
-        Some(looks) => judge(claim.relation, matters, &looks, seeds),
+        Some(looks) => judge(claim.relation, min_effect, &looks, seeds),
         None => ClaimVerdict::without(ClaimOutcome::NotRun),
     }
 }
@@ -491,9 +491,9 @@ impl Compared {
         }
     }
 
-    fn look(&self, relation: Relation, matters: Option<f64>) -> Look {
+    fn look(&self, relation: Relation, min_effect: Option<f64>) -> Look {
         let region = self.region(region(relation, self.right_mean));
-        let alike = matters.map(|matters| self.region(Region::between(-matters, matters)));
+        let alike = min_effect.map(|min_effect| self.region(Region::between(-min_effect, min_effect)));
         Look {
             evidence: self.evidence.clone(),
             region,
@@ -523,7 +523,7 @@ fn region(relation: Relation, right_mean: f64) -> Region {
     Region { low, high, closed }
 }
 
-fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds: &Seeds) -> ClaimVerdict {
+fn judge(relation: Relation, min_effect: Option<f64>, compared: &[Compared], seeds: &Seeds) -> ClaimVerdict {
     let is_direction = relation.is_direction();
     if compared.is_empty() {
         return ClaimVerdict {
@@ -532,7 +532,7 @@ fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds:
         };
     }
     let statement = Statement {
-        looks: compared.iter().map(|it| it.look(relation, matters)).collect(),
+        looks: compared.iter().map(|it| it.look(relation, min_effect)).collect(),
         design: seeds.design.clone(),
         by_last: seeds.is_pooled(),
         alpha: if is_direction {

@@ -22,7 +22,7 @@ pub fn search_in_words(it: &SearchResult) -> String {
             format!(
                 "the best is {} with a {} of {value:.4}",
                 tried.setting,
-                search.by.replace('_', " ")
+                search.metric.replace('_', " ")
             )
         },
     );

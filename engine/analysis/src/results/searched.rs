@@ -80,7 +80,7 @@ impl TriedSetting {
             tried.failures.extend(failure);
             tried.failed += usize::from(failure.is_some());
             tried.unseen += usize::from(failure.is_some() && !is_last);
-            let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
+            let value = trial.mean(Phase::Final, &search.metric).filter(|_| trial.is_ok());
             let mut at_pause =
                 |pause: u64, value| tried.at_pauses.entry(pause).or_default().insert(seed, value);
             match stop.filter(|_| search.is_population()) {
@@ -89,7 +89,7 @@ impl TriedSetting {
                 Some(_) => {}
                 None => {
                     for pause in search.pauses() {
-                        match trial.measured_at(&search.by, *pause) {
+                        match trial.measured_at(&search.metric, *pause) {
                             Some(value) => drop(at_pause(*pause, Some(value))),
                             None if is_last => drop(at_pause(*pause, None)),
                             None => {}

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::search::{
-    CmaEs, Failed, Goal, Halving, Method, NoOptions, Numbers, Population, Range, TreeParzen,
+    CmaEs, Direction, Failed, Halving, Method, NoOptions, Numbers, Population, Range, TreeParzen,
 };
 use contract::{
     Phase, Rng,
@@ -112,8 +112,8 @@ fn search(method: Method) -> Search {
         agent: "a".into(),
         plugin: "a".into(),
         keys: vec![("a.rate".into(), Range::Numbers(numbers))],
-        by: "return".into(),
-        goal: Goal::Most,
+        metric: "return".into(),
+        direction: Direction::Maximize,
         settings: 7,
         seeds: (0..SEEDS).collect(),
         method,

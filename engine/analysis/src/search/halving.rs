@@ -11,17 +11,17 @@
 //! | s | the bracket; bracket `b` begins with the pause `b` |
 //! | r_i | `pauses` |
 
-use super::{Goal, Halving, Tried, best_at, share_of};
+use super::{Direction, Halving, Tried, best_at, share_of};
 use std::ops::Range;
 
 /// Where each setting pauses, as far as the values tell; `None` for one that goes to its end.
-pub(super) fn stops(options: &Halving, goal: Goal, tried: &[Tried]) -> Vec<Option<u64>> {
+pub(super) fn stops(options: &Halving, direction: Direction, tried: &[Tried]) -> Vec<Option<u64>> {
     let mut stops = vec![None; tried.len()];
     for (bracket, places) in brackets(options, tried.len()).into_iter().enumerate() {
         let mut alive: Vec<usize> = places.collect();
         for pause in &options.pauses[bracket.min(options.pauses.len())..] {
             alive.iter().for_each(|place| stops[*place] = Some(*pause));
-            let Some(best) = best_part(&alive, *pause, options.keep, goal, tried) else {
+            let Some(best) = best_part(&alive, *pause, options.keep, direction, tried) else {
                 alive.clear();
                 break;
             };
@@ -33,8 +33,14 @@ pub(super) fn stops(options: &Halving, goal: Goal, tried: &[Tried]) -> Vec<Optio
 }
 
 /// The settings that go on after a pause; `None` as long as one has not come to it.
-fn best_part(alive: &[usize], pause: u64, keep: f64, goal: Goal, tried: &[Tried]) -> Option<Vec<usize>> {
-    let mut best = best_at(goal, tried, alive.iter().copied(), pause)?;
+fn best_part(
+    alive: &[usize],
+    pause: u64,
+    keep: f64,
+    direction: Direction,
+    tried: &[Tried],
+) -> Option<Vec<usize>> {
+    let mut best = best_at(direction, tried, alive.iter().copied(), pause)?;
     best.truncate(share_of(alive.len(), keep).max(1));
     Some(best)
 }
@@ -110,15 +116,15 @@ mod tests {
     fn the_best_third_goes_on_and_what_failed_never_does() {
         let values: Vec<Option<f64>> = [5.0, 1.0, 7.0, 7.0, 2.0, 0.0, 3.0, 9.0, 4.0].map(Some).into();
         assert_eq!(
-            stops(&options(1), Goal::Most, &tried(&values, 0)),
+            stops(&options(1), Direction::Maximize, &tried(&values, 0)),
             vec![Some(100); 9]
         );
-        let after = stops(&options(1), Goal::Most, &tried(&values, 100));
+        let after = stops(&options(1), Direction::Maximize, &tried(&values, 100));
         let expected = [100, 100, 300, 300, 100, 100, 100, 300, 100].map(Some);
         assert_eq!(after, expected);
-        let least = stops(&options(1), Goal::Least, &tried(&values, 300));
+        let least = stops(&options(1), Direction::Minimize, &tried(&values, 300));
         assert_eq!(least.iter().position(Option::is_none), Some(5));
-        let failed = stops(&options(1), Goal::Most, &tried(&[None; 9], 300));
+        let failed = stops(&options(1), Direction::Maximize, &tried(&[None; 9], 300));
         assert_eq!(failed, vec![Some(100); 9]);
     }
 
@@ -134,7 +140,7 @@ mod tests {
             "{places:?}"
         );
         values[0].pauses = BTreeMap::new();
-        let stops = stops(&options(3), Goal::Most, &values);
+        let stops = stops(&options(3), Direction::Maximize, &values);
         assert!(stops[places[0].clone()].iter().all(|stop| *stop == Some(100)));
         assert!(stops[places[1].clone()].contains(&None));
         assert!(stops[places[2].clone()].iter().all(Option::is_none));

@@ -47,9 +47,9 @@ pub struct Search {
     /// What is searched, each key with its values.
     pub keys: Vec<(String, Range)>,
     /// The metric by which settings are compared.
-    pub by: String,
+    pub metric: String,
     /// Which values of it are better.
-    pub goal: Goal,
+    pub direction: Direction,
     /// Settings that are tried.
     pub settings: usize,
     /// Seeds of each setting.
@@ -82,21 +82,21 @@ impl Failed {
 /// Which values of a metric are better.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Goal {
+pub enum Direction {
     /// Large ones.
     #[default]
-    Most,
+    Maximize,
     /// Small ones.
-    Least,
+    Minimize,
 }
 
-impl Goal {
+impl Direction {
     /// The value, or its opposite where small ones are better: the larger the better.
     #[must_use]
     pub fn merit(self, value: f64) -> f64 {
         match self {
-            Self::Most => value,
-            Self::Least => -value,
+            Self::Maximize => value,
+            Self::Minimize => -value,
         }
     }
 }
@@ -330,7 +330,7 @@ impl Search {
     fn halved(&self, options: &Halving, points: Vec<Point>, known: Option<&[Tried]>) -> Next {
         let nothing: Vec<Tried> = points.iter().cloned().map(Tried::new).collect();
         let known = known.unwrap_or(&nothing);
-        let stops = halving::stops(options, self.goal, known);
+        let stops = halving::stops(options, self.direction, known);
         let waits = |(stop, it): (&Option<u64>, &Tried)| match stop {
             None => !it.ended,
             Some(pause) => !it.pauses.contains_key(pause),
@@ -383,7 +383,7 @@ impl Search {
     fn merit(&self, tried: &Tried) -> f64 {
         tried
             .value
-            .map_or(f64::NEG_INFINITY, |value| self.goal.merit(value))
+            .map_or(f64::NEG_INFINITY, |value| self.direction.merit(value))
     }
 
     /// The setting at a place, where `points` are those before it and `tried` those of which the end is known. What
@@ -417,11 +417,16 @@ impl Search {
             .iter()
             .map(|(key, range)| (last(key), format!("{range:?}")))
             .collect();
+        // The words of earlier programs: the streams of a study stay its own.
+        let direction = match self.direction {
+            Direction::Maximize => "most",
+            Direction::Minimize => "least",
+        };
         digest::of_json(&json!([
             self.plugin,
             keys,
-            self.by,
-            self.goal,
+            self.metric,
+            direction,
             self.method,
             self.seeds
         ]))
@@ -431,14 +436,14 @@ impl Search {
 /// These places from the best to the worst at a pause, without those that failed; of equal ones the earlier is the
 /// better. `None` as long as one has not come there.
 fn best_at(
-    goal: Goal,
+    direction: Direction,
     tried: &[Tried],
     places: impl Iterator<Item = usize>,
     pause: u64,
 ) -> Option<Vec<usize>> {
     let merit = |place: usize| {
         let value = tried[place].pauses.get(&pause)?;
-        Some((place, value.map(|value| goal.merit(value))))
+        Some((place, value.map(|value| direction.merit(value))))
     };
     let merits: Vec<(usize, Option<f64>)> = places.map(merit).collect::<Option<_>>()?;
     let well = merits

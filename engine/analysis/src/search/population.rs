@@ -127,7 +127,7 @@ fn next(
     pause: u64,
 ) -> Option<Generation> {
     let members = last.len();
-    let ranked = best_at(search.goal, last, 0..members, pause)?;
+    let ranked = best_at(search.direction, last, 0..members, pause)?;
     let replaced = share_of(members, options.replace).clamp(1, (members / 2).max(1));
     let kept = &ranked[..ranked.len().min(members - replaced)];
     let best = &ranked[..ranked.len().min(replaced)];

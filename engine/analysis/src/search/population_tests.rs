@@ -1,7 +1,7 @@
 //! What a population does, held against its rules and against searches that copy nothing.
 
 use super::*;
-use crate::search::{Goal, Method, Next, Numbers, lineage, schedule_in_words};
+use crate::search::{Direction, Method, Next, Numbers, lineage, schedule_in_words};
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -32,8 +32,8 @@ fn search(members: usize) -> Search {
             ("learner.rate".into(), Range::Numbers(rates)),
             ("learner.batch".into(), batches),
         ],
-        by: "return".into(),
-        goal: Goal::Most,
+        metric: "return".into(),
+        direction: Direction::Maximize,
         settings: members,
         seeds: vec![1_000_000],
         method: Method::Population(options()),

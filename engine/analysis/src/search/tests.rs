@@ -22,8 +22,8 @@ fn search(keys: Vec<(&str, Range)>, method: Method, settings: usize, seed: u64) 
             .into_iter()
             .map(|(key, range)| (key.to_owned(), range))
             .collect(),
-        by: "return".into(),
-        goal: Goal::Least,
+        metric: "return".into(),
+        direction: Direction::Minimize,
         settings,
         seeds: vec![seed],
         method,

@@ -95,7 +95,7 @@ fn say_checked(session: &Session<'_>, check: Check) -> Result<Exit, Failure> {
 fn any_difference(study: &Study) -> String {
     let lacks = |spec: &&ClaimSpec| {
         let is_direction = claim::parse(&spec.claim).is_ok_and(|claim| claim.relation.is_direction());
-        is_direction && spec.matters.is_none()
+        is_direction && spec.min_effect.is_none()
     };
     match study.claims.iter().filter(lacks).count() {
         n if n == 0 || study.relevance.is_some() => String::new(),

@@ -6,7 +6,7 @@ use super::{
     say,
 };
 use crate::watch::{Choice, View, Watched, Watcher, draw, page, plain};
-use analysis::search::Goal;
+use analysis::search::Direction;
 use clap::Args;
 use contract::{Better, Error, Registry};
 use execution::{
@@ -115,14 +115,14 @@ fn broken(error: std::io::Error) -> Failure {
     }
 }
 
-/// Metrics of which less is better, by what studies say of them and by the goals of their searches.
+/// Metrics of which less is better, by what studies say of them and by the minimized of their searches.
 fn less_is_better(planned: &[Planned]) -> BTreeSet<String> {
     let of_study = |one: &Planned| -> Vec<String> {
         let metrics = one.study.metrics.iter().filter(|it| it.better == Better::Lower);
         let searches = one.study.searches.iter().map(|(search, _)| search);
-        let goals = searches.filter(|search| search.goal == Goal::Least);
-        let goals = goals.map(|search| search.by.clone());
-        metrics.map(|it| it.name.clone()).chain(goals).collect()
+        let minimized = searches.filter(|search| search.direction == Direction::Minimize);
+        let minimized = minimized.map(|search| search.metric.clone());
+        metrics.map(|it| it.name.clone()).chain(minimized).collect()
     };
     planned.iter().flat_map(of_study).collect()
 }
@@ -137,7 +137,7 @@ fn metrics(one: &Planned) -> Vec<String> {
             FigureKind::LearningCurve(curve) => Some(curve.metric.clone()),
             _ => None,
         });
-    let searches = one.study.searches.iter().map(|(search, _)| search.by.clone());
+    let searches = one.study.searches.iter().map(|(search, _)| search.metric.clone());
     let tables = one.study.tables.iter();
     let tables = tables.filter_map(|(_, table)| table.kind.metric_of_unit().map(str::to_owned));
     curves.chain(searches).chain(tables).collect()

@@ -62,9 +62,9 @@ tables:
 claims: [learner.return > rule.return]",
     ),
     example(
-        "departures",
+        "deviations",
         "",
-        "departures:
+        "deviations:
   - The source trains ten times as long.",
     ),
     example(
@@ -73,7 +73,7 @@ claims: [learner.return > rule.return]",
         "claims: [learner.return > rule.return]
 confirm:
   - { claims: [1], seeds: 100-109, why: the spread of the first seeds asks for ten }
-  - { claims: [1], seeds: { first: 200, min: 16, max: 64, looks: 3 }, matters: 0.5 }",
+  - { claims: [1], seeds: { first: 200, min: 16, max: 64, looks: 3 }, min_effect: 0.5 }",
     ),
     example("seeds", "a number of replicates: seeds 0 to 4", "seeds: 5"),
     example("seeds", "the seeds themselves", "seeds: [0, 3, 17]"),
@@ -135,39 +135,39 @@ confirm:
   learner.learning_rate: { latin_hypercube: { low: 1e-5, high: 1e-2, samples: 8, log: true } }",
     ),
     example(
-        "search",
+        "tune",
         "settings near good ones are tried next; the best one is measured on the seeds of the study",
-        "search:
+        "tune:
   rates:
     over:
       learner.discount: { uniform: { low: 0.9, high: 0.999 } }
       learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } }
-    by: return
+    metric: return
     environment: short
     settings: 30
     seeds: 2
     method: { tree_parzen: { startup: 10, batch: 4 } }",
     ),
     example(
-        "search",
+        "tune",
         "numbers that depend on each other, from a distribution that takes the shape of the good ones",
-        "search:
+        "tune:
   rates:
     over:
       learner.discount: { uniform: { low: 0.9, high: 0.999 } }
       learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } }
-    by: return
+    metric: return
     environment: short
     settings: 60
     method: { cma_es: { population: 6 } }",
     ),
     example(
-        "search",
+        "tune",
         "random settings that pause, of which the best third goes on",
-        "search:
+        "tune:
   rates:
     over: { learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } } }
-    by: return
+    metric: return
     environment: short
     settings: 27
     method: { halving: { pauses: [100, 300], brackets: 2 } }",
@@ -264,7 +264,7 @@ claims: [learner.return > elsewhere.return in short]",
         "claims:
   - { claim: learner.return >= 1.15 * rule.return in short, about: the abstract, why: printed there }
   - { claim: auc(learner.return) > rule.return, exploratory: true }
-  - { claim: learner.return > rule.return, matters: 0.5, why: half a step }",
+  - { claim: learner.return > rule.return, min_effect: 0.5, why: half a step }",
     ),
     example(
         "limits",

@@ -27,6 +27,25 @@ const MOST_UNKNOWN: usize = 20;
 /// Most characters of a name; names of files are made of several.
 const LONGEST_NAME: usize = 100;
 
+/// Keys of earlier studies and of other programs, with their names here.
+const OTHER_NAMES: [(&str, &str); 6] = [
+    ("departures", "deviations"),
+    ("matters", "min_effect"),
+    ("search", "tune"),
+    ("by", "metric"),
+    ("goal", "direction"),
+    ("n_trials", "settings"),
+];
+
+/// Says what a key is called here; `None` where it has no other name in this place.
+fn renamed(key: &str, place: &View<'_>) -> Option<String> {
+    let is_here = |name: &str| place.property_names().contains(&name);
+    let (_, name) = OTHER_NAMES
+        .iter()
+        .find(|(old, name)| *old == key && is_here(name))?;
+    Some(format!("it is called `{name}`"))
+}
+
 /// Where a value stands: its key's span and name, and its dotted path.
 #[derive(Debug, Clone)]
 pub struct At {
@@ -189,8 +208,9 @@ impl<'a> Checker<'a> {
                         &below.path,
                         format!("unknown {kind} `{}`", entry.key),
                     );
-                    self.found
-                        .push(error.help(suggest(&entry.key, place.property_names())));
+                    let help = renamed(&entry.key, place)
+                        .unwrap_or_else(|| suggest(&entry.key, place.property_names()));
+                    self.found.push(error.help(help));
                 }
             }
             self.key_name(&entry.key, &below, place);
@@ -224,7 +244,10 @@ impl<'a> Checker<'a> {
             let error =
                 error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
             // A required key that was mistyped is reported as unknown already.
-            let mistyped = unknown.iter().any(|entry| nearest(&entry.key, &[key]).is_some());
+            let is_meant = |entry: &&Entry| {
+                nearest(&entry.key, &[key]).is_some() || OTHER_NAMES.contains(&(&entry.key, key))
+            };
+            let mistyped = unknown.iter().any(is_meant);
             if !mistyped {
                 self.found.push(error);
             }

@@ -10,7 +10,7 @@ use crate::{
     names::{Names, Place},
     table::{Scope, metric_of_search},
 };
-use analysis::search::Goal;
+use analysis::search::Direction;
 use contract::Error;
 use document::count::count as count_in_words;
 use schemars::JsonSchema;
@@ -48,7 +48,7 @@ impl Figure for BestSoFar {
             style,
             shape: Shape::Curve(Curve {
                 of: CurveOf::Learner,
-                points: best_so_far(values, search.goal),
+                points: best_so_far(values, search.direction),
                 runs: settings(&searched),
                 undrawn: Vec::new(),
                 at_the_ends: None,
@@ -61,7 +61,7 @@ impl Figure for BestSoFar {
                 label: "settings tried".into(),
                 ..Scale::default()
             },
-            y: context.scale(spec, &search.by, self.log_y),
+            y: context.scale(spec, &search.metric, self.log_y),
             series: [tried].into_iter().chain(of_fresh).collect(),
             ..Panel::default()
         };
@@ -94,13 +94,13 @@ fn settings(searched: &Searched<'_>) -> Vec<RunLine> {
 }
 
 /// The best of some values, in steps: it holds until a better one comes.
-fn best_so_far(values: impl Iterator<Item = (f64, f64)>, goal: Goal) -> Vec<Point> {
+fn best_so_far(values: impl Iterator<Item = (f64, f64)>, direction: Direction) -> Vec<Point> {
     let point = |x, y| Point { x, y, interval: None };
     let mut points: Vec<Point> = Vec::new();
     for (x, value) in values {
         let best = points.last().map(|it| it.y);
         points.extend(best.map(|best| point(x, best)));
-        if best.is_none_or(|best| goal.merit(value) > goal.merit(best)) {
+        if best.is_none_or(|best| direction.merit(value) > direction.merit(best)) {
             points.push(point(x, value));
         }
     }
@@ -111,7 +111,7 @@ fn best_so_far(values: impl Iterator<Item = (f64, f64)>, goal: Goal) -> Vec<Poin
 fn fresh(searched: &Searched<'_>, context: Context<'_>) -> Option<Summary> {
     let result = searched.result;
     let trials = result.fresh_trials(&context.results.trials);
-    let finals = Scope { trials }.finals(&result.search.by);
+    let finals = Scope { trials }.finals(&result.search.metric);
     Summary::of(&finals.into_values().collect::<Vec<_>>())
 }
 
@@ -132,16 +132,16 @@ fn note(searched: &Searched<'_>, has_fresh: bool) -> String {
 mod tests {
     use super::*;
 
-    fn steps(goal: Goal) -> Vec<(f64, f64)> {
+    fn steps(direction: Direction) -> Vec<(f64, f64)> {
         let values = [(1.0, 2.0), (2.0, 1.0), (4.0, 3.0), (6.0, 0.5)];
-        let points = best_so_far(values.into_iter(), goal);
+        let points = best_so_far(values.into_iter(), direction);
         points.iter().map(|point| (point.x, point.y)).collect()
     }
 
     #[test]
     fn the_best_holds_until_a_better_one_ends() {
         let most = [(1.0, 2.0), (2.0, 2.0), (4.0, 2.0), (4.0, 3.0), (6.0, 3.0)];
-        assert_eq!(steps(Goal::Most), most);
+        assert_eq!(steps(Direction::Maximize), most);
         let least = [
             (1.0, 2.0),
             (2.0, 2.0),
@@ -150,6 +150,6 @@ mod tests {
             (6.0, 1.0),
             (6.0, 0.5),
         ];
-        assert_eq!(steps(Goal::Least), least);
+        assert_eq!(steps(Direction::Minimize), least);
     }
 }

@@ -93,7 +93,7 @@ fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &F
 }
 
 fn notes(searched: &Searched<'_>, found: &Importance, exchanges: usize) -> Vec<String> {
-    let (settings, by) = (searched.values.len(), spaced(&searched.result.search.by));
+    let (settings, by) = (searched.values.len(), spaced(&searched.result.search.metric));
     let explained = 100.0 * found.explained;
     let how = format!(
         "A forest of {TREES} trees forecasts the {by} of settings that it has not seen ({settings} settings, in \

@@ -177,7 +177,7 @@ pub struct FigureSpec {
     /// Label of the vertical axis; a sensible one where absent.
     #[serde(default)]
     pub y_label: Option<String>,
-    /// Sentences under the figure: departures, sources.
+    /// Sentences under the figure: deviations, sources.
     #[serde(default)]
     pub notes: Vec<String>,
     /// Width on paper in millimetres; 85 for one column of panels and 174 for several where absent.

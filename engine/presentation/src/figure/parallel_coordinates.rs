@@ -83,7 +83,7 @@ fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Cha
 
 /// The settings that are drawn, the best last.
 fn ranked(searched: &Searched<'_>, best: Option<usize>) -> Vec<usize> {
-    let merit = |at: &usize| searched.result.search.goal.merit(searched.values[*at]);
+    let merit = |at: &usize| searched.result.search.direction.merit(searched.values[*at]);
     let mut all: Vec<usize> = (0..searched.values.len()).collect();
     all.sort_by(|one, other| merit(one).total_cmp(&merit(other)).then(one.cmp(other)));
     all.drain(..all.len().saturating_sub(best.unwrap_or(usize::MAX)));
@@ -110,7 +110,7 @@ fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Po
 /// The names of the axes: the keys, and the metric.
 fn names(searched: &Searched<'_>, spec: &FigureSpec) -> Vec<String> {
     let keys = searched.keys().into_iter().map(|key| label(spec, &spaced(key)));
-    keys.chain([label(spec, &spaced(&searched.result.search.by))])
+    keys.chain([label(spec, &spaced(&searched.result.search.metric))])
         .collect()
 }
 

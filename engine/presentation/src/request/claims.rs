@@ -106,18 +106,21 @@ impl Names<'_> {
                 }
                 self.operands(&claim, environment, &text);
                 self.shares(&claim, &text);
-                self.matters(&claim, item, &text);
+                self.min_effect(&claim, item, &text);
             }
         }
         Some(spec)
     }
 
     /// What matters is said of a direction; `within` has a distance of its own.
-    fn matters(&mut self, claim: &Claim, item: &Node, text: &Text<'_>) {
-        if let Some(entry) = item.entry("matters").filter(|_| !claim.relation.is_direction()) {
+    fn min_effect(&mut self, claim: &Claim, item: &Node, text: &Text<'_>) {
+        if let Some(entry) = item
+            .entry("min_effect")
+            .filter(|_| !claim.relation.is_direction())
+        {
             self.say(
-                (entry.key_span, format!("{}.matters", text.at)),
-                "`matters` is for claims that one side is ahead; this one says itself how far both may be apart",
+                (entry.key_span, format!("{}.min_effect", text.at)),
+                "`min_effect` is for claims that one side is ahead; this one says itself how far both may be apart",
                 "remove the key, or write the claim with `>`, `>=`, `<` or `<=`",
             );
         }

@@ -101,12 +101,12 @@ impl BestSettings {
             name: tried.setting.clone(),
             label: tried.setting.clone(),
         };
-        let by = label(&it.search.by);
+        let by = label(&it.search.metric);
         let column = |name: &str, label: String| Heading {
             name: name.into(),
             label,
         };
-        let mut columns = vec![column(&it.search.by, format!("{by} in the search"))];
+        let mut columns = vec![column(&it.search.metric, format!("{by} in the search"))];
         let fresh = fresh(it, results);
         columns.extend(
             fresh
@@ -153,7 +153,7 @@ fn fresh(it: &SearchResult, results: &Results) -> Option<Cell> {
         failed: scope.failed(),
         ..Cell::resting_on(&scope.trials, results)
     };
-    (!scope.trials.is_empty()).then(|| cell.with_mean(scope.finals(&it.search.by)))
+    (!scope.trials.is_empty()).then(|| cell.with_mean(scope.finals(&it.search.metric)))
 }
 
 fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {

@@ -178,7 +178,7 @@ pub struct TableSpec {
     /// row. It is printed where a value differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
-    /// Sentences under the table: departures, sources.
+    /// Sentences under the table: deviations, sources.
     #[serde(default)]
     pub notes: Vec<String>,
     /// How the LaTeX file is set: what is bold, how intervals are written, what becomes of a wide table.

@@ -1,4 +1,4 @@
-//! Sentences in which words between backticks are names of parts of a study: captions, notes, departures,
+//! Sentences in which words between backticks are names of parts of a study: captions, notes, deviations,
 //! reasons.
 
 use super::{

@@ -60,7 +60,7 @@ const OF_TRIALS: [&str; 8] = [
     "sweep",
     "overrides",
     "cross_play",
-    "search",
+    "tune",
 ];
 
 /// The keys by which trials were determined that have another value now. A key that only the study of now has is

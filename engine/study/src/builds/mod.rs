@@ -114,7 +114,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
         searches: sections
             .searches
             .iter()
-            .map(|it| (it.search.name.clone(), it.search.by.clone()))
+            .map(|it| (it.search.name.clone(), it.search.metric.clone()))
             .collect(),
         settings: cells.settings(),
         ..Vocabulary::default()

@@ -243,15 +243,15 @@ impl Text<'_> {
             format!("      {}: {{ {range} }}\n", key(name))
         };
         let lines: String = keys.iter().map(line).collect();
-        let goal = if self.lower_is_better() {
-            "    goal: least\n"
+        let direction = if self.lower_is_better() {
+            "    direction: minimize\n"
         } else {
             ""
         };
         let (settings, method) = settled(search, keys);
         format!(
-            "# The best setting is measured on the seeds of the study, which the search has not seen.\nsearch:\n  tuned:\n    \
-             over:\n{lines}    by: {}\n{goal}    settings: {settings}\n    method: {method}\n\n",
+            "# The best setting is measured on the seeds of the study, which the search has not seen.\ntune:\n  tuned:\n    \
+             over:\n{lines}    metric: {}\n{direction}    settings: {settings}\n    method: {method}\n\n",
             self.metric()
         )
     }
@@ -277,7 +277,7 @@ impl Text<'_> {
             .as_ref()
             .filter(|_| !made.sweep.swept.is_empty())
         {
-            smoke.push(format!("search.tuned.settings: {}", search.settings.min(4)));
+            smoke.push(format!("tune.tuned.settings: {}", search.settings.min(4)));
         }
         if smoke.is_empty() {
             smoke.push(format!("protocol.steps: {}", length.smoke));

@@ -69,18 +69,18 @@ fn every_direction() {
 #[test]
 fn what_differs_too_little_to_matter_is_equivalent() {
     let a = [9.534_314, 9.817_157, 10.1, 10.382_843, 10.665_686];
-    let held = |text: &str, matters: Option<f64>| {
+    let held = |text: &str, min_effect: Option<f64>| {
         let values = |_: &Operand, _| Some((0..).zip(a).collect());
         evaluate(
             &parse(text).unwrap(),
-            matters,
+            min_effect,
             &values,
             &|_| false,
             &Seeds::default(),
         )
     };
-    let word = |text: &str, matters| held(text, matters).verdict.word();
-    for (text, matters, expected) in [
+    let word = |text: &str, min_effect| held(text, min_effect).verdict.word();
+    for (text, min_effect, expected) in [
         ("a.x > 10", None, "INCONCLUSIVE"),
         ("a.x > 10", Some(0.65), "INCONCLUSIVE"),
         ("a.x > 10", Some(0.66), "EQUIVALENT"),
@@ -94,10 +94,10 @@ fn what_differs_too_little_to_matter_is_equivalent() {
         ("a.x < 9", Some(0.6), "REFUTED"),
         ("9 < a.x", Some(0.6), "DIRECTION ONLY"),
     ] {
-        assert_eq!(word(text, matters), expected, "{text} {matters:?}");
+        assert_eq!(word(text, min_effect), expected, "{text} {min_effect:?}");
     }
     // Fewer seeds tell that it does not matter than which of the two is ahead.
-    let [direction, alike] = [None, Some(0.65)].map(|matters| held("a.x > 10", matters).more_seeds);
+    let [direction, alike] = [None, Some(0.65)].map(|min_effect| held("a.x > 10", min_effect).more_seeds);
     assert!(alike.unwrap() < direction.unwrap(), "{alike:?} {direction:?}");
 }
 

@@ -15,7 +15,7 @@ use crate::{
 };
 use analysis::{
     results::SearchResult,
-    search::{Failed, Goal, Halving, Method, Next, Numbers, Progress, Range, Search},
+    search::{Direction, Failed, Halving, Method, Next, Numbers, Progress, Range, Search},
 };
 use contract::{
     Error,
@@ -56,8 +56,8 @@ fn search() -> Search {
         agent: "tally".into(),
         plugin: "tally".into(),
         keys: vec![("tally.rate".into(), Range::Numbers(numbers))],
-        by: "return".into(),
-        goal: Goal::Most,
+        metric: "return".into(),
+        direction: Direction::Maximize,
         settings: 5,
         seeds: vec![0],
         method: Method::Halving(Halving {
