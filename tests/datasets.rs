@@ -3,19 +3,19 @@
 
 use contract::{
     Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Seat, Space,
+    artifact::{Taken, named_in},
     dataset::{DatasetWriter, Episode},
     part::Part,
-    product::{Taken, named_in},
     random::stream,
     trial::TrialKey,
 };
 use rand::Rng as _;
 use std::path::Path;
 
-/// The same part with a source for every product that its config names.
+/// The same part with a source for every artifact that its config names.
 pub(crate) fn with_sources(mut part: Part) -> Part {
     for (at, (kind, reference)) in named_in(&part.config) {
-        part.products.insert(
+        part.artifacts.insert(
             at,
             Taken {
                 trial: reference.from,

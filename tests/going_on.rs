@@ -34,7 +34,7 @@ fn learn(
     (from, folder): (Option<&Path>, &Path),
 ) -> Result<Learned, Error> {
     let find = |name: &str, part: &Part| {
-        assert!(part.files.is_empty() && part.products.is_empty(), "{name}");
+        assert!(part.files.is_empty() && part.artifacts.is_empty(), "{name}");
         part.config.clone()
     };
     let mut protocol = Value::clone(&find("protocol", &key.protocol));

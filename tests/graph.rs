@@ -120,7 +120,7 @@ fn any_number_of_steps_run_in_order_and_give_the_same_bits_for_any_number_of_wor
 }
 
 #[test]
-fn what_leads_to_a_product_is_part_of_what_takes_it_and_names_are_not() {
+fn what_leads_to_a_artifact_is_part_of_what_takes_it_and_names_are_not() {
     let bench = bench(&study());
     bench.ok(&["worker", "graph.yaml", "-j", "2"]);
     let before = stored(&bench, "store");
@@ -241,7 +241,7 @@ fn what_an_entry_does_not_leave_is_refused_by_check() {
 }
 
 #[test]
-fn a_damaged_product_is_not_taken() {
+fn a_damaged_artifact_is_not_taken() {
     let bench = bench(&study());
     bench.ok(&["worker", "graph.yaml", "--only", "second"]);
     let first = stored(&bench, "store")

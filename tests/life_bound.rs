@@ -1,6 +1,6 @@
 //! The bound on the life of a pack beside what registered agents reach, episode by episode.
 
-use contract::{NoKeeper, Phase, cast::Seating, part::Part, trial::TrialKey};
+use contract::{NoKeeper, Phase, cast::Actors, part::Part, trial::TrialKey};
 use plugins::registry;
 use serde_json::{Value, json};
 
@@ -23,7 +23,7 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
     let protocol = json!({"steps": 0, "final_episodes": 60, "trace_episodes": 0});
     let key = TrialKey {
         environment: Part::new("battery", 2, environment).into(),
-        agent: Seating::Agent(Part::new(agent.0, 1, config)).into(),
+        agent: Actors::Agent(Part::new(agent.0, 1, config)).into(),
         protocol: Part::new(
             "train_evaluate",
             1,

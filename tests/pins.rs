@@ -19,7 +19,7 @@ use crate::{
     program::repository,
     shrunk::shrunk,
 };
-use contract::{Registry, cast::Seating, digest, part::Part, plugin::About, trial::TrialKey};
+use contract::{Registry, cast::Actors, digest, part::Part, plugin::About, trial::TrialKey};
 use plugins::registry;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -213,7 +213,7 @@ fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
 /// Every row that a trial records in one line of text, its value in bits.
 fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
-    let agent = Seating::Agent(agent);
+    let agent = Actors::Agent(agent);
     let key = TrialKey {
         environment: environment.into(),
         agent: agent.into(),

@@ -7,7 +7,7 @@ use crate::{
     shrunk::shrunk,
 };
 use contract::{
-    Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry, cast::Seating, part::Part, trial::TrialKey,
+    Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry, cast::Actors, part::Part, trial::TrialKey,
 };
 use execution::store::RunningTrial;
 use plugins::registry;
@@ -57,7 +57,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
         for (protocol, protocol_entry) in &registry.protocols {
             let mut key = TrialKey {
                 environment: part(environment, &environment_entry.about).into(),
-                agent: Seating::Agent(part(agent, &registry.agents[agent].about)).into(),
+                agent: Actors::Agent(part(agent, &registry.agents[agent].about)).into(),
                 protocol: part(protocol, &protocol_entry.about).into(),
                 seed: 3,
                 numerics: registry.numerics_version,

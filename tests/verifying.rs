@@ -1,7 +1,7 @@
 //! Stored trials are computed again: what was not changed is the same, what was changed is found out.
 
 use crate::program::{Bench, forge, trial_files};
-use contract::cast::Seating;
+use contract::cast::Actors;
 use execution::store::{Store, TrialFile};
 use serde_json::Value;
 use std::{fs, path::PathBuf};
@@ -60,8 +60,12 @@ fn an_untouched_store_passes_and_is_left_as_it_is() {
         assert_eq!(trial["outcome"], "same", "{trial}");
         assert_eq!(trial["stored"]["digest"], trial["now"]["digest"]);
         assert!(trial["stored"]["digest"].as_str().unwrap().len() == 32);
-        let products = trial["now"]["files"].as_object().map_or(0, serde_json::Map::len);
-        assert_eq!(products, if trial["agent"] == "equal" { 0 } else { 2 }, "{trial}");
+        let artifacts = trial["now"]["files"].as_object().map_or(0, serde_json::Map::len);
+        assert_eq!(
+            artifacts,
+            if trial["agent"] == "equal" { 0 } else { 2 },
+            "{trial}"
+        );
     }
     assert_eq!(bench.digests("store"), before);
     assert!(
@@ -156,7 +160,7 @@ fn a_trial_of_another_version_cannot_be_verified_and_is_named() {
     let bench = finished();
     let (file, text) = trial_of(&bench, |it| it["key"]["agent"]["plugin"] == "equal_split");
     let mut stored: TrialFile = serde_json::from_str(&text).unwrap();
-    let Seating::Agent(agent) = std::sync::Arc::make_mut(&mut stored.key.agent) else {
+    let Actors::Agent(agent) = std::sync::Arc::make_mut(&mut stored.key.agent) else {
         panic!("an agent acts")
     };
     let version = agent.version;

@@ -15,7 +15,7 @@ fn trained(registry: &Registry, key: &TrialKey) -> Option<Trained> {
     // Some agents say by a panic that they do not fit.
     let run = AssertUnwindSafe(|| datasets::run(registry, key, Some(folder.path()), &mut NoKeeper));
     catch_unwind(run).ok()?.ok()?;
-    if !ProductKind::Policy.lies_in(folder.path()) {
+    if !ArtifactKind::Policy.lies_in(folder.path()) {
         return None;
     }
     let environment = &registry.environments[key.environment.plugin.as_str()];
@@ -248,7 +248,7 @@ fn networks_of_every_setting_act_as_the_agent() {
             config[name] = value.clone();
         }
         part.config = (registry.agents[agent].about.resolve)(&config).unwrap().into();
-        key.agent = contract::cast::Seating::Agent(part).into();
+        key.agent = contract::cast::Actors::Agent(part).into();
         let mut trained = trained(&registry, &key).unwrap_or_else(|| panic!("{agent} {changes}"));
         assert!(hold_trial(&registry, &format!("{agent}-{at}"), &mut trained, &cases) > 0);
     }

@@ -11,9 +11,9 @@ use crate::{
     program::{Bench, reseal, trial_files},
 };
 use contract::{
-    Agent, Environment, Mode, NoKeeper, Observation, ProductKind, Registry,
+    Agent, ArtifactKind, Environment, Mode, NoKeeper, Observation, Registry,
+    artifact::Taken,
     policy_form::PortablePolicy,
-    product::Taken,
     random::{Streams, stream},
     trial::TrialKey,
 };

@@ -1,8 +1,8 @@
 //! An agent that misbehaves as its config says.
 
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Product, Recorder, Registry, Rng, Space,
-    Transition, Updates, product::Policy,
+    Action, Agent, AgentTraits, Artifact, Error, Interface, Mode, Observation, Recorder, Registry, Rng,
+    Space, Transition, Updates, artifact::Policy,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -47,7 +47,7 @@ struct Config {
     leaves_policy: bool,
     /// A policy of another trial, which must be there.
     #[serde(skip_serializing_if = "Option::is_none")]
-    start: Option<Product<Policy>>,
+    start: Option<Artifact<Policy>>,
 }
 
 impl contract::Config for Config {}

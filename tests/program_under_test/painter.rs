@@ -1,7 +1,7 @@
 //! An environment with something to draw, and a protocol that leaves it: for figures of what trials leave.
 
 use contract::{
-    Channel, End, Environment, Error, Metric, ProductKind, Protocol, Registry, Rng, Seat, Space, Step,
+    ArtifactKind, Channel, End, Environment, Error, Metric, Protocol, Registry, Rng, Seat, Space, Step,
     drawing::{Edge, Graph, Image, Node},
     protocol::{Measurement, Run, leave_drawings, measure_alone, measurement_metrics},
 };
@@ -115,8 +115,8 @@ impl Protocol for Paint {
         measurement_metrics()
     }
 
-    fn leaves(&self) -> Vec<ProductKind> {
-        vec![ProductKind::Graph, ProductKind::Images]
+    fn leaves(&self) -> Vec<ArtifactKind> {
+        vec![ArtifactKind::Graph, ArtifactKind::Images]
     }
 
     fn total_steps(&self) -> u64 {

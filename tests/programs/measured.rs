@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::needs;
-use contract::{part::Part, product::no_product, random::Streams, recorder::Phase};
+use contract::{artifact::no_artifact, part::Part, random::Streams, recorder::Phase};
 use numerics::onnx::Graph;
 use std::collections::BTreeMap;
 
@@ -105,7 +105,7 @@ fn observed(seed: u64) -> Vec<f64> {
     let part = Part::new("pendulum", entry.about.version, config);
     let streams = Streams::new("", &part.stream_id(&entry.about), seed);
     let of_slot = |slot| {
-        let mut environment = (entry.build)(&part.loaded(&no_product).unwrap()).unwrap();
+        let mut environment = (entry.build)(&part.loaded(&no_artifact).unwrap()).unwrap();
         let mut rng = streams.environment("train", slot);
         let began = environment.reset(&mut rng).unwrap().concat();
         let step = environment.step(&[vec![0.5]], &mut rng).unwrap();
@@ -194,8 +194,8 @@ fn the_last_measurement_is_needed_once() {
 fn policy(operator: &str) -> Vec<u8> {
     let (mut graph, observation) = Graph::of_observation(3);
     let weight = graph.constant("weight", &[3, 1], &[0.0; 3]);
-    let product = graph.node("MatMul", &[&observation, &weight], &[]);
-    let action = graph.node(operator, &[&product], &[]);
+    let artifact = graph.node("MatMul", &[&observation, &weight], &[]);
+    let action = graph.node(operator, &[&artifact], &[]);
     graph.acting(&action, 1).to_bytes(&[])
 }
 

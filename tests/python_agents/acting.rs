@@ -1,7 +1,7 @@
 //! Rules act in environments of every kind, in the numbers of those who wrote them.
 
 use super::*;
-use contract::{NoKeeper, Space, cast::Seating, part::Part, trial::TrialKey};
+use contract::{NoKeeper, Space, cast::Actors, part::Part, trial::TrialKey};
 
 /// The actions of a rule in an environment of this program.
 fn in_ours(place: &Place, name: &str, make: &str, arguments: &Value) -> Vec<Vec<f64>> {
@@ -122,7 +122,7 @@ fn a_rule_in_python_comes_to_the_bits_of_the_same_rule_here() {
         let given = (protocol.without_training)(&given).unwrap();
         let key = TrialKey {
             environment: part(task, "inspection_planning", json!({})).into(),
-            agent: Seating::Agent(part(&registry.agents[agent].about, agent, values)).into(),
+            agent: Actors::Agent(part(&registry.agents[agent].about, agent, values)).into(),
             protocol: Part::new("train_evaluate", protocol.about.version, given).into(),
             seed: 3,
             numerics: registry.numerics_version,

@@ -1,7 +1,7 @@
 //! Learners in Python are trained at the protocol's pace, and go on from what they saved to the same bits.
 
 use super::*;
-use contract::{End, NoKeeper, Phase, Recorder, Transition, cast::Seating, part::Part, trial::TrialKey};
+use contract::{End, NoKeeper, Phase, Recorder, Transition, cast::Actors, part::Part, trial::TrialKey};
 
 fn learner(place: &Place) -> String {
     agent(place, "rules.py:Learner", LEARNS)
@@ -18,7 +18,7 @@ fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
     let agent = config(place, "rules.py:Learner", &more);
     let key = TrialKey {
         environment: part(&registry.environments["pendulum"].about, "pendulum", &json!({})).into(),
-        agent: Seating::Agent(part(&registry.agents["python"].about, "python", &agent)).into(),
+        agent: Actors::Agent(part(&registry.agents["python"].about, "python", &agent)).into(),
         protocol: part(&registry.protocols[protocol].about, protocol, given).into(),
         seed: 3,
         numerics: registry.numerics_version,

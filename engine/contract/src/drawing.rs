@@ -5,9 +5,9 @@
 //! [`Graph`]; `images.png` holds square images of one size, one below the other, in 8-bit RGB.
 
 use crate::{
-    Error, ProductKind,
+    ArtifactKind, Error,
+    artifact::{GRAPH_FILE, IMAGES_FILE},
     error::DrawingError,
-    product::{GRAPH_FILE, IMAGES_FILE},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -89,14 +89,14 @@ pub struct Drawings {
 }
 
 impl Drawings {
-    /// Reads what a trial's folder holds of one kind; other kinds of products are nothing to be shown.
+    /// Reads what a trial's folder holds of one kind; other kinds of artifacts are nothing to be shown.
     ///
     /// # Errors
     /// As [`Graph::read`] and [`Image::read_all`].
-    pub fn read(&mut self, kind: ProductKind, folder: &Path) -> Result<(), Error> {
+    pub fn read(&mut self, kind: ArtifactKind, folder: &Path) -> Result<(), Error> {
         match kind {
-            ProductKind::Graph => self.graph = Some(Graph::read(folder)?),
-            ProductKind::Images => self.images = Image::read_all(folder)?,
+            ArtifactKind::Graph => self.graph = Some(Graph::read(folder)?),
+            ArtifactKind::Images => self.images = Image::read_all(folder)?,
             _ => {}
         }
         Ok(())

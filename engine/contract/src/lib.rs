@@ -8,6 +8,7 @@
 //! numbers depend on its [`trial::TrialKey`] only.
 
 pub mod agent;
+pub mod artifact;
 pub mod build;
 pub mod cast;
 pub mod checkpoint;
@@ -32,7 +33,6 @@ pub mod parquet;
 pub mod part;
 pub mod plugin;
 pub mod policy_form;
-pub mod product;
 pub mod protocol;
 pub mod random;
 pub mod recorder;
@@ -47,6 +47,7 @@ pub mod trial_result;
 mod trial_run;
 
 pub use agent::{Agent, Mode, Transition, Updates};
+pub use artifact::{Artifact, ArtifactKind, Checkpoint};
 pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
 pub use choice::{Choice, first_largest};
@@ -60,7 +61,6 @@ pub use environment::{
 pub use error::Error;
 pub use own_training::OwnTraining;
 pub use plugin::{Config, Preset};
-pub use product::{Checkpoint, Product, ProductKind};
 pub use protocol::Protocol;
 pub use random::Rng;
 pub use recorder::{Phase, Recorder};

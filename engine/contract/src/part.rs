@@ -2,10 +2,10 @@
 
 use crate::{
     Error,
+    artifact::{FindArtifact, Taken},
     complete_config::CompleteConfig,
     data_file, digest,
     plugin::About,
-    product::{FindProduct, Taken},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -26,8 +26,8 @@ pub struct Part {
     pub files: BTreeMap<String, String>,
     /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers,
     /// its name in a study does not.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub products: BTreeMap<String, Taken>,
+    #[serde(rename = "products", default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub artifacts: BTreeMap<String, Taken>,
     /// Keys of the config that say where it is computed and not what, by name: they determine no numbers. The
     /// plugin's schema says `x-identity: false` of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -35,21 +35,21 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part without data files and products.
+    /// A part without data files and artifacts.
     #[must_use]
     pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
-        let (files, products) = (BTreeMap::new(), BTreeMap::new());
+        let (files, artifacts) = (BTreeMap::new(), BTreeMap::new());
         Self {
             plugin: plugin.into(),
             version,
             config: config.into(),
             files,
-            products,
+            artifacts,
             of_machine: Vec::new(),
         }
     }
 
-    /// Hash of plugin, version, config, the content of data files and the trials whose products are taken.
+    /// Hash of plugin, version, config, the content of data files and the trials whose artifacts are taken.
     #[must_use]
     pub fn id(&self) -> String {
         // The canonical text of `[plugin, version, config]`: a plan has many configs, and none is copied.
@@ -82,7 +82,7 @@ impl Part {
     /// what is of a machine: what enters the hash.
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
-        if self.files.is_empty() && self.products.is_empty() && self.of_machine.is_empty() {
+        if self.files.is_empty() && self.artifacts.is_empty() && self.of_machine.is_empty() {
             return self.config.whole();
         }
         let mut config = self.config.whole().into_owned();
@@ -94,7 +94,7 @@ impl Part {
                 *path = json!({ "content": content });
             }
         }
-        for (key, taken) in &self.products {
+        for (key, taken) in &self.artifacts {
             if let Some(named) = config.pointer_mut(key) {
                 *named = json!({ "product": taken.kind, "trial": taken.trial });
             }
@@ -103,12 +103,12 @@ impl Part {
     }
 
     /// The config as its plugin is built from it: with what its data files hold, each read once and held
-    /// against its hash, and with the folders of products, which `find` looks up.
+    /// against its hash, and with the folders of artifacts, which `find` looks up.
     ///
     /// # Errors
     /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and what `find` says.
-    pub fn loaded(&self, find: FindProduct<'_>) -> Result<Cow<'_, Value>, Error> {
-        if self.files.is_empty() && self.products.is_empty() {
+    pub fn loaded(&self, find: FindArtifact<'_>) -> Result<Cow<'_, Value>, Error> {
+        if self.files.is_empty() && self.artifacts.is_empty() {
             return Ok(Cow::Borrowed(&self.config));
         }
         let mut config = self.config.whole().into_owned();
@@ -118,10 +118,11 @@ impl Part {
                 .ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
             *named = data_file::read(named.as_str().unwrap_or_default(), content)?;
         }
-        for (key, taken) in &self.products {
+        for (key, taken) in &self.artifacts {
             let named = config.pointer_mut(key).filter(|value| value.is_object());
-            let named = named
-                .ok_or_else(|| Error::config(key, "names no product, but the trial has the source of one"))?;
+            let named = named.ok_or_else(|| {
+                Error::config(key, "names no artifact, but the trial has the source of one")
+            })?;
             named["folder"] = json!(find(taken)?);
         }
         Ok(Cow::Owned(config))

@@ -1,7 +1,7 @@
 //! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its
 //! numbers.
 
-use crate::{cast::Seating, digest, part::Part, product::Taken, setting::Setting};
+use crate::{artifact::Taken, cast::Actors, digest, part::Part, setting::Setting};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
@@ -75,7 +75,7 @@ pub struct TrialKey {
     pub environment: Arc<Part>,
     /// Who acts.
     #[serde(with = "shared")]
-    pub agent: Arc<Seating>,
+    pub agent: Arc<Actors>,
     /// The protocol.
     #[serde(with = "shared")]
     pub protocol: Arc<Part>,
@@ -118,10 +118,10 @@ impl TrialKey {
         [self.environment.id(), self.agent.id(), self.protocol.id()]
     }
 
-    /// The products of other trials that it takes.
+    /// The artifacts of other trials that it takes.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
-        let of = |part: &Part| part.products.values().cloned().collect();
+        let of = |part: &Part| part.artifacts.values().cloned().collect();
         let mut all: Vec<Taken> = [of(&self.environment), self.agent.taken(), of(&self.protocol)].concat();
         all.sort();
         all.dedup();
@@ -145,12 +145,12 @@ impl TrialKey {
     /// True where it takes something from another trial.
     #[must_use]
     pub fn takes(&self) -> bool {
-        let takes = |part: &Part| !part.products.is_empty();
+        let takes = |part: &Part| !part.artifacts.is_empty();
         takes(&self.environment)
             || takes(&self.protocol)
             || match &*self.agent {
-                Seating::Agent(part) => takes(part),
-                Seating::Cast(_) => !self.agent.taken().is_empty(),
+                Actors::Agent(part) => takes(part),
+                Actors::Cast(_) => !self.agent.taken().is_empty(),
             }
     }
 
@@ -164,7 +164,7 @@ impl TrialKey {
                 let parts = [&self.environment, &self.protocol];
                 parts
                     .into_iter()
-                    .flat_map(|part| part.products.values().cloned())
+                    .flat_map(|part| part.artifacts.values().cloned())
                     .chain(cast.policies())
                     .collect()
             }

@@ -2,9 +2,9 @@
 
 use crate::{
     Agent, Error, Interface, Keeper, Recorder, Registry,
-    cast::{Seating, Team},
+    artifact::{FindArtifact, no_artifact},
+    cast::{Actors, Team},
     own_training::{Assignment, Simulator},
-    product::{FindProduct, no_product},
     protocol::Run,
     random::Streams,
     trial::TrialKey,
@@ -16,7 +16,7 @@ impl TrialKey {
     /// As [`run_after`](Self::run_after), for a trial that takes nothing from another one.
     ///
     /// # Errors
-    /// As there, and [`Error::Source`] for a trial that takes products.
+    /// As there, and [`Error::Source`] for a trial that takes artifacts.
     pub fn run(
         &self,
         registry: &Registry,
@@ -24,7 +24,7 @@ impl TrialKey {
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
-        self.run_after(registry, &no_product, folder, progress, keeper)
+        self.run_after(registry, &no_artifact, folder, progress, keeper)
     }
 
     /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start;
@@ -32,12 +32,12 @@ impl TrialKey {
     /// leaves goes into `folder`.
     ///
     /// # Errors
-    /// Whatever a plugin reports, [`Error::Source`] for a product of another trial that cannot be used, and
+    /// Whatever a plugin reports, [`Error::Source`] for an artifact of another trial that cannot be used, and
     /// [`Error::Stopped`] where `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
         registry: &Registry,
-        find: FindProduct<'_>,
+        find: FindArtifact<'_>,
         folder: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
@@ -55,7 +55,7 @@ impl TrialKey {
     fn attempt(
         &self,
         registry: &Registry,
-        find: FindProduct<'_>,
+        find: FindArtifact<'_>,
         folder: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
@@ -94,7 +94,7 @@ impl TrialKey {
             run.keeper.fails(&run.record);
             return Err(error);
         }
-        if let (Some(folder), Seating::Agent(_)) = (folder, &*self.agent) {
+        if let (Some(folder), Actors::Agent(_)) = (folder, &*self.agent) {
             run.agent.export(folder).map_err(Error::of_store)?;
         }
         Ok(run.record)
@@ -130,19 +130,19 @@ impl TrialKey {
     /// What acts, freshly made; `find` as in [`run_after`](Self::run_after).
     ///
     /// # Errors
-    /// The error of the constructor, and [`Error::Source`] for a product that cannot be used.
+    /// The error of the constructor, and [`Error::Source`] for an artifact that cannot be used.
     pub fn build_agent(
         &self,
         registry: &Registry,
         interface: &Interface,
         streams: &Streams,
-        find: FindProduct<'_>,
+        find: FindArtifact<'_>,
     ) -> Result<Box<dyn Agent>, Error> {
         match &*self.agent {
-            Seating::Cast(cast) => Ok(Box::new(Team::assemble(
+            Actors::Cast(cast) => Ok(Box::new(Team::assemble(
                 cast, registry, interface, streams, find,
             )?)),
-            Seating::Agent(part) => {
+            Actors::Agent(part) => {
                 let entry = find_entry(&registry.agents, "agent", &part.plugin)?;
                 (entry.build)(&*part.loaded(find)?, interface, &mut streams.agent("initialise"))
             }

@@ -33,7 +33,7 @@ pub use reading::{Columns, columns, read};
 use analysis::results::Origin;
 use contract::{
     Phase,
-    cast::Seating,
+    cast::Actors,
     digest,
     part::Part,
     recorder::Row,
@@ -108,7 +108,7 @@ impl Found {
         let part = |config: Value| Part::new("imported", 0, config);
         let key = TrialKey {
             environment: part(Value::Null).into(),
-            agent: Seating::Agent(part(
+            agent: Actors::Agent(part(
                 json!({ "sha256": digests, "read": mapping, "run": run.name }),
             ))
             .into(),

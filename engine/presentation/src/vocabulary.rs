@@ -1,6 +1,6 @@
 //! The names that the tables, figures and claims of a study may use.
 
-use contract::{Metric, ProductKind, part::Part};
+use contract::{ArtifactKind, Metric, part::Part};
 use document::{Node, diagnostic::Diagnostic};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ pub struct Vocabulary {
     /// Metrics by environment and agent; pairs without trials are absent.
     pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
     /// What protocols leave for others, by environment and agent.
-    pub left: BTreeMap<(usize, usize), BTreeSet<ProductKind>>,
+    pub left: BTreeMap<(usize, usize), BTreeSet<ArtifactKind>>,
     /// Names of what traces hold, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.

@@ -327,14 +327,14 @@ fn word(value: Option<&Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use contract::cast::Seating;
+    use contract::cast::Actors;
     use serde_json::json;
     use std::sync::Arc;
     use testing::synthetic::trial;
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());
-        result.trial_mut().key.agent = Seating::Agent(Part::new(
+        result.trial_mut().key.agent = Actors::Agent(Part::new(
             if agent == "rule" { "split" } else { "sac" },
             1,
             config,
@@ -470,7 +470,7 @@ mod tests {
             json!({"load": {"file": "/far/away/load.csv"}}),
             100,
         );
-        let Seating::Agent(agent) = Arc::make_mut(&mut one.trial_mut().key.agent) else {
+        let Actors::Agent(agent) = Arc::make_mut(&mut one.trial_mut().key.agent) else {
             unreachable!("these trials have agents")
         };
         agent.files.insert("/load/file".into(), "0123456789abcdef".into());

@@ -66,7 +66,7 @@ fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTree
 mod tests {
     use super::*;
     use contract::{
-        product::{ProductKind, Taken},
+        artifact::{ArtifactKind, Taken},
         trial::Purpose,
     };
     use testing::synthetic::trial;
@@ -84,11 +84,11 @@ mod tests {
         }
         let taken = Taken {
             trial: "school-teacher-0".into(),
-            kind: ProductKind::Policy,
+            kind: ArtifactKind::Policy,
         };
         for pupil in trials.iter_mut().filter(|it| it.trial.cell.agent == "pupil") {
             let mut part = (*pupil.trial.key.environment).clone();
-            part.products.insert("/from".into(), taken.clone());
+            part.artifacts.insert("/from".into(), taken.clone());
             pupil.trial_mut().key.environment = part.into();
         }
         let results = Results::of(trials);

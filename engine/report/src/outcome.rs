@@ -83,7 +83,7 @@ fn trial_as_json((trial, end): &(Arc<Trial>, Option<TrialEnd>)) -> Value {
 pub(super) mod tests {
     use super::*;
     use contract::{
-        cast::Seating,
+        cast::Actors,
         part::Part,
         trial::{TrialCell, TrialKey},
     };
@@ -99,7 +99,7 @@ pub(super) mod tests {
             let part = |plugin: &str| Part::new(plugin, 1, json!({}));
             let (environment, agent, protocol) =
                 (part("battery"), part("equal_split"), part("train_evaluate"));
-            let agent = Seating::Agent(agent);
+            let agent = Actors::Agent(agent);
             let key = TrialKey {
                 environment: environment.into(),
                 agent: agent.into(),

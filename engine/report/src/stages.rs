@@ -25,7 +25,8 @@ pub struct Take {
     /// The entry that leaves it.
     pub from: String,
     /// What is taken.
-    pub product: String,
+    #[serde(rename = "product")]
+    pub artifact: String,
 }
 
 /// The entries that take something or leave something that is taken.
@@ -48,7 +49,7 @@ pub(super) fn sheet(stages: &[Stage]) -> Option<Sheet> {
         let takes: Vec<String> = stage
             .takes
             .iter()
-            .map(|take| format!("{} of {}", take.product, take.from))
+            .map(|take| format!("{} of {}", take.artifact, take.from))
             .collect();
         let takes = if takes.is_empty() {
             NONE.into()
@@ -94,7 +95,7 @@ pub(super) fn drawing(stages: &[Stage]) -> String {
                 .find(|other| other.stage.name == take.from && other.x != at.x)
         };
         body.extend(at.stage.takes.iter().filter_map(from).map(|from| arrow(from, at)));
-        body += &products(at);
+        body += &artifacts(at);
     }
     body.extend(places.boxes.iter().map(rectangle));
     let (width, height) = places.size;
@@ -178,8 +179,8 @@ fn rectangle(at: &Box<'_>) -> String {
 }
 
 /// What an entry takes, in words above the tips of its arrows.
-fn products(at: &Box<'_>) -> String {
-    let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.product.as_str()).collect();
+fn artifacts(at: &Box<'_>) -> String {
+    let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.artifact.as_str()).collect();
     let words = words.into_iter().collect::<Vec<_>>().join(", ");
     let (x, y) = (at.x.saturating_sub(12), at.y + BOX_HEIGHT / 2 - 6);
     format!(
@@ -206,9 +207,9 @@ mod tests {
             depth,
             takes: takes
                 .iter()
-                .map(|(product, from)| Take {
+                .map(|(artifact, from)| Take {
                     from: (*from).into(),
-                    product: (*product).into(),
+                    artifact: (*artifact).into(),
                 })
                 .collect(),
         };

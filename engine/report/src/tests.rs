@@ -6,7 +6,7 @@ use super::{Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo
 use analysis::results::Results;
 use contract::{
     Build, Phase,
-    cast::Seating,
+    cast::Actors,
     part::Part,
     recorder::Row,
     standard_metrics::{EPISODE_LENGTH, UPDATES},
@@ -41,7 +41,7 @@ fn results() -> Results {
             json!({"cells": if cell.environment == "four_cells" { 4 } else { 8 }}),
         )
         .into();
-        key.agent = Seating::Agent(agent(&cell.agent)).into();
+        key.agent = Actors::Agent(agent(&cell.agent)).into();
         key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4})).into();
         if result.is_ok() {
             record_lengths(result);

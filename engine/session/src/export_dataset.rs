@@ -6,9 +6,9 @@
 
 use crate::{Failure, one_trial, rollout, whole::Whole};
 use contract::{
-    Error, ProductKind, Registry,
+    ArtifactKind, Error, Registry,
+    artifact::Taken,
     dataset::{self, Dataset, DatasetWriter},
-    product::Taken,
     random::Streams,
     trial::TrialKey,
 };
@@ -52,12 +52,16 @@ pub fn of_trial(
     let (id, file) = one_trial::that_ended_well(store, prefix)?;
     let gathered = Taken {
         trial: id.clone(),
-        kind: ProductKind::Dataset,
+        kind: ArtifactKind::Dataset,
     };
-    check_source(&id, store.product_if_left(&gathered)?.is_some(), played.is_some())?;
+    check_source(
+        &id,
+        store.artifact_if_left(&gathered)?.is_some(),
+        played.is_some(),
+    )?;
     let whole = Whole::begin(to)?;
     match played {
-        None => store.copy_product(&gathered, &format!("{}/", dataset::FOLDER), whole.folder())?,
+        None => store.copy_artifact(&gathered, &format!("{}/", dataset::FOLDER), whole.folder())?,
         Some(seeds) => play(registry, store, &file.key, seeds, whole.folder())?,
     }
     let dataset = Dataset::read_from(whole.folder())?;
@@ -127,7 +131,7 @@ fn play(
     seeds: Range<u64>,
     folder: &Path,
 ) -> Result<(), Failure> {
-    let find = |taken: &Taken| store.product(taken);
+    let find = |taken: &Taken| store.artifact(taken);
     let mut environment = one_trial::environment(registry, key, &find)?;
     let interface = environment.interface();
     let mut writer = DatasetWriter::at(folder, &interface)?;

@@ -2,8 +2,8 @@
 
 use crate::{Exit, Failure, Session, one_trial, whole::Whole};
 use contract::{
-    Error, ProductKind, Registry,
-    product::{SAVED_FILE, Taken},
+    ArtifactKind, Error, Registry,
+    artifact::{SAVED_FILE, Taken},
 };
 use document::count::{count, either};
 use execution::{
@@ -52,12 +52,12 @@ fn files_of(
 ) -> Result<Option<Files>, Failure> {
     let taken = Taken {
         trial: id.to_owned(),
-        kind: ProductKind::Policy,
+        kind: ArtifactKind::Policy,
     };
-    let Some(folder) = store.product_if_left(&taken)? else {
+    let Some(folder) = store.artifact_if_left(&taken)? else {
         return Ok(None);
     };
-    let find = |taken: &Taken| store.product(taken);
+    let find = |taken: &Taken| store.artifact(taken);
     let environment = one_trial::environment(registry, &file.key, &find)?;
     let files = onnx_files(&PolicySubject {
         trial: id,

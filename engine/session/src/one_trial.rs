@@ -3,7 +3,7 @@
 use crate::Failure;
 use contract::{
     Environment, Registry,
-    product::FindProduct,
+    artifact::FindArtifact,
     trial::{Trial, TrialCell, TrialKey},
     trial_end::EndState,
 };
@@ -61,7 +61,7 @@ pub fn named(id: &str, key: TrialKey) -> Trial {
 pub fn environment(
     registry: &Registry,
     key: &TrialKey,
-    find: FindProduct<'_>,
+    find: FindArtifact<'_>,
 ) -> Result<Box<dyn Environment>, Failure> {
     let name = key.environment.plugin.as_str();
     let entry = registry.environments.get(name).ok_or_else(|| {

@@ -6,7 +6,7 @@ use analysis::{
     search::{Progress, Search},
 };
 use contract::{
-    Error, ProductKind, Registry, drawing::Drawings, part::Part, product::Taken,
+    ArtifactKind, Error, Registry, artifact::Taken, drawing::Drawings, part::Part,
     standard_metrics::names_times, trial::Trial, trial_result::TrialResult,
 };
 use execution::store::Store;
@@ -202,7 +202,7 @@ fn drawings(
     trials: &[TrialResult],
 ) -> BTreeMap<String, Drawings> {
     let figures = one.study.figures.iter();
-    let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
+    let kinds: BTreeSet<ArtifactKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
     let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
     // Runs of others left nothing here.
     let own = trials.iter().filter(|trial| !trial.is_imported());
@@ -218,11 +218,11 @@ fn drawings(
     all
 }
 
-fn read_drawing(store: &Store, id: &str, kind: ProductKind, drawings: &mut Drawings) -> Result<(), Error> {
+fn read_drawing(store: &Store, id: &str, kind: ArtifactKind, drawings: &mut Drawings) -> Result<(), Error> {
     let taken = Taken {
         trial: id.to_owned(),
         kind,
     };
-    let folder = store.product_if_left(&taken)?;
+    let folder = store.artifact_if_left(&taken)?;
     folder.map_or(Ok(()), |folder| drawings.read(kind, &folder))
 }

@@ -28,7 +28,7 @@ pub fn of(one: &Planned) -> Vec<Stage> {
             };
             let take = Take {
                 from: entry(source).to_owned(),
-                product: taken.kind.name().to_owned(),
+                artifact: taken.kind.name().to_owned(),
             };
             takes.entry(name).or_default().insert(take);
         }
@@ -81,7 +81,7 @@ pub fn lines(one: &Planned) -> Vec<String> {
         let takes: Vec<String> = stage
             .takes
             .iter()
-            .map(|take| format!("{} of {}", take.product, take.from))
+            .map(|take| format!("{} of {}", take.artifact, take.from))
             .collect();
         format!("    {} takes {}", stage.name, takes.join(", "))
     };

@@ -12,7 +12,7 @@ use document::count::count;
 use execution::{
     limits::Limits,
     scheduler::Task,
-    store::{Imprint, Store, TrialFile},
+    store::{Fingerprint, Store, TrialFile},
     verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
 };
 use std::{
@@ -269,7 +269,7 @@ impl Verifiable {
                 continue;
             };
             if let Some(trial) = absent.get(&id_here(&file.key, registry)) {
-                let stored = Some(Imprint::of(&file, store));
+                let stored = Some(Fingerprint::of(&file, store));
                 let outcome = Outcome::CannotVerify { problem };
                 self.others.push(Entry {
                     trial: id,
@@ -387,7 +387,7 @@ fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
         },
     );
     let stored = match stored_of(member, store) {
-        Ok(Some(file)) => Imprint::of(&file, store),
+        Ok(Some(file)) => Fingerprint::of(&file, store),
         Ok(None) => {
             let problem = "it was stored a moment ago, and is gone".into();
             let outcome = Outcome::Damaged { problem };
@@ -443,12 +443,12 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
 fn ended(entry: Entry, file: Option<TrialFile>, store: &Store) -> Entry {
     match file {
         Some(file) if matches!(file.end.state, EndState::Ok | EndState::Paused) => {
-            entry.compared(Imprint::of(&file, store))
+            entry.compared(Fingerprint::of(&file, store))
         }
         Some(file) => {
             let problem = format!("it ended as {} now: {}", file.end.state.name(), file.end.reason);
             Entry {
-                now: Some(Imprint::of(&file, store)),
+                now: Some(Fingerprint::of(&file, store)),
                 outcome: Outcome::NotComputed { problem },
                 ..entry
             }

@@ -1,4 +1,4 @@
-//! The reasons why missing trials wait: products of other trials that are to come, or that will not come by
+//! The reasons why missing trials wait: artifacts of other trials that are to come, or that will not come by
 //! themselves.
 
 use contract::{
@@ -104,7 +104,7 @@ struct Known<'a> {
 }
 
 impl Known<'_> {
-    /// The obstacle of a trial: a product that never comes counts before one that is to come.
+    /// The obstacle of a trial: an artifact that never comes counts before one that is to come.
     fn of_all(&mut self, trial: &Trial) -> Source {
         let mut answer = Source::There;
         for taken in trial.key.taken() {
@@ -113,7 +113,7 @@ impl Known<'_> {
                 // It ended well; what it left may still be damaged or of another kind.
                 Source::There => self
                     .store
-                    .product(&taken)
+                    .artifact(&taken)
                     .map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
                 other => other,
             };

@@ -6,9 +6,9 @@ use super::{
     part::Resolved,
 };
 use contract::{
+    artifact::{ArtifactKind, Taken},
     cast,
     part::Part,
-    product::{ProductKind, Taken},
     setting::Setting,
 };
 use serde_json::Value;
@@ -44,7 +44,7 @@ pub enum Place {
     Leading(usize, usize),
 }
 
-/// A product that a cell takes.
+/// An artifact that a cell takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// Which of the cell's parts takes it: 0 the environment, 1 the agent, 2 the protocol.
@@ -52,10 +52,10 @@ pub struct Source {
     /// Where in the part's config, as a JSON pointer.
     pub pointer: String,
     /// What is taken.
-    pub kind: ProductKind,
+    pub kind: ArtifactKind,
     /// Index of the cell whose trial leaves it.
     pub cell: usize,
-    /// The seed whose product every seed takes; that of the same seed where absent.
+    /// The seed whose artifact every seed takes; that of the same seed where absent.
     pub seed: Option<u64>,
 }
 
@@ -117,12 +117,12 @@ impl Cell {
                 kind: source.kind,
             };
             let of_part = sources.iter().filter(|source| source.part == place);
-            let products: BTreeMap<String, Taken> = of_part
+            let artifacts: BTreeMap<String, Taken> = of_part
                 .map(|source| (source.pointer.clone(), named(source)))
                 .collect();
-            if !products.is_empty() {
+            if !artifacts.is_empty() {
                 let part = Part::clone(&resolved.part);
-                *resolved = Resolved::new(Part { products, ..part }, resolved.given.clone()).into();
+                *resolved = Resolved::new(Part { artifacts, ..part }, resolved.given.clone()).into();
             }
         }
         self.sources = Arc::clone(sources);
@@ -282,9 +282,9 @@ impl Cells {
         self.sources.get(&index).map_or(&[], |sources| &**sources)
     }
 
-    /// The cells of which a config names a product.
+    /// The cells of which a config names an artifact.
     pub(super) fn naming(&self) -> impl Iterator<Item = usize> {
-        let names = |(_, it): &&(usize, Combination)| it.parts.iter().any(|grid| grid.names_products);
+        let names = |(_, it): &&(usize, Combination)| it.parts.iter().any(|grid| grid.names_artifacts);
         let combinations = self.combinations.iter().filter(names);
         combinations
             .flat_map(|(first, it)| *first..first + it.n_cells())

@@ -7,9 +7,9 @@ use super::{
     part::{Given, Resolved},
 };
 use contract::{
+    artifact::named_in,
     complete_config::{Change, CompleteConfig, changes},
     part::Part,
-    product::named_in,
 };
 use document::diagnostic::Diagnostic;
 use rayon::prelude::*;
@@ -42,8 +42,8 @@ pub(super) struct Grid {
     single: Vec<Vec<Changed>>,
     /// Parts that are kept, by their place among all points.
     kept: BTreeMap<usize, Arc<Resolved>>,
-    /// True where some config names a product of another trial.
-    pub(super) names_products: bool,
+    /// True where some config names an artifact of another trial.
+    pub(super) names_artifacts: bool,
 }
 
 impl Grid {
@@ -63,15 +63,15 @@ impl Grid {
             plugin: sections.plugin(given.target).ok_or_else(Vec::new)?,
             given,
             first: first.as_deref().ok(),
-            names_products: AtomicBool::new(false),
+            names_artifacts: AtomicBool::new(false),
         };
         let single = maker.single(&dimensions);
         let mut mistakes = first.as_ref().err().cloned().unwrap_or_default();
         let kept = maker.kept(&dimensions, &single, &mut mistakes);
-        let names_products = maker.names_products.into_inner();
+        let names_artifacts = maker.names_artifacts.into_inner();
         match first {
             Ok(first) if mistakes.is_empty() => Ok(Self {
-                names_products: names_products || !named_in(&first.part.config).is_empty(),
+                names_artifacts: names_artifacts || !named_in(&first.part.config).is_empty(),
                 dimensions,
                 first,
                 single,
@@ -140,7 +140,7 @@ struct Maker<'a> {
     given: &'a Given,
     /// `None` where it was refused.
     first: Option<&'a Resolved>,
-    names_products: AtomicBool,
+    names_artifacts: AtomicBool,
 }
 
 impl Maker<'_> {
@@ -155,7 +155,7 @@ impl Maker<'_> {
         };
         let resolved = self.sections.resolve(&self.plugin, given, files)?;
         if !named_in(&resolved.part.config).is_empty() {
-            self.names_products.store(true, Ordering::Relaxed);
+            self.names_artifacts.store(true, Ordering::Relaxed);
         }
         Ok(resolved)
     }

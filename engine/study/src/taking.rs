@@ -8,7 +8,7 @@ use super::{
     part::Resolved,
     written::Target,
 };
-use contract::product::{Reference, named_in};
+use contract::artifact::{Reference, named_in};
 use document::diagnostic::{Diagnostic, Span, say_once, suggest};
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -225,14 +225,14 @@ impl Reader<'_> {
     }
 }
 
-/// A product as a config names it.
+/// An artifact as a config names it.
 struct Named<'a> {
     part: usize,
     pointer: &'a str,
     reference: &'a Reference,
 }
 
-/// Where a key of a product is written, and its dotted path.
+/// Where a key of an artifact is written, and its dotted path.
 pub fn place(sections: &Sections<'_>, part: &Resolved, pointer: &str, key: &str) -> (Span, String) {
     let dotted = |words: &[&str]| {
         words

@@ -3,7 +3,7 @@
 use crate::synthetic::trial;
 use contract::{
     Phase,
-    cast::{Cast, Member, Seating},
+    cast::{Actors, Cast, Member},
     part::Part,
     trial::Purpose,
     trial_result::TrialResult,
@@ -34,7 +34,7 @@ pub fn encounter(prey: &str, predators: &str, seed: u64, score: f64) -> TrialRes
         ]
         .into(),
     };
-    result.trial_mut().key.agent = Seating::Cast(cast).into();
+    result.trial_mut().key.agent = Actors::Cast(cast).into();
     result.trial_mut().cell_mut().purpose = Purpose::Play(roles);
     result
 }
@@ -55,7 +55,7 @@ pub fn crossed([prey, predators]: [&str; 2], [a, b]: [&[f64]; 2]) -> Vec<TrialRe
     for (i, x) in (0..).zip(a) {
         for (j, y) in (0..).zip(b) {
             let mut met = encounter(prey, predators, i.max(j), 1.0 + x + y);
-            if let Seating::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial_mut().key.agent) {
+            if let Actors::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial_mut().key.agent) {
                 for (role, id) in [
                     ("prey", format!("{prey}-{i}")),
                     ("predators", format!("{predators}-{j}")),

@@ -3,7 +3,7 @@
 use analysis::results::Results;
 use contract::{
     Phase,
-    cast::Seating,
+    cast::Actors,
     part::Part,
     recorder::Row,
     setting::Setting,
@@ -22,7 +22,7 @@ pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Ro
     let part = |plugin: &str| Part::new(plugin, 1, Value::Null);
     let key = TrialKey {
         environment: part(environment).into(),
-        agent: Seating::Agent(part(agent)).into(),
+        agent: Actors::Agent(part(agent)).into(),
         protocol: part("train_evaluate").into(),
         seed,
         numerics: 1,

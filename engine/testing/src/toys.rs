@@ -1,7 +1,7 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
 use contract::{
-    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, ProductKind,
+    Action, Agent, ArtifactKind, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation,
     Protocol, Registry, Rng, Seat, Space, Step, Updates,
     part::Part,
     plugin::{Config, Preset},
@@ -284,10 +284,10 @@ impl Protocol for Train {
             Metric::new("length", "", "steps of an episode"),
         ]
     }
-    fn leaves(&self) -> Vec<ProductKind> {
+    fn leaves(&self) -> Vec<ArtifactKind> {
         // Agents that do not learn are given no steps, and leave nothing.
         if self.0 > 0 {
-            vec![ProductKind::Graph, ProductKind::Images]
+            vec![ArtifactKind::Graph, ArtifactKind::Images]
         } else {
             Vec::new()
         }

@@ -5,8 +5,8 @@
 
 use crate::shared::designs::{choices, random_design};
 use contract::{
-    Action, Agent, AgentTraits, Choice, Designs, Error, Interface, Mode, Observation, Product, Registry, Rng,
-    choice, product,
+    Action, Agent, AgentTraits, Artifact, Choice, Designs, Error, Interface, Mode, Observation, Registry,
+    Rng, artifact, choice,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ const NAME: &str = "given_design";
 pub struct Config {
     /// The search whose choice it makes: an entry whose protocol is `search`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub design: Option<Product<product::Choice>>,
+    pub design: Option<Artifact<artifact::Choice>>,
     /// Which of the designs that the search chose, 0 for the best one.
     pub rank: usize,
     /// The options by name, step by step, in the order of the choices; in the place of `design`. A step beyond the
@@ -91,7 +91,7 @@ fn drawn(number: u64, step: usize, choices: &[Choice]) -> Vec<f64> {
 }
 
 fn chosen(
-    design: &Product<product::Choice>,
+    design: &Artifact<artifact::Choice>,
     rank: usize,
     choices: &[Choice],
 ) -> Result<Vec<Vec<f64>>, Error> {

@@ -4,7 +4,7 @@
 //! the trial's state, so a trial that was stopped ends with the same bytes.
 
 use contract::{
-    Config, Error, Interface, Metric, Mode, ProductKind, Protocol, Registry,
+    ArtifactKind, Config, Error, Interface, Metric, Mode, Protocol, Registry,
     dataset::{self, Dataset, DatasetWriter, Episode},
     protocol::{self, Kept, Measurement, Position, Run, measure_and_keep},
 };
@@ -65,8 +65,8 @@ impl Protocol for Gather {
         dataset::can_hold(interface)
     }
 
-    fn leaves(&self) -> Vec<ProductKind> {
-        vec![ProductKind::Dataset]
+    fn leaves(&self) -> Vec<ArtifactKind> {
+        vec![ArtifactKind::Dataset]
     }
 
     fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {

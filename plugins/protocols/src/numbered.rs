@@ -2,7 +2,7 @@
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Mode, NoKeeper, Observation,
-    Recorder, Registry, Rng, Seat, Space, Step, cast::Seating, part::Part, trial::TrialKey,
+    Recorder, Registry, Rng, Seat, Space, Step, cast::Actors, part::Part, trial::TrialKey,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -122,7 +122,7 @@ pub(super) fn recorded(agent: &str, protocol: &str, config: &Value, seed: u64) -
     let config = (entry.without_training)(&(entry.about.resolve)(config).unwrap()).unwrap();
     let key = TrialKey {
         environment: Part::new("numbered", 1, json!({})).into(),
-        agent: Seating::Agent(Part::new(agent, 1, json!({}))).into(),
+        agent: Actors::Agent(Part::new(agent, 1, json!({}))).into(),
         protocol: Part::new(protocol, 1, config).into(),
         seed,
         numerics: 1,

@@ -6,10 +6,10 @@
 //! episodes that it has under `train_evaluate`.
 
 use contract::{
-    Config, Error, Interface, Metric, Phase, Product, Protocol, Registry, Rng,
+    Artifact, Config, Error, Interface, Metric, Phase, Protocol, Registry, Rng,
     agent::Transition,
+    artifact,
     dataset::Dataset,
-    product,
     protocol::{self, Blocks, Measurement, Position, Run, measure, measure_alone},
 };
 use rand::Rng as _;
@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct OfflineFit {
     /// The datasets, which are joined.
-    pub datasets: Vec<Product<product::Dataset>>,
+    pub datasets: Vec<Artifact<artifact::Dataset>>,
     /// Batches to learn from. An agent that is made for datasets makes one update with each; one that has a
     /// replay buffer of its own takes them in as experience and updates at the pace that its settings say.
     #[schemars(extend("x-unit" = "batches"))]
@@ -202,7 +202,7 @@ impl OfflineFit {
 
     /// The datasets, for use in an environment.
     fn read(&self, here: &Interface) -> Result<Vec<Dataset>, Error> {
-        let read = |(index, product): (usize, &Product<product::Dataset>)| {
+        let read = |(index, product): (usize, &Artifact<artifact::Dataset>)| {
             Dataset::read_for(product.folder()?, here).map_err(|error| match error {
                 Error::OtherInterface { .. } => {
                     let problem = format!("`{}` cannot be learned from here: {error}", product.source());

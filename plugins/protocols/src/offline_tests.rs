@@ -5,10 +5,10 @@ use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode,
     NoKeeper, Observation, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
     UseOfDatasets,
-    cast::Seating,
+    artifact::{ArtifactKind, Taken, named_in},
+    cast::Actors,
     dataset::{Dataset, DatasetWriter, Episode},
     part::Part,
-    product::{ProductKind, Taken, named_in},
     standard_metrics::UPDATES,
     trial::TrialKey,
 };
@@ -210,7 +210,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     }
     let mut protocol = Part::new(protocol.0, 1, config);
     for (at, (kind, reference)) in named_in(&protocol.config) {
-        protocol.products.insert(
+        protocol.artifacts.insert(
             at,
             Taken {
                 trial: reference.from,
@@ -220,7 +220,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     }
     let (environment, agent) = (
         Part::new("walk", 1, json!({})),
-        Seating::Agent(Part::new(agent, 1, json!({}))),
+        Actors::Agent(Part::new(agent, 1, json!({}))),
     );
     TrialKey {
         environment: environment.into(),
@@ -517,7 +517,7 @@ fn an_agent_that_does_not_learn_takes_no_dataset() {
         taken,
         ["few", "more"].map(|trial| Taken {
             trial: trial.into(),
-            kind: ProductKind::Dataset
+            kind: ArtifactKind::Dataset
         })
     );
     assert_eq!(
@@ -623,7 +623,7 @@ fn the_specimen_of_what_is_gathered_is_an_empty_dataset() {
     let registry = registry();
     let entry = &registry.protocols["gather"];
     let protocol = (entry.build)(&entry.about.defaults).unwrap();
-    assert_eq!(protocol.leaves(), [ProductKind::Dataset]);
+    assert_eq!(protocol.leaves(), [ArtifactKind::Dataset]);
     let interface = Interface {
         seats: vec![seat("0")],
         state: Vec::new(),

@@ -3,7 +3,7 @@
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode,
     NoKeeper, Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
-    Updates, cast::Seating, data_file::hash_of, part::Part, standard_metrics::UPDATES, trial::TrialKey,
+    Updates, cast::Actors, data_file::hash_of, part::Part, standard_metrics::UPDATES, trial::TrialKey,
 };
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -166,7 +166,7 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
     }
     TrialKey {
         environment: Part::new("dice", 1, json!({})).into(),
-        agent: Seating::Agent(Part::new(agent.0, 1, agent.1)).into(),
+        agent: Actors::Agent(Part::new(agent.0, 1, agent.1)).into(),
         protocol: Part::new(protocol.0, 1, protocol_config).into(),
         seed: 3,
         numerics: 1,

@@ -6,7 +6,7 @@
 //! the final measurement, an episode each, and leave what the environment draws of the last one.
 
 use contract::{
-    Config, Error, Metric, ProductKind, Protocol, Registry,
+    ArtifactKind, Config, Error, Metric, Protocol, Registry,
     protocol::{self, Measurement, Run, measure_alone},
 };
 use schemars::JsonSchema;
@@ -50,8 +50,8 @@ impl Protocol for Track {
         protocol::measurement_metrics()
     }
 
-    fn leaves(&self) -> Vec<ProductKind> {
-        vec![ProductKind::Graph, ProductKind::Images]
+    fn leaves(&self) -> Vec<ArtifactKind> {
+        vec![ArtifactKind::Graph, ArtifactKind::Images]
     }
 
     fn total_steps(&self) -> u64 {

@@ -3,8 +3,8 @@
 
 use super::own_training;
 use contract::{
-    Checkpoint, Config, Environment, Error, Metric, Mode, Observation, Phase, Product, ProductKind, Protocol,
-    Registry, Rng,
+    Artifact, ArtifactKind, Checkpoint, Config, Environment, Error, Metric, Mode, Observation, Phase,
+    Protocol, Registry, Rng,
     agent::Transition,
     exact,
     own_training::Measured,
@@ -39,7 +39,7 @@ pub struct TrainEvaluate {
     /// The trial whose learning goes on here, up to `steps`, with the config that the agent has here; it left a
     /// checkpoint. Learning begins anew where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub go_on_from: Option<Product<Checkpoint>>,
+    pub go_on_from: Option<Artifact<Checkpoint>>,
     /// Whether learning can go on in another trial. What that takes, experience and environments too, lies in the
     /// trial's folder then.
     #[serde(skip_serializing_if = "super::is_false")]
@@ -163,8 +163,8 @@ impl Protocol for TrainEvaluate {
         (self.train && last < self.steps).then(|| Error::config("evaluate_every", problem))
     }
 
-    fn leaves(&self) -> Vec<ProductKind> {
-        let kinds = self.leave_checkpoint.then_some(ProductKind::Checkpoint);
+    fn leaves(&self) -> Vec<ArtifactKind> {
+        let kinds = self.leave_checkpoint.then_some(ArtifactKind::Checkpoint);
         kinds.into_iter().collect()
     }
 

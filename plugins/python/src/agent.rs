@@ -11,7 +11,7 @@ use crate::{
 };
 use contract::{
     Action, Agent, End, Environment, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates,
-    product::SAVED_FILE,
+    artifact::SAVED_FILE,
 };
 use execution::patience::Watch;
 use rand::Rng as _;

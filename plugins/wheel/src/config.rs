@@ -2,7 +2,7 @@
 
 use crate::refusal::Refusal;
 use contract::{
-    Environment, Registry, part::Part, plugin::About, product::no_product, registry::EnvironmentEntry,
+    Environment, Registry, artifact::no_artifact, part::Part, plugin::About, registry::EnvironmentEntry,
 };
 use document::diagnostic;
 
@@ -30,7 +30,7 @@ impl Configured {
         let part = read(name, &entry.about, keys, file)?;
         Ok(Self {
             entry,
-            config: part.loaded(&no_product)?.into_owned(),
+            config: part.loaded(&no_artifact)?.into_owned(),
             stream_id: part.stream_id(&entry.about),
         })
     }

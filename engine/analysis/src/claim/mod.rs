@@ -323,7 +323,7 @@ impl fmt::Display for Claim {
 mod tests {
     use super::*;
     use contract::{
-        cast::Seating,
+        cast::Actors,
         part::Part,
         recorder::Row,
         trial::{Trial, TrialCell, TrialKey},
@@ -332,7 +332,7 @@ mod tests {
     fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), part(), part());
-        let agent = Seating::Agent(agent);
+        let agent = Actors::Agent(agent);
         let key = TrialKey {
             environment: environment.into(),
             agent: agent.into(),

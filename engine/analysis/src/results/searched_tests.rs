@@ -7,7 +7,7 @@ use crate::search::{
 };
 use contract::{
     Phase, Rng,
-    cast::Seating,
+    cast::Actors,
     part::Part,
     random,
     recorder::Row,
@@ -155,7 +155,7 @@ fn result(
         .into(),
         key: TrialKey {
             environment: part().into(),
-            agent: Seating::Agent(part()).into(),
+            agent: Actors::Agent(part()).into(),
             protocol: part().into(),
             seed,
             numerics: 1,

@@ -3,7 +3,7 @@
 use super::{Common, Format, Person, say};
 use clap::Args;
 use document::count::{count, either};
-use execution::store::{Difference, Fate, Finding, Imprint, Merged, Side};
+use execution::store::{Difference, Fate, Finding, Fingerprint, Merged, Side};
 use serde_json::json;
 use session::{Exit, Failure, MergedStore, Settings, exit_of_merge};
 use std::path::PathBuf;
@@ -76,7 +76,7 @@ fn place(side: Side) -> &'static str {
     }
 }
 
-fn conflict(source: &Imprint, destination: &Imprint) -> String {
+fn conflict(source: &Fingerprint, destination: &Fingerprint) -> String {
     let differences: Vec<String> = source
         .differences(destination)
         .iter()

@@ -129,7 +129,7 @@ enum Verb {
     /// Look into CSV and TensorBoard files of other programs and print the entry under which a study shows their runs
     /// beside its own, marked as imported.
     Import(import::ImportOptions),
-    /// Compute stored trials again, beside the store, and compare digests of metrics and products; 101 where they
+    /// Compute stored trials again, beside the store, and compare digests of metrics and artifacts; 101 where they
     /// differ, 106 where one could not be compared. It works in the system's temporary folder.
     Verify(verify::VerifyArgs),
     /// Hand what is missing to a cluster and leave, or write what would be handed over.
@@ -154,7 +154,7 @@ enum Verb {
     /// Say what something is that a study may name: its keys with defaults, units and sources, and an example.
     Describe {
         /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation,
-        /// aggregate, product or executor; what there is, where absent.
+        /// aggregate, artifact or executor; what there is, where absent.
         name: Option<String>,
         /// Say besides which agents or environments do not fit, and why.
         #[arg(long)]

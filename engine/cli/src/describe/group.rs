@@ -4,7 +4,7 @@
 use super::sections;
 use analysis::claim::{Aggregate, forms};
 use clap::ValueEnum;
-use contract::{ProductKind, Registry, cast};
+use contract::{ArtifactKind, Registry, cast};
 use execution::executor;
 use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub enum Group {
     /// How a trial's measurements become one number in a claim.
     Aggregates,
     /// What trials leave for others, to be taken by `{ from: NAME }`.
-    Products,
+    Artifacts,
     /// What runs trials, or takes them.
     Executors,
 }
@@ -49,7 +49,7 @@ impl Group {
         Self::Samplers,
         Self::Relations,
         Self::Aggregates,
-        Self::Products,
+        Self::Artifacts,
         Self::Executors,
     ];
 
@@ -72,7 +72,7 @@ impl Group {
             Self::Samplers => "sampler of a sweep",
             Self::Relations => "relation of a claim",
             Self::Aggregates => "one number of a trial, in a claim",
-            Self::Products => "product of a trial",
+            Self::Artifacts => "artifact of a trial",
             Self::Executors => "executor",
         }
     }
@@ -103,7 +103,7 @@ impl Group {
                 .collect(),
             Self::Relations => forms::RELATIONS.map(|form| own(form.written, form.about)).into(),
             Self::Aggregates => Aggregate::ALL.map(|it| own(it.name(), it.about())).into(),
-            Self::Products => ProductKind::ALL.map(|it| own(it.name(), it.about())).into(),
+            Self::Artifacts => ArtifactKind::ALL.map(|it| own(it.name(), it.about())).into(),
             Self::Executors => executor::all()
                 .iter()
                 .map(|kind| own(kind.name, kind.about))

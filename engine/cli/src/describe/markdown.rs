@@ -83,7 +83,7 @@ fn introduction(group: Group) -> &'static str {
             "How a trial's measurements become one number in a claim, as in `auc(learner.return)`. See \
              [claims](../claims.md)."
         }
-        Group::Products => "What a trial leaves for others. See [products](../products.md).",
+        Group::Artifacts => "What a trial leaves for others. See [artifacts](../artifacts.md).",
         Group::Executors => {
             "What runs trials. The keys are those of the table of its name in `regimen.toml`. See \
              [executors](../executors.md)."
@@ -303,17 +303,17 @@ impl Lines {
         for takes in &facts.takes {
             self.item(
                 0,
-                &format!("takes {} at `{}`", article(&takes.product), takes.key),
+                &format!("takes {} at `{}`", article(&takes.artifact), takes.key),
             );
         }
-        self.linked("leaves", "products", &facts.leaves);
+        self.linked("leaves", "artifacts", &facts.leaves);
         self.linked("environments that it fits", "environments", &facts.environments);
     }
 
     fn protocol(&mut self, facts: &ProtocolFacts) {
         self.heading("Use:");
         self.item(0, &format!("gives agents that learn: {}", facts.gives));
-        self.linked("leaves besides what the agent leaves", "products", &facts.leaves);
+        self.linked("leaves besides what the agent leaves", "artifacts", &facts.leaves);
     }
 
     fn linked(&mut self, what: &str, page: &str, names: &[String]) {

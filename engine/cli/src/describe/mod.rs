@@ -1,5 +1,5 @@
 //! What a study may name, described for people, for programs and for the reference: plugins, kinds of tables and
-//! figures, sections, samplers, relations and aggregates of claims, products, executors.
+//! figures, sections, samplers, relations and aggregates of claims, artifacts, executors.
 //!
 //! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas that `check` holds
 //! studies against, so that what is described is what passes.
@@ -23,7 +23,7 @@ pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
 pub use study::fit::{Asked, Unfit};
 
 use analysis::claim::{Aggregate, forms};
-use contract::{Better, Metric, PerEpisode, Preset, ProductKind, Registry};
+use contract::{ArtifactKind, Better, Metric, PerEpisode, Preset, Registry};
 use document::{diagnostic, schema_check::View};
 use execution::executor::{self, Kind as ExecutorKind, Way};
 use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
@@ -219,7 +219,7 @@ pub fn subject(registry: &Registry, group: Group, name: &str, asked: Asked) -> O
         }
         Group::Relations => relation(name),
         Group::Aggregates => aggregate(name),
-        Group::Products => product(name),
+        Group::Artifacts => artifact(name),
         Group::Executors => executor(&executor::find(name)?),
     }
 }
@@ -271,11 +271,11 @@ fn aggregate(name: &str) -> Option<Subject> {
     })
 }
 
-fn product(name: &str) -> Option<Subject> {
-    let kind = ProductKind::ALL.into_iter().find(|it| it.name() == name)?;
+fn artifact(name: &str) -> Option<Subject> {
+    let kind = ArtifactKind::ALL.into_iter().find(|it| it.name() == name)?;
     Some(Subject {
         about: kind.about().into(),
-        ..Subject::new(name, Group::Products)
+        ..Subject::new(name, Group::Artifacts)
     })
 }
 

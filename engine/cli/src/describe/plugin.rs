@@ -10,7 +10,7 @@ use super::{
 };
 
 use contract::{
-    Agent, Metric, ProductKind, Protocol, Registry, cast,
+    Agent, ArtifactKind, Metric, Protocol, Registry, cast,
     plugin::About,
     protocol::given_to_learn,
     registry::{AgentEntry, ProtocolEntry},
@@ -47,9 +47,9 @@ pub struct AgentFacts {
     pub protocols: Vec<String>,
     /// True where it reads the full state of an environment.
     pub reads_state: bool,
-    /// Products of other trials that a config can name.
+    /// Artifacts of other trials that a config can name.
     pub takes: Vec<Takes>,
-    /// Products that a trial of it leaves, whatever its protocol adds.
+    /// Artifacts that a trial of it leaves, whatever its protocol adds.
     pub leaves: Vec<String>,
     /// Environments that it fits.
     pub environments: Vec<String>,
@@ -58,13 +58,14 @@ pub struct AgentFacts {
     pub unfit: Vec<Unfit>,
 }
 
-/// A key that takes a product of another trial.
+/// A key that takes an artifact of another trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Takes {
     /// The key, dotted.
     pub key: String,
     /// What it takes.
-    pub product: String,
+    #[serde(rename = "product")]
+    pub artifact: String,
 }
 
 /// What is known of a protocol with its defaults.
@@ -72,7 +73,7 @@ pub struct Takes {
 pub struct ProtocolFacts {
     /// What it gives to agents that learn: `decisions`, `examples`, `datasets`, `designs` or `nothing`.
     pub gives: &'static str,
-    /// Products that a trial of it leaves besides what its agent leaves.
+    /// Artifacts that a trial of it leaves besides what its agent leaves.
     pub leaves: Vec<String>,
 }
 
@@ -166,7 +167,7 @@ fn leaves(agent: &dyn Agent) -> Vec<String> {
     let exported = || {
         let folder = tempfile::tempdir().ok()?;
         agent.export(folder.path()).ok()?;
-        let left = ProductKind::ALL
+        let left = ArtifactKind::ALL
             .into_iter()
             .filter(|kind| kind.lies_in(folder.path()));
         Some(left.map(|kind| kind.name().to_owned()).collect())
@@ -177,7 +178,7 @@ fn leaves(agent: &dyn Agent) -> Vec<String> {
 /// The protocols from which an agent that learns can learn; none for others.
 fn protocols(registry: &Registry, entry: &AgentEntry) -> Vec<String> {
     let suits = |protocol: &ProtocolEntry| {
-        let built = with_products(protocol).map(|(built, _)| built);
+        let built = with_artifacts(protocol).map(|(built, _)| built);
         built.is_some_and(|built| built.experience() > 0 && study::can_learn(entry, built))
     };
     let all = registry
@@ -189,7 +190,7 @@ fn protocols(registry: &Registry, entry: &AgentEntry) -> Vec<String> {
 
 pub(super) fn protocol(registry: &Registry, name: &str) -> Option<Subject> {
     let entry = registry.protocols.get(name)?;
-    let built = with_products(entry);
+    let built = with_artifacts(entry);
     let given = built
         .as_ref()
         .map_or_else(|| json!({}), |(_, given)| given.clone());
@@ -210,9 +211,9 @@ pub(super) fn protocol(registry: &Registry, name: &str) -> Option<Subject> {
     Some(subject)
 }
 
-/// A protocol with its defaults, and with a name for each product that it takes where it needs them; beside it what
+/// A protocol with its defaults, and with a name for each artifact that it takes where it needs them; beside it what
 /// was given.
-fn with_products(entry: &ProtocolEntry) -> Option<(Box<dyn Protocol>, Value)> {
+fn with_artifacts(entry: &ProtocolEntry) -> Option<(Box<dyn Protocol>, Value)> {
     if let Ok(built) = (entry.build)(&entry.about.defaults) {
         return Some((built, json!({})));
     }
@@ -264,28 +265,28 @@ fn facts(metrics: &[Metric]) -> Vec<MetricFacts> {
     metrics.iter().map(MetricFacts::from).collect()
 }
 
-/// The products that a key and those below it take.
+/// The artifacts that a key and those below it take.
 fn takes(key: &Key, above: &str) -> Vec<Takes> {
     let path = [above, &key.name].into_iter().filter(|part| !part.is_empty());
     let path = path.collect::<Vec<_>>().join(".");
-    if let Some(product) = product(&key.keys) {
-        return vec![Takes { key: path, product }];
+    if let Some(artifact) = artifact(&key.keys) {
+        return vec![Takes { key: path, artifact }];
     }
     let forms = key.forms.iter();
-    if let Some(product) = forms.clone().find_map(|form| product(&form.keys)) {
-        return vec![Takes { key: path, product }];
+    if let Some(artifact) = forms.clone().find_map(|form| artifact(&form.keys)) {
+        return vec![Takes { key: path, artifact }];
     }
     let of_forms = forms.flat_map(|form| form.keys.iter().chain(form.entries.as_deref()));
     let below = key.keys.iter().chain(of_forms).chain(key.entries.as_deref());
     below.flat_map(|below| takes(below, &path)).collect()
 }
 
-/// The product that a mapping with these keys names.
-fn product(keys: &[Key]) -> Option<String> {
+/// The artifact that a mapping with these keys names.
+fn artifact(keys: &[Key]) -> Option<String> {
     let key = keys.iter().find(|key| key.name == "product")?;
-    let named = |kind: &ProductKind| key.expected == format!("`{}`", kind.name());
+    let named = |kind: &ArtifactKind| key.expected == format!("`{}`", kind.name());
     let is_reference = keys.iter().any(|key| key.name == "from" && key.required);
-    let kind = ProductKind::ALL
+    let kind = ArtifactKind::ALL
         .into_iter()
         .find(named)
         .filter(|_| is_reference)?;

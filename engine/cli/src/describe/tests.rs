@@ -155,7 +155,7 @@ fn what_plugins_have_is_described() {
 #[test]
 fn all_of_a_name_are_found_and_a_wrong_name_gets_the_nearest() {
     let groups: Vec<Group> = found("policy").into_iter().map(|subject| subject.group).collect();
-    assert_eq!(groups, [Group::Agents, Group::Products]);
+    assert_eq!(groups, [Group::Agents, Group::Artifacts]);
     let error = find(&toys(), "coridor", Asked::default()).unwrap_err();
     assert_eq!(error.nearest.as_deref(), Some("corridor"));
     assert_eq!(

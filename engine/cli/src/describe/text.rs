@@ -227,7 +227,7 @@ impl Lines {
         for takes in &facts.takes {
             self.line(
                 1,
-                &format!("takes: {} at `{}`", article(&takes.product), takes.key),
+                &format!("takes: {} at `{}`", article(&takes.artifact), takes.key),
             );
         }
         self.named("leaves", &facts.leaves);
@@ -265,9 +265,9 @@ fn has_keys(subject: &Subject) -> bool {
     !subject.keys.is_empty() || subject.version.is_some() || subject.group == Group::Executors
 }
 
-pub(super) fn article(product: &str) -> String {
-    match product {
-        "networks" | "images" => product.into(),
+pub(super) fn article(artifact: &str) -> String {
+    match artifact {
+        "networks" | "images" => artifact.into(),
         other => format!("a {other}"),
     }
 }

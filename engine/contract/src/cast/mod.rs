@@ -9,10 +9,11 @@ mod team;
 pub use team::{Team, take_up};
 
 use crate::{
-    Registry, digest,
+    Registry,
+    artifact::{Artifact, ArtifactKind, Policy, Taken, reference_schema},
+    digest,
     part::Part,
     plugin::About,
-    product::{Policy, Product, ProductKind, Taken, reference_schema},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -29,10 +30,10 @@ pub fn about_policy() -> &'static About {
         about: "The policy that another trial left, measured and not trained any more.",
         version: VERSION,
         defaults: json!({}),
-        schema: reference_schema(ProductKind::Policy),
+        schema: reference_schema(ArtifactKind::Policy),
         presets: Vec::new(),
         resolve: Box::new(|raw| {
-            serde_json::to_value(serde_json::from_value::<Product<Policy>>(raw.clone())?)
+            serde_json::to_value(serde_json::from_value::<Artifact<Policy>>(raw.clone())?)
         }),
     })
 }
@@ -52,14 +53,14 @@ pub fn agents(registry: &Registry) -> impl Iterator<Item = (&'static str, &About
 /// Who acts in a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum Seating {
+pub enum Actors {
     /// An agent that is built for the trial and plays all seats.
     Agent(Part),
     /// Policies that were trained in other trials, beside agents that do not learn.
     Cast(Cast),
 }
 
-impl Seating {
+impl Actors {
     /// Hash of everything that determines how it acts.
     #[must_use]
     pub fn id(&self) -> String {
@@ -107,13 +108,13 @@ impl Seating {
         }
     }
 
-    /// The products of other trials that are taken.
+    /// The artifacts of other trials that are taken.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
         let own = self
             .parts()
             .into_iter()
-            .flat_map(|part| part.products.values().cloned());
+            .flat_map(|part| part.artifacts.values().cloned());
         own.chain(self.cast().into_iter().flat_map(Cast::policies))
             .collect()
     }
@@ -151,7 +152,7 @@ impl Cast {
         let trials = self.roles.values().filter_map(|member| member.trial.clone());
         trials.map(|trial| Taken {
             trial,
-            kind: ProductKind::Policy,
+            kind: ArtifactKind::Policy,
         })
     }
 }
@@ -176,7 +177,7 @@ pub(crate) mod tests {
         }
     }
 
-    pub(crate) fn key(agent: Seating) -> TrialKey {
+    pub(crate) fn key(agent: Actors) -> TrialKey {
         let part = || Part::new("x", 1, Value::Null);
         TrialKey {
             environment: part().into(),
@@ -191,11 +192,11 @@ pub(crate) mod tests {
     #[test]
     fn a_cast_comes_back_from_a_key_with_its_sources() {
         let cast = cast("0a");
-        let stored: TrialKey = serde_json::from_value(json!(key(Seating::Cast(cast.clone())))).unwrap();
+        let stored: TrialKey = serde_json::from_value(json!(key(Actors::Cast(cast.clone())))).unwrap();
         assert_eq!(stored.agent.cast(), Some(&cast));
         assert_eq!(stored.sources(), ["0a"]);
         let named_alike = Part::new("learner", 1, json!({"roles": {"prey": {"trial": "0a"}}}));
-        let stored: TrialKey = serde_json::from_value(json!(key(Seating::Agent(named_alike)))).unwrap();
+        let stored: TrialKey = serde_json::from_value(json!(key(Actors::Agent(named_alike)))).unwrap();
         assert!(stored.sources().is_empty() && stored.agent.agent().is_some());
     }
 
@@ -222,10 +223,10 @@ pub(crate) mod tests {
             );
             let taken = Taken {
                 trial: trial.into(),
-                kind: ProductKind::Networks,
+                kind: ArtifactKind::Networks,
             };
-            part.products.insert("/start".into(), taken.clone());
-            let key = key(Seating::Agent(part));
+            part.artifacts.insert("/start".into(), taken.clone());
+            let key = key(Actors::Agent(part));
             assert_eq!(
                 (key.taken(), key.sources()),
                 (vec![taken], vec![trial.to_string()])

@@ -3,7 +3,7 @@
 use super::Cast;
 use crate::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Registry, Rng,
-    product::{FindProduct, ProductKind, Taken},
+    artifact::{ArtifactKind, FindArtifact, Taken},
     random::Streams,
 };
 
@@ -30,7 +30,7 @@ impl Team {
         registry: &Registry,
         interface: &Interface,
         streams: &Streams,
-        find: FindProduct<'_>,
+        find: FindArtifact<'_>,
     ) -> Result<Self, Error> {
         let seat = |name: &String| {
             let found = interface.seats.iter().position(|seat| seat.name == *name);
@@ -74,14 +74,14 @@ impl Team {
 ///
 /// # Errors
 /// [`Error::Source`] where the policy is missing, damaged or of another form.
-pub fn take_up(agent: &mut dyn Agent, name: &str, trial: &str, find: FindProduct<'_>) -> Result<(), Error> {
+pub fn take_up(agent: &mut dyn Agent, name: &str, trial: &str, find: FindArtifact<'_>) -> Result<(), Error> {
     let unusable = |problem: String| Error::Source {
         trial: trial.into(),
         problem,
     };
     match agent.import(&find(&Taken {
         trial: trial.into(),
-        kind: ProductKind::Policy,
+        kind: ArtifactKind::Policy,
     })?) {
         Ok(true) => Ok(()),
         Ok(false) => Err(unusable(format!("the agent `{name}` takes up no stored policy"))),

@@ -95,7 +95,7 @@ fn the_files_are_minaris_and_the_bytes_the_same_each_time() {
     assert!(
         names
             .iter()
-            .all(|name| crate::ProductKind::Dataset.has_file(name))
+            .all(|name| crate::ArtifactKind::Dataset.has_file(name))
     );
 }
 

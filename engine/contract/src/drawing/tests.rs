@@ -42,7 +42,7 @@ fn what_is_written_comes_back() {
     graph().write(folder.path()).unwrap();
     Image::write_all(&images, folder.path()).unwrap();
     let mut drawings = Drawings::default();
-    for kind in ProductKind::ALL {
+    for kind in ArtifactKind::ALL {
         drawings.read(kind, folder.path()).unwrap();
     }
     let expected = Drawings {
@@ -150,9 +150,9 @@ fn a_file_of_another_form_is_refused_by_its_name() {
         fs::write(folder.path().join(name), bytes).unwrap();
         let mut drawings = Drawings::default();
         let kind = if name == GRAPH_FILE {
-            ProductKind::Graph
+            ArtifactKind::Graph
         } else {
-            ProductKind::Images
+            ArtifactKind::Images
         };
         let error = drawings.read(kind, folder.path()).unwrap_err();
         assert!(
@@ -238,9 +238,9 @@ fn an_environment_leaves_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
     let left = |graph, images| leave_drawings(&mut Drawer(graph, images), folder.path());
     assert_eq!(left(None, Vec::new()).unwrap(), []);
-    assert!(ProductKind::ALL.iter().all(|kind| !kind.lies_in(folder.path())));
+    assert!(ArtifactKind::ALL.iter().all(|kind| !kind.lies_in(folder.path())));
     let both = left(Some(graph()), vec![image(3, 1)]).unwrap();
-    assert_eq!(both, [ProductKind::Graph, ProductKind::Images]);
+    assert_eq!(both, [ArtifactKind::Graph, ArtifactKind::Images]);
     assert!(both.iter().all(|kind| kind.lies_in(folder.path())));
     assert!(matches!(
         left(Some(Graph::default()), Vec::new()),

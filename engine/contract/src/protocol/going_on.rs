@@ -1,4 +1,4 @@
-//! How learning goes on in another trial: what a trial leaves as its [checkpoint](ProductKind::Checkpoint), and how
+//! How learning goes on in another trial: what a trial leaves as its [checkpoint](ArtifactKind::Checkpoint), and how
 //! another one takes it up.
 //!
 //! ```text
@@ -9,8 +9,9 @@
 
 use super::Run;
 use crate::{
-    Agent, Checkpoint, Error, Phase, Product, ProductKind, Recorder, metrics_file,
-    product::{CHECKPOINT, CHECKPOINT_AGENT, CHECKPOINT_ROWS, CHECKPOINT_STATE},
+    Agent, Artifact, ArtifactKind, Checkpoint, Error, Phase, Recorder,
+    artifact::{CHECKPOINT, CHECKPOINT_AGENT, CHECKPOINT_ROWS, CHECKPOINT_STATE},
+    metrics_file,
     recorder::Running,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -74,17 +75,17 @@ fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Re
 ///
 /// # Errors
 /// [`Error::Source`] where it is not at hand, and where it does not fit the agent or the protocol.
-pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, product: &Product<Checkpoint>) -> Result<S, Error> {
-    let trial = product.folder()?;
+pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, artifact: &Artifact<Checkpoint>) -> Result<S, Error> {
+    let trial = artifact.folder()?;
     load_agent(&mut *run.agent, trial)
-        .map_err(|error| misfit(product, &format!("it does not fit this agent: {error}")))?;
+        .map_err(|error| misfit(artifact, &format!("it does not fit this agent: {error}")))?;
     let folder = trial.join(CHECKPOINT);
     let path = folder.join(CHECKPOINT_STATE);
     let text = fs::read(&path).map_err(Error::file("read", &path))?;
-    let state: State = serde_json::from_slice(&text).map_err(|source| misfit(product, &source))?;
+    let state: State = serde_json::from_slice(&text).map_err(|source| misfit(artifact, &source))?;
     let table = metrics_file::read(&folder.join(CHECKPOINT_ROWS))?;
     run.record = Recorder::resumed(table.names, table.rows, state.running);
-    serde_json::from_value(state.protocol).map_err(|source| misfit(product, &source))
+    serde_json::from_value(state.protocol).map_err(|source| misfit(artifact, &source))
 }
 
 /// Lets an agent take up what another trial, whose folder is given, left.
@@ -96,9 +97,9 @@ pub fn load_agent(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
 }
 
 /// What was left cannot be used, and why.
-pub fn misfit(product: &Product<Checkpoint>, problem: &impl ToString) -> Error {
+pub fn misfit(artifact: &Artifact<Checkpoint>, problem: &impl ToString) -> Error {
     Error::Source {
-        trial: format!("`{}`", product.source()),
-        problem: format!("its {}: {}", ProductKind::Checkpoint, problem.to_string()),
+        trial: format!("`{}`", artifact.source()),
+        problem: format!("its {}: {}", ArtifactKind::Checkpoint, problem.to_string()),
     }
 }

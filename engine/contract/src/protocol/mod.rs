@@ -9,7 +9,7 @@ mod going_on;
 mod position;
 
 use crate::{
-    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, drawing::Image,
+    Agent, ArtifactKind, Environment, Error, Interface, Keeper, Metric, Phase, Recorder, drawing::Image,
     own_training::Assignment, random::Streams, standard_metrics::UPDATES,
 };
 use serde::{Serialize, de::DeserializeOwned};
@@ -41,7 +41,7 @@ pub struct Run<'a> {
     pub assignment: Assignment,
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,
-    /// Where products go that the protocol makes; `None` where nothing is kept of the trial but its record.
+    /// Where artifacts go that the protocol makes; `None` where nothing is kept of the trial but its record.
     pub folder: Option<&'a Path>,
 }
 
@@ -106,16 +106,16 @@ impl Run<'_> {
 /// # Errors
 /// What the environment reports, [`Error::Drawing`] where it gives what cannot be drawn, and [`Error::Store`]
 /// where a file cannot be written.
-pub fn leave_drawings(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ProductKind>, Error> {
+pub fn leave_drawings(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ArtifactKind>, Error> {
     let mut left = Vec::new();
     if let Some(graph) = environment.graph() {
         graph.write(folder)?;
-        left.push(ProductKind::Graph);
+        left.push(ArtifactKind::Graph);
     }
     let images = environment.images()?;
     if !images.is_empty() {
         Image::write_all(&images, folder)?;
-        left.push(ProductKind::Images);
+        left.push(ArtifactKind::Images);
     }
     Ok(left)
 }
@@ -184,7 +184,7 @@ pub trait Protocol: Send + Sync {
     }
 
     /// Whether a trial in an environment with this interface and these metrics can run, before it does: `check`
-    /// asks with specimens for products.
+    /// asks with stubs for artifacts.
     ///
     /// # Errors
     /// What does not fit, as [`run`](Self::run) would say it.
@@ -193,7 +193,7 @@ pub trait Protocol: Send + Sync {
     }
 
     /// What a trial leaves for others besides what its agent exports.
-    fn leaves(&self) -> Vec<ProductKind> {
+    fn leaves(&self) -> Vec<ArtifactKind> {
         Vec::new()
     }
 

@@ -33,10 +33,10 @@ use crate::{
     },
 };
 use contract::{
-    Error, ProductKind, Registry,
-    cast::Seating,
+    ArtifactKind, Error, Registry,
+    artifact::Taken,
+    cast::Actors,
     part::Part,
-    product::Taken,
     resources::{Capacity, Needs},
     trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, is_missing},
@@ -72,16 +72,16 @@ fn trial(agent: Value, taken: Option<&Trial>, seed: u64) -> Trial {
     let steps = json!({ "steps": 5, "environments": 1, "evaluate_every": 3, "episodes": 1, "final_episodes": 2,
         "trace_episodes": 0 });
     let mut agent = Part::new("tally", 1, agent);
-    agent.products.extend(taken.map(|source| {
+    agent.artifacts.extend(taken.map(|source| {
         let taken = Taken {
             trial: source.id.clone(),
-            kind: ProductKind::Policy,
+            kind: ArtifactKind::Policy,
         };
         ("/from".to_owned(), taken)
     }));
     let key = TrialKey {
         environment: Part::new("throw", 1, json!({})).into(),
-        agent: Seating::Agent(agent).into(),
+        agent: Actors::Agent(agent).into(),
         protocol: Part::new("train_evaluate", 1, steps).into(),
         seed,
         numerics: 1,

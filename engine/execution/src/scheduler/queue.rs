@@ -285,7 +285,7 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
 mod tests {
     use super::*;
     use contract::{
-        cast::Seating,
+        cast::Actors,
         part::Part,
         resources::Needs,
         trial::{Trial, TrialCell, TrialKey},
@@ -293,7 +293,7 @@ mod tests {
 
     fn trial(id: &str) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
-        let (environment, agent, protocol) = (part(), Seating::Agent(part()), part());
+        let (environment, agent, protocol) = (part(), Actors::Agent(part()), part());
         let key = TrialKey {
             environment: environment.into(),
             agent: agent.into(),

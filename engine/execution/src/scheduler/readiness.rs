@@ -61,14 +61,14 @@ pub fn is_ready(after: &[String], store: &Store) -> bool {
 mod tests {
     use super::*;
     use contract::{
-        cast::Seating,
+        cast::Actors,
         part::Part,
         trial::{Trial, TrialCell, TrialKey},
     };
 
     fn trial(seed: u64) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
-        let agent = Seating::Agent(part());
+        let agent = Actors::Agent(part());
         let key = TrialKey {
             environment: part().into(),
             agent: agent.into(),

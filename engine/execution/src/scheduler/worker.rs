@@ -180,7 +180,7 @@ pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies
 }
 
 /// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a
-/// product in it.
+/// artifact in it.
 fn attempt(
     registry: &Registry,
     request: &Request,
@@ -211,7 +211,7 @@ fn attempt(
     let outcome = panics::caught(|| {
         trial.key.run_after(
             registry,
-            &|taken| store.product(taken),
+            &|taken| store.artifact(taken),
             Some(&folder),
             &mut progress,
             &mut keeper,

@@ -288,7 +288,7 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
             outline.schema
         ));
     }
-    if let Some(name) = outline.files.keys().find(|name| !inside::is_product(name)) {
+    if let Some(name) = outline.files.keys().find(|name| !inside::is_artifact(name)) {
         return Err(format!("it names a file that is none of a trial's: `{name}`"));
     }
     let Outline {
@@ -318,7 +318,7 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::specimen::trial;
+    use crate::store::stub::trial;
     use contract::Recorder;
     use serde_json::json;
     use std::fs;

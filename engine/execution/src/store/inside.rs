@@ -3,7 +3,7 @@
 
 use super::lease::is_lease;
 use crate::world::fs;
-use contract::{Error, ProductKind};
+use contract::{ArtifactKind, Error};
 use std::{
     io::ErrorKind,
     path::{Path, PathBuf},
@@ -85,11 +85,11 @@ pub(super) fn is_link(path: &Path) -> bool {
 const DEEPEST: usize = 4;
 
 /// True for the path, inside a trial's folder, of a file that the trial leaves for others.
-pub(super) fn is_product(name: &str) -> bool {
+pub(super) fn is_artifact(name: &str) -> bool {
     let parts: Vec<&str> = name.split('/').collect();
     let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
-    let is_deep = |kind: &ProductKind| kind.has_file(name);
-    let deepest = if [ProductKind::Dataset, ProductKind::Checkpoint]
+    let is_deep = |kind: &ArtifactKind| kind.has_file(name);
+    let deepest = if [ArtifactKind::Dataset, ArtifactKind::Checkpoint]
         .iter()
         .any(is_deep)
     {
@@ -99,14 +99,14 @@ pub(super) fn is_product(name: &str) -> bool {
     };
     parts.len() <= deepest + 1
         && parts.iter().all(plain)
-        && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
+        && ArtifactKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
-/// Names in a trial's folder under which no seat and no product keeps its files.
+/// Names in a trial's folder under which no seat and no artifact keeps its files.
 const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.parquet"];
 
 /// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one
-/// entry: links, empty folders, those that are deeper than any product, `running`, what a running trial keeps, and
+/// entry: links, empty folders, those that are deeper than any artifact, `running`, what a running trial keeps, and
 /// folders with the name of a file.
 ///
 /// # Errors
@@ -162,7 +162,7 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     #[test]
-    fn products_lie_in_the_trials_folder_or_a_seats_and_datasets_below() {
+    fn artifacts_lie_in_the_trials_folder_or_a_seats_and_datasets_below() {
         for name in [
             "policy.safetensors",
             "agent_3/critic.safetensors",
@@ -171,7 +171,7 @@ mod tests {
             "images.png",
             "dataset/data/0/part-0.parquet",
         ] {
-            assert!(is_product(name), "{name}");
+            assert!(is_artifact(name), "{name}");
         }
         let others = [
             "../policy.safetensors",
@@ -188,7 +188,7 @@ mod tests {
             "",
         ];
         for name in others {
-            assert!(!is_product(name), "{name}");
+            assert!(!is_artifact(name), "{name}");
         }
     }
 

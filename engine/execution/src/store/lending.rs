@@ -2,18 +2,18 @@
 
 use super::{Store, TrialFile, write_durably};
 use crate::world::fs;
-use contract::{Error, product::Taken};
+use contract::{Error, artifact::Taken};
 use std::path::Path;
 
 impl Store {
-    /// Puts a product, every file of which is held against its acknowledged hash, into another store under the
+    /// Puts an artifact, every file of which is held against its acknowledged hash, into another store under the
     /// same trial. Files are linked where both stores lie on one file system, otherwise copied; who takes them
     /// there holds them against their hashes again.
     ///
     /// # Errors
     /// [`Error::Source`] where it cannot be used, [`Error::File`] where the other store cannot be written.
     pub fn lend(&self, taken: &Taken, to: &Store) -> Result<(), Error> {
-        let (id, from) = (&taken.trial, self.product(taken)?);
+        let (id, from) = (&taken.trial, self.artifact(taken)?);
         let gone = || Error::Source {
             trial: id.clone(),
             problem: "it was acknowledged a moment ago, and is gone".into(),

@@ -8,13 +8,13 @@
 mod pauses;
 
 use super::{
-    Claim, Fault, Finding, Imprint, Leases, OUTPUT, Owner, RunningTrial, Store, TrialFile, earlier,
+    Claim, Fault, Finding, Fingerprint, Leases, OUTPUT, Owner, RunningTrial, Store, TrialFile,
+    artifacts::flush_within,
+    earlier,
     fsck::{Check, refuse_links},
     inside::{files_of, is_folder, is_link, read_in},
     lease::is_lease,
-    names, partial,
-    products::flush_within,
-    remove,
+    names, partial, remove,
     sealed_folder::flush_way_to,
     write_durably,
 };
@@ -49,17 +49,17 @@ pub enum Fate {
     /// The destination has other bytes, which stay.
     Conflict {
         /// The metrics of the source.
-        source: Imprint,
+        source: Fingerprint,
         /// The metrics of the destination.
-        destination: Imprint,
+        destination: Fingerprint,
     },
     /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was
     /// stored first stays.
     Another {
         /// What the source has.
-        source: Imprint,
+        source: Fingerprint,
         /// What the destination has.
-        destination: Imprint,
+        destination: Fingerprint,
     },
     /// One of the two copies is not what was acknowledged; nothing was taken.
     Damaged {
@@ -181,7 +181,7 @@ impl<'a> Merge<'a> {
         if file.names_same_bytes(&here) {
             return Ok(Some(Fate::Same));
         }
-        let (there, here) = (Imprint::of(file, source), Imprint::of(&here, store));
+        let (there, here) = (Fingerprint::of(file, source), Fingerprint::of(&here, store));
         if there.differences(&here).is_empty() {
             return Ok(Some(Fate::Same));
         }

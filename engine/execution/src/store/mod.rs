@@ -6,7 +6,7 @@
 //!                                       trial.json        key, end state, digest of metrics.parquet: the
 //! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
 //! networks.safetensors, dataset/, choice.json, graph.json, images.png   what else it left, see
-//! [`ProductKind`](contract::ProductKind)
+//! [`ArtifactKind`](contract::ArtifactKind)
 //! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
 //! and a checkpoint, see [`RunningTrial`]
 //! partial-4.parcel  what it had recorded at a pause, or before a number was not finite, see [`Partial`]
@@ -18,14 +18,16 @@
 //! without it has not run, whatever else lies in its folder.
 
 mod announced;
+mod artifacts;
 mod aside;
 mod boundary;
 mod bucket;
+mod bundle;
 mod date;
 mod earlier;
+mod fingerprint;
 mod fsck;
 mod groups;
-mod imprint;
 mod index;
 mod inside;
 mod lease;
@@ -35,34 +37,32 @@ pub mod metric_log;
 mod obstacle;
 mod owner;
 mod pack;
-mod parcel;
 mod partial;
-mod products;
 mod remade;
 mod repeats;
 mod running;
 mod seal;
 mod sealed_folder;
 mod seen;
-#[cfg(test)]
-mod specimen;
 mod stored_cell;
+#[cfg(test)]
+mod stub;
 mod values;
 
 pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
 pub use bucket::Bucket;
 pub(crate) use bucket::BucketLeases;
+pub(crate) use bundle::{Bundle, BundleError, Manifest, read_bytes};
 pub use date::{now, rfc_3339_of, seconds_of};
+pub use fingerprint::{Difference, Fingerprint};
 pub use fsck::{Fault, Finding, Findings};
-pub use imprint::{Difference, Imprint};
 pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
 pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use owner::Owner;
 pub use pack::Packing;
-pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
 pub use partial::Partial;
 pub use running::RunningTrial;
 pub(crate) use sealed_folder::flush_way;
@@ -237,7 +237,7 @@ impl Store {
             decision_s: record.decision_s(),
             digest: digest::of_bytes(&bytes),
         };
-        self.acknowledge_with(trial, end, products::exported(&folder)?)
+        self.acknowledge_with(trial, end, artifacts::exported(&folder)?)
     }
 
     /// Acknowledges how a trial ended; the end that is stored then. A process that was suspended while it failed
@@ -562,7 +562,7 @@ mod tests {
     use contract::Phase;
 
     fn trial(seed: u64) -> Trial {
-        specimen::trial(4, seed)
+        stub::trial(4, seed)
     }
 
     fn record() -> Recorder {

@@ -9,7 +9,7 @@
 //! what ended is.
 
 use super::{
-    METRICS, Store, TrialFile, boundary, date, index, inside, pack, parcel, remove,
+    METRICS, Store, TrialFile, boundary, bundle, date, index, inside, pack, remove,
     sealed_folder::flush_way_to, write_durably,
 };
 use crate::world::fs;
@@ -250,12 +250,12 @@ pub(super) fn encode(id: &str, metrics: Vec<u8>, file: &TrialFile) -> Result<Vec
 /// The bytes of the file from its two parts.
 pub(super) fn of_parts(id: &str, metrics: Vec<u8>, acknowledgement: Vec<u8>) -> Vec<u8> {
     let [first, last] = FILES.map(str::to_owned);
-    parcel::to_bytes(id, &[(first, metrics), (last, acknowledgement)])
+    bundle::to_bytes(id, &[(first, metrics), (last, acknowledgement)])
 }
 
 /// The metrics and the acknowledgement in the bytes of a file.
 pub(super) fn parts(id: &str, bytes: &[u8]) -> Result<[Vec<u8>; 2], String> {
-    let files = parcel::from_bytes(id, bytes)?;
+    let files = bundle::from_bytes(id, bytes)?;
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     if names != FILES {
         return Err("it holds other files than those of a pause".into());
@@ -309,7 +309,7 @@ fn damaged(path: &Path, problem: String) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::specimen::trial;
+    use crate::store::stub::trial;
     use proptest::prelude::*;
 
     fn end(state: EndState) -> TrialEnd {

@@ -43,7 +43,7 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::{Leases, Merge, specimen};
+    use crate::store::{Leases, Merge, stub};
     use contract::{Phase, Recorder};
     use std::{fs, time::Duration};
 
@@ -51,7 +51,7 @@ mod tests {
     fn merging_takes_the_answers_on_trials_that_both_hold() {
         let dir = tempfile::tempdir().unwrap();
         let [source, into] = ["source", "into"].map(|name| Store::at(dir.path().join(name)));
-        let (trial, mut record) = (specimen::trial(4, 0), Recorder::default());
+        let (trial, mut record) = (stub::trial(4, 0), Recorder::default());
         record.add(Phase::Final, 10, 0, 0, "return", 1.0);
         source.finish(&trial, &record, 1.0).unwrap();
         let held = trial.id;

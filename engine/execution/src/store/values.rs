@@ -39,7 +39,7 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::{Imprint, specimen::trial, write_durably};
+    use crate::store::{Fingerprint, stub::trial, write_durably};
     use contract::{Phase, Recorder, metrics_file};
     use std::path::Path;
 
@@ -66,9 +66,9 @@ mod tests {
         rewritten.end.digest = contract::digest::of_bytes(&bytes);
         write_durably(&again.folder(&file.key.id()).join(METRICS), &bytes).unwrap();
         assert_ne!(rewritten.end.digest, file.end.digest);
-        let known = Imprint::of(&file, &store);
-        assert_eq!(known.differences(&Imprint::of(&rewritten, &again)), []);
-        assert_eq!(known.differences(&Imprint::of(&other, &other_store)).len(), 1);
+        let known = Fingerprint::of(&file, &store);
+        assert_eq!(known.differences(&Fingerprint::of(&rewritten, &again)), []);
+        assert_eq!(known.differences(&Fingerprint::of(&other, &other_store)).len(), 1);
     }
 
     #[test]
@@ -76,6 +76,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (store, file) = stored(folder.path(), 0.5);
         std::fs::remove_file(store.folder(&file.key.id()).join(METRICS)).unwrap();
-        assert_eq!(Imprint::of(&file, &store).digest, file.end.digest);
+        assert_eq!(Fingerprint::of(&file, &store).digest, file.end.digest);
     }
 }

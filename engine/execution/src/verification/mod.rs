@@ -114,7 +114,7 @@ pub fn id_here(key: &TrialKey, registry: &Registry) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use contract::{ProductKind, cast::Seating, product::Taken, trial::TrialCell};
+    use contract::{ArtifactKind, artifact::Taken, cast::Actors, trial::TrialCell};
     use proptest::prelude::*;
     use serde_json::json;
     use testing::toys::toys;
@@ -125,13 +125,13 @@ mod tests {
         for (number, source) in sources.iter().enumerate() {
             let taken = Taken {
                 trial: (*source).into(),
-                kind: ProductKind::Policy,
+                kind: ArtifactKind::Policy,
             };
-            agent.products.insert(format!("/{number}"), taken);
+            agent.artifacts.insert(format!("/{number}"), taken);
         }
         let key = TrialKey {
             environment: part().into(),
-            agent: Seating::Agent(agent).into(),
+            agent: Actors::Agent(agent).into(),
             protocol: part().into(),
             seed,
             numerics: 1,
@@ -195,7 +195,7 @@ mod tests {
                 json!({}),
             )
             .into(),
-            agent: Seating::Agent(Part::new(agent, registry.agents[agent].about.version, json!({}))).into(),
+            agent: Actors::Agent(Part::new(agent, registry.agents[agent].about.version, json!({}))).into(),
             protocol: Part::new(protocol, registry.protocols[protocol].about.version, json!({})).into(),
             seed: 1,
             numerics: registry.numerics_version,

@@ -1,6 +1,6 @@
 //! What came of computing stored trials again.
 
-use crate::store::{Difference, Imprint};
+use crate::store::{Difference, Fingerprint};
 use contract::Build;
 use serde::Serialize;
 use std::{fmt::Write, path::PathBuf};
@@ -49,9 +49,9 @@ pub struct Entry {
     /// The replicate.
     pub seed: u64,
     /// What is stored; `None` where that cannot be read.
-    pub stored: Option<Imprint>,
+    pub stored: Option<Fingerprint>,
     /// What was computed now; `None` where nothing was.
-    pub now: Option<Imprint>,
+    pub now: Option<Fingerprint>,
     /// What came of it.
     #[serde(flatten)]
     pub outcome: Outcome,
@@ -102,7 +102,7 @@ impl Outcome {
 impl Entry {
     /// Draws the conclusion from what is stored and what was computed now.
     #[must_use]
-    pub fn compared(self, now: Imprint) -> Self {
+    pub fn compared(self, now: Fingerprint) -> Self {
         let differences = self
             .stored
             .as_ref()
@@ -236,8 +236,12 @@ impl Receipt {
 
 impl Entry {
     fn write(&self, out: &mut String) {
-        let digest = |imprint: &Option<Imprint>| imprint.as_ref().map_or("none", |it| &it.digest).to_owned();
-        let by = |imprint: &Option<Imprint>| imprint.as_ref().map_or_else(String::new, Imprint::by);
+        let digest = |fingerprint: &Option<Fingerprint>| {
+            fingerprint.as_ref().map_or("none", |it| &it.digest).to_owned()
+        };
+        let by = |fingerprint: &Option<Fingerprint>| {
+            fingerprint.as_ref().map_or_else(String::new, Fingerprint::by)
+        };
         let _ = writeln!(
             out,
             "{:<9} {}  {}: stored {} by {}, now {} by {}",

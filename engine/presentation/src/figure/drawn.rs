@@ -8,7 +8,7 @@ use super::{
 };
 use crate::table::{Axis, Scope};
 use contract::{
-    ProductKind,
+    ArtifactKind,
     drawing::{Drawings, Edge, Graph, Image, Node},
     trial_result::TrialResult,
 };
@@ -33,7 +33,7 @@ impl Choice<'_> {
     /// Finds the trials that left something of a kind.
     pub(super) fn find<'a>(
         &self,
-        kind: ProductKind,
+        kind: ArtifactKind,
         spec: &FigureSpec,
         context: Context<'a>,
         is_there: impl Fn(&Drawings) -> bool,
@@ -65,7 +65,7 @@ impl Choice<'_> {
 }
 
 /// Why a trial has no panel.
-fn missing(name: &str, kind: ProductKind, trial: &TrialResult, drawings: Option<&Drawings>) -> String {
+fn missing(name: &str, kind: ArtifactKind, trial: &TrialResult, drawings: Option<&Drawings>) -> String {
     let problem = drawings.and_then(|drawings| drawings.problem.as_ref());
     match (&trial.end, problem) {
         (None, _) => format!("{name} is missing: its trial has not run."),

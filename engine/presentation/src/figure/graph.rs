@@ -8,7 +8,7 @@ use super::{
 };
 use crate::names::{Names, Place};
 use contract::{
-    Error, ProductKind,
+    ArtifactKind, Error,
     drawing::{Drawings, Graph},
     trial_result::TrialResult,
 };
@@ -34,12 +34,12 @@ impl Figure for GraphFigure {
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
-        names.leaves(ProductKind::Graph, at, &picked);
+        names.leaves(ArtifactKind::Graph, at, &picked);
         names.seed(self.seed, at);
     }
 
-    fn shows(&self) -> Option<ProductKind> {
-        Some(ProductKind::Graph)
+    fn shows(&self) -> Option<ArtifactKind> {
+        Some(ArtifactKind::Graph)
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
@@ -48,7 +48,7 @@ impl Figure for GraphFigure {
             environment: self.environment.as_ref(),
             seed: self.seed,
         };
-        let kind = ProductKind::Graph;
+        let kind = ArtifactKind::Graph;
         let found = choice.find(kind, spec, context, |drawings| drawings.graph.is_some());
         if found.trials.is_empty() {
             return Err(problem(&format!(

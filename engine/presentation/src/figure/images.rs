@@ -7,7 +7,7 @@ use super::{
     drawn::{Choice, panel},
 };
 use crate::names::{Names, Place};
-use contract::{Error, ProductKind, drawing::Drawings, trial_result::TrialResult};
+use contract::{ArtifactKind, Error, drawing::Drawings, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -52,12 +52,12 @@ impl Figure for Images {
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
-        names.leaves(ProductKind::Images, at, &picked);
+        names.leaves(ArtifactKind::Images, at, &picked);
         names.seed(self.seed, at);
     }
 
-    fn shows(&self) -> Option<ProductKind> {
-        Some(ProductKind::Images)
+    fn shows(&self) -> Option<ArtifactKind> {
+        Some(ArtifactKind::Images)
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
@@ -66,7 +66,7 @@ impl Figure for Images {
             environment: self.environment.as_ref(),
             seed: self.seed,
         };
-        let kind = ProductKind::Images;
+        let kind = ArtifactKind::Images;
         let found = choice.find(kind, spec, context, |drawings| !drawings.images.is_empty());
         if found.trials.is_empty() {
             return Err(problem(&format!(

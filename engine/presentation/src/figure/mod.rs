@@ -74,7 +74,7 @@ use crate::{
     names::{Names, Place},
 };
 use analysis::published_curve::PublishedCurve;
-use contract::{Error, ProductKind};
+use contract::{ArtifactKind, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -141,7 +141,7 @@ pub(crate) trait Figure {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
 
     /// What it shows of that which trials leave; `None` where it shows what they record.
-    fn shows(&self) -> Option<ProductKind> {
+    fn shows(&self) -> Option<ArtifactKind> {
         None
     }
 
@@ -231,7 +231,7 @@ impl FigureKind {
 
     /// What it shows of that which trials leave; `None` where it shows what they record.
     #[must_use]
-    pub fn shows(&self) -> Option<ProductKind> {
+    pub fn shows(&self) -> Option<ArtifactKind> {
         self.it().shows()
     }
 

@@ -6,7 +6,7 @@ mod published_curves;
 pub use place::{Picked, Place};
 
 use crate::vocabulary::Vocabulary;
-use contract::ProductKind;
+use contract::ArtifactKind;
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -240,10 +240,10 @@ impl Names<'_> {
 
     /// Checks that protocols leave what a figure shows: that of every agent that is named, or of any where
     /// none is.
-    pub(crate) fn leaves(&mut self, kind: ProductKind, place: &Place<'_>, picked: &Picked) {
+    pub(crate) fn leaves(&mut self, kind: ArtifactKind, place: &Place<'_>, picked: &Picked) {
         let vocabulary = self.vocabulary;
         let what = match kind {
-            ProductKind::Images => kind.to_string(),
+            ArtifactKind::Images => kind.to_string(),
             _ => format!("a {kind}"),
         };
         let leaves = |agent: usize| {

@@ -7,7 +7,7 @@ use super::{
     Subject,
     table::{Cells, Column},
 };
-use contract::{cast::Seating, part::Part, plugin::About, trial::TrialKey};
+use contract::{cast::Actors, part::Part, plugin::About, trial::TrialKey};
 use document::schema_check::View;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -58,8 +58,8 @@ fn leaves(key: &TrialKey) -> Leaves {
     of_part("environment", "environment", &key.environment, &mut found);
     of_part("protocol", "protocol", &key.protocol, &mut found);
     match &*key.agent {
-        Seating::Agent(part) => of_part("agent", "agent", part, &mut found),
-        Seating::Cast(cast) => {
+        Actors::Agent(part) => of_part("agent", "agent", part, &mut found),
+        Actors::Cast(cast) => {
             for (role, member) in &cast.roles {
                 let at = format!("agent.{role}");
                 of_part(&at, "agent", &member.agent, &mut found);
@@ -171,7 +171,7 @@ fn typed(values: &[Option<&Value>]) -> Cells<'static> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use contract::{ProductKind, product::Taken};
+    use contract::{ArtifactKind, artifact::Taken};
 
     #[test]
     fn a_column_has_the_narrowest_type_of_its_values() {
@@ -213,9 +213,9 @@ mod tests {
         part.files.insert("/load/file".into(), "0123".into());
         let taken = Taken {
             trial: "abcd".into(),
-            kind: ProductKind::Networks,
+            kind: ArtifactKind::Networks,
         };
-        part.products.insert("/start".into(), taken);
+        part.artifacts.insert("/start".into(), taken);
         let mut found = Leaves::new();
         of_part("agent", "agent", &part, &mut found);
         let names: Vec<(&str, String)> = found

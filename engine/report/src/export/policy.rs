@@ -6,8 +6,8 @@
 use super::json_list;
 use contract::{
     Channel, Error, Interface, Registry, Seat, Space,
+    artifact::{ONNX_FILE, SAVED_FILE},
     policy_form::PortablePolicy,
-    product::{ONNX_FILE, SAVED_FILE},
 };
 use execution::{store::TrialFile, world::fs};
 use std::{

@@ -138,7 +138,7 @@ pub fn failed_in_words<'a>(
     (!states.is_empty()).then(words)
 }
 
-/// Trials of the studies whose metrics, which the report will read, or whose products, which missing trials
+/// Trials of the studies whose metrics, which the report will read, or whose artifacts, which missing trials
 /// take, are damaged.
 fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
     let trials = || {
@@ -156,14 +156,14 @@ fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTre
         .filter(|(_, end)| is_missing(end.as_ref()))
         .flat_map(|(trial, _)| trial.key.sources())
         .collect();
-    let products = ended
+    let artifacts = ended
         .iter()
         .map(|(id, _)| *id)
-        .filter(|id| taken.contains(*id) && store.has_damaged_product(id));
+        .filter(|id| taken.contains(*id) && store.has_damaged_artifact(id));
     store
         .with_damaged_metrics(&ended)
         .into_iter()
-        .chain(products)
+        .chain(artifacts)
         .collect()
 }
 

@@ -18,7 +18,7 @@ pub(crate) use play::episode;
 
 use crate::{Exit, Failure, one_trial};
 use contract::{
-    Agent, Environment, Registry, part::Part, plugin::About, product::Taken, random::Streams,
+    Agent, Environment, Registry, artifact::Taken, part::Part, plugin::About, random::Streams,
     registry::AgentEntry, trial_result::TrialResult,
 };
 use document::diagnostic;
@@ -217,7 +217,7 @@ pub fn of_trial(registry: &Registry, store: &Store, rollout: &TrialRollout<'_>) 
             trial.trial.id, key.environment.plugin
         )));
     }
-    let find = |taken: &Taken| store.product(taken);
+    let find = |taken: &Taken| store.artifact(taken);
     let seed = match rollout.episode {
         EpisodeChoice::Measured(episode) => {
             let mut rows = replay::replay(&trial, episode, registry, &find)?;

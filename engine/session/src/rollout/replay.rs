@@ -8,8 +8,8 @@ use super::columns::Columns;
 use contract::{
     Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry,
     RewardSurface, Rng, Seat, Step,
-    cast::{Seating, take_up},
-    product::FindProduct,
+    artifact::FindArtifact,
+    cast::{Actors, take_up},
     protocol::{Run, replay_measurement},
     random::Streams,
     trial::TrialKey,
@@ -26,7 +26,7 @@ pub fn replay(
     trial: &TrialResult,
     episode: u64,
     registry: &Registry,
-    find: FindProduct<'_>,
+    find: FindArtifact<'_>,
 ) -> Result<Vec<Vec<String>>, Error> {
     let key = &trial.trial.key;
     let unusable = |problem: String| Error::Source {
@@ -92,10 +92,10 @@ pub fn trained_agent(
     registry: &Registry,
     interface: &Interface,
     streams: &Streams,
-    find: FindProduct<'_>,
+    find: FindArtifact<'_>,
 ) -> Result<Box<dyn Agent>, Error> {
     let mut agent = key.build_agent(registry, interface, streams, find)?;
-    if let Seating::Agent(part) = &*key.agent
+    if let Actors::Agent(part) = &*key.agent
         && registry
             .agents
             .get(part.plugin.as_str())

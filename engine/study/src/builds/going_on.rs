@@ -3,7 +3,7 @@
 use super::Builder;
 use crate::{cell::Cell, known, search::Searched, taking};
 use contract::{
-    Agent, Interface, ProductKind,
+    Agent, ArtifactKind, Interface,
     protocol::{load_from_checkpoint, write_checkpoint_specimen},
     random,
 };
@@ -17,7 +17,7 @@ impl Builder<'_> {
     /// Refuses a cell that goes on from what does not fit it. The stretches of a schedule fit each other where the ends
     /// of its ranges do.
     pub(super) fn goes_on_well(&mut self, cell: &Cell, interface: &Interface) -> Result<(), Box<Diagnostic>> {
-        let from = cell.sources.iter().find(|it| it.kind == ProductKind::Checkpoint);
+        let from = cell.sources.iter().find(|it| it.kind == ArtifactKind::Checkpoint);
         let Some(source) = from.filter(|_| cell.parts[2].given.stretch.is_none()) else {
             return Ok(());
         };
@@ -28,7 +28,7 @@ impl Builder<'_> {
                 format!("`{name}` learns in another environment than the one in which that shall go on");
             return Err(Box::new(self.at(cell, source, message)));
         }
-        let folder = self.specimen(source.cell).unwrap_or_default();
+        let folder = self.stub(source.cell).unwrap_or_default();
         let mut agent = self.agent(cell, interface)?;
         load_from_checkpoint(&mut *agent, &folder).map_err(|error| {
             let message = format!("what `{name}` learned does not fit the agent that shall go on: {error}");
@@ -95,7 +95,7 @@ impl Builder<'_> {
     ) -> Option<Box<dyn Agent>> {
         let part = known::member(self.sections, searched, shares)?;
         let entry = self.sections.registry.agents.get(part.plugin.as_str())?;
-        if !part.products.is_empty() {
+        if !part.artifacts.is_empty() {
             return None;
         }
         (entry.build)(&part.config, interface, &mut random::stream(&["check"])).ok()

@@ -3,7 +3,7 @@
 
 mod facts;
 mod going_on;
-mod specimens;
+mod stubs;
 mod tried;
 
 use crate::{
@@ -30,11 +30,11 @@ use execution::patience;
 use facts::Facts;
 use presentation::vocabulary::Vocabulary;
 use serde_json::Value;
-use specimens::Specimens;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
 };
+use stubs::Stubs;
 
 /// Agents are built for each named pair, and for this many further settings; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
@@ -133,7 +133,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
     let mut builder = Builder {
         sections,
         cells,
-        specimens: Specimens::default(),
+        stubs: Stubs::default(),
         environments: BTreeMap::new(),
         protocols: BTreeMap::new(),
         agents: BTreeMap::new(),
@@ -219,7 +219,7 @@ fn note(
 struct Builder<'a> {
     sections: &'a Sections<'a>,
     cells: &'a Cells,
-    specimens: Specimens,
+    stubs: Stubs,
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<Measures>>,

@@ -5,7 +5,7 @@ use super::{DEVICE, OfCells};
 use crate::checked_study::Study;
 use analysis::cross_play::title;
 use contract::{
-    cast::{Cast, Member, Seating},
+    cast::{Actors, Cast, Member},
     trial::{Purpose, Trial, TrialCell, TrialKey},
 };
 use presentation::vocabulary::{Pairs, Play, Player};
@@ -62,7 +62,7 @@ fn encounter(study: &Study, play: &Play, players: &[&Player], places: &[usize], 
     let latest = places.iter().copied().max().unwrap_or_default();
     let key = TrialKey {
         environment: play.arena.clone().into(),
-        agent: Seating::Cast(Cast {
+        agent: Actors::Cast(Cast {
             roles: members.collect(),
         })
         .into(),

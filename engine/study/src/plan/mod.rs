@@ -21,9 +21,9 @@ use crate::{
     checked_study::Study,
 };
 use contract::{
-    cast::{Cast, Member, Seating},
+    artifact::Taken,
+    cast::{Actors, Cast, Member},
     part::Part,
-    product::Taken,
     trial::{CellName, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
 use presentation::vocabulary::Play;
@@ -326,7 +326,7 @@ impl Study {
             for it in cell.sources.iter().filter(|it| it.part == place) {
                 let trial = source(it.cell, it.seed_for(seed)).id.clone();
                 Arc::make_mut(&mut part)
-                    .products
+                    .artifacts
                     .insert(it.pointer.clone(), Taken { trial, kind: it.kind });
             }
             part
@@ -338,7 +338,7 @@ impl Study {
             .filter(|_| cell.is_policy())
         {
             Some(it) => policy_of(source(it.cell, it.seed_for(seed))),
-            None => Seating::Agent(Arc::unwrap_or_clone(part(1))),
+            None => Actors::Agent(Arc::unwrap_or_clone(part(1))),
         };
         TrialKey {
             environment: part(0),
@@ -352,7 +352,7 @@ impl Study {
 }
 
 /// The policy that a trial left, in all seats.
-fn policy_of(trial: &Trial) -> Seating {
+fn policy_of(trial: &Trial) -> Actors {
     let agent = trial
         .key
         .agent
@@ -364,7 +364,7 @@ fn policy_of(trial: &Trial) -> Seating {
         agent,
         trial: Some(trial.id.clone()),
     };
-    Seating::Cast(Cast {
+    Actors::Cast(Cast {
         roles: BTreeMap::from([(String::from("all"), member)]),
     })
 }

@@ -6,7 +6,7 @@
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use contract::{
-    cast::{POLICY, Seating},
+    cast::{Actors, POLICY},
     part::Part,
     trial::TrialKey,
 };
@@ -184,8 +184,8 @@ impl Combination {
 impl Catalogue {
     fn combination(&mut self, key: &TrialKey) -> Combination {
         let agent = match &*key.agent {
-            Seating::Agent(part) => part.clone(),
-            Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
+            Actors::Agent(part) => part.clone(),
+            Actors::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
         };
         let parts = [&*key.environment, &agent, &*key.protocol].map(|part| self.index(part));
         Combination {

@@ -2,7 +2,7 @@
 
 use super::{Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, to_json};
 use contract::{
-    cast::Seating,
+    cast::Actors,
     part::Part,
     trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
@@ -14,7 +14,7 @@ use std::{collections::BTreeSet, sync::Arc};
 fn key() -> TrialKey {
     TrialKey {
         environment: Part::new("battery", 1, json!({"cells": 4, "start": {"charge": 0.9}})).into(),
-        agent: Seating::Agent(Part::new(
+        agent: Actors::Agent(Part::new(
             "dirichlet_sac",
             1,
             json!({"widths": [64, 64], "learning_rate": 0.001}),
@@ -29,8 +29,8 @@ fn key() -> TrialKey {
 
 fn agent(key: &mut TrialKey) -> &mut Part {
     match Arc::make_mut(&mut key.agent) {
-        Seating::Agent(part) => part,
-        Seating::Cast(_) => unreachable!("these keys have agents"),
+        Actors::Agent(part) => part,
+        Actors::Cast(_) => unreachable!("these keys have agents"),
     }
 }
 
@@ -119,7 +119,7 @@ fn each_kind_of_change_is_named() {
         "0: device cpu -> gpu"
     );
     let mut other = key();
-    other.agent = Seating::Agent(Part::new("ddpg", 1, json!({}))).into();
+    other.agent = Actors::Agent(Part::new("ddpg", 1, json!({}))).into();
     assert_eq!(one(&other), "0: agent plugin dirichlet_sac -> ddpg");
     other.environment = Part::new("particles", 1, json!({})).into();
     assert_eq!(one(&other), "0: nothing like it is stored");

@@ -1,7 +1,7 @@
 //! The hyper-parameters of the Dirichlet soft actor-critic, each with the source of its default.
 
 use crate::shared::scaling::ObservationScaling;
-use contract::{Preset, Product, product::Networks};
+use contract::{Artifact, Preset, artifact::Networks};
 use numerics::dirichlet::entropy;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -84,7 +84,7 @@ pub struct Config {
     /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial.
     /// Optimisers and replay are new.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub start: Option<Product<Networks>>,
+    pub start: Option<Artifact<Networks>>,
 }
 
 /// What the networks know of the assets.

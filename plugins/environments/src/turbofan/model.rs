@@ -9,7 +9,7 @@ use super::sensors::Correction;
 use super::solver::{Held, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
-use contract::{Channel, Error, Product, Rng, product::Policy};
+use contract::{Artifact, Channel, Error, Rng, artifact::Policy};
 use rand_distr::{Distribution, StandardNormal};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub enum Model {
     #[default]
     Engine,
     /// A network that was fitted to it: what `network_regression` leaves after `turbofan_samples`.
-    Surrogate(Product<Policy>),
+    Surrogate(Artifact<Policy>),
 }
 
 /// How a model is wrong: its outputs are multiplied (thesis, table 2.4).

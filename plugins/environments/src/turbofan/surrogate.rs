@@ -10,7 +10,7 @@
 use super::model::FlightCondition;
 use super::sensors::Correction;
 use crate::policy_network::{FILE, Header, PolicyNetwork};
-use contract::{Channel, Error, Product, product::Policy};
+use contract::{Artifact, Channel, Error, artifact::Policy};
 use std::path::Path;
 
 /// The fitted network.
@@ -36,7 +36,7 @@ impl Surrogate {
     /// [`Error::Source`] outside a trial, [`Error::File`] where the file is not there and [`Error::Config`] where it
     /// is no such network or one of other inputs.
     pub(super) fn read(
-        product: &Product<Policy>,
+        product: &Artifact<Policy>,
         health: &[&str],
         sensors: &[String],
     ) -> Result<Self, Error> {

@@ -1,7 +1,7 @@
 //! What a study may say of the `uav_fleet` environment.
 
 use crate::{battery::Ageing, flight_planning::mission::Mission};
-use contract::{Error, Preset, Product, product};
+use contract::{Artifact, Error, Preset, artifact};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -37,7 +37,7 @@ pub enum Allocator {
     #[default]
     WaterFilling,
     /// A policy that a trial learned in `battery` with four cells; it sees voltages, currents and the demand.
-    Policy(Product<product::Policy>),
+    Policy(Artifact<artifact::Policy>),
 }
 
 /// What the planning module flies.
@@ -48,7 +48,7 @@ pub enum Planner {
     #[default]
     Optimum,
     /// The plan that a search in `flight_planning` chose for the same mission.
-    Found(Product<product::Choice>),
+    Found(Artifact<artifact::Choice>),
 }
 
 /// Settings of the `uav_fleet` environment.

@@ -12,7 +12,7 @@ use burn::{
     module::Module,
     tensor::{Tensor, TensorData},
 };
-use contract::{Error, Product, product};
+use contract::{Artifact, Error, artifact};
 use numerics::network::{device, values};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ const ROWS: usize = 100;
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Sight {
     /// The classifier that a trial with the agent `image_classifier` left.
-    Classifier(Product<product::Policy>),
+    Classifier(Artifact<artifact::Policy>),
     /// Inception-v3 as pytorch-fid uses it, with the weights of a safetensors file: the network of published scores.
     /// Its bits differ between processors.
     InceptionV3(ImageFile),
@@ -54,7 +54,7 @@ impl Sight {
     }
 }
 
-fn classifier(product: &Product<product::Policy>) -> Result<(FeatureNetwork, Form), Error> {
+fn classifier(product: &Artifact<artifact::Policy>) -> Result<(FeatureNetwork, Form), Error> {
     FeatureNetwork::read(product.folder()?).map_err(|error| {
         let problem = format!("`{}` left no classifier of images: {error}", product.source());
         Error::config("sight.classifier", problem)

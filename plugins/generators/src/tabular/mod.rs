@@ -21,8 +21,8 @@ use crate::{
     search_space::{CellOptions, N_CELLS, choices, effective},
 };
 use contract::{
-    Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Product, Registry, Rng, Seat, Space, Step,
-    choice, product,
+    Artifact, Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Registry, Rng, Seat, Space,
+    Step, artifact, choice,
 };
 use numerics::gaussian::standard_normal;
 use rand::Rng as _;
@@ -56,7 +56,7 @@ pub enum Landscape {
     /// As those that searches with `generator_search` tried.
     Measured {
         /// What searches left, which is joined.
-        datasets: Vec<Product<product::Dataset>>,
+        datasets: Vec<Artifact<artifact::Dataset>>,
     },
     /// As effects of options and of pairs of options that are drawn.
     Drawn {
@@ -219,7 +219,7 @@ fn identity(landscape: &Landscape) -> Result<String, Error> {
         Landscape::Measured { datasets } => {
             let folders = datasets
                 .iter()
-                .map(Product::folder)
+                .map(Artifact::folder)
                 .collect::<Result<Vec<_>, _>>()?;
             Ok(format!("measured {folders:?}"))
         }

@@ -25,7 +25,7 @@ mod worth;
 
 use candidates::{Candidate, Candidates, Following, Nobody};
 use contract::{
-    Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, ProductKind, Protocol,
+    ArtifactKind, Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, Protocol,
     Registry, Rng, Transition,
     dataset::{Dataset, DatasetWriter, Episode},
     design::Designs,
@@ -131,12 +131,12 @@ impl Protocol for Search {
         }
     }
 
-    fn leaves(&self) -> Vec<ProductKind> {
+    fn leaves(&self) -> Vec<ArtifactKind> {
         vec![
-            ProductKind::Dataset,
-            ProductKind::Choice,
-            ProductKind::Graph,
-            ProductKind::Images,
+            ArtifactKind::Dataset,
+            ArtifactKind::Choice,
+            ArtifactKind::Graph,
+            ArtifactKind::Images,
         ]
     }
 

@@ -3,7 +3,7 @@
 use super::*;
 use contract::{
     Action, Agent, AgentTraits, Better, Channel, Choice, NoKeeper, Observation, Recorder, Seat, Space, Step,
-    Transition, cast::Seating, choice, design::FILE, part::Part, trial::TrialKey,
+    Transition, cast::Actors, choice, design::FILE, part::Part, trial::TrialKey,
 };
 use serde_json::json;
 
@@ -127,7 +127,7 @@ fn key(noise: f64, protocol: Value) -> TrialKey {
     let protocol = serde_json::to_value(serde_json::from_value::<Search>(protocol).unwrap()).unwrap();
     TrialKey {
         environment: Part::new("digits", 1, json!({ "noise": noise })).into(),
-        agent: Seating::Agent(Part::new("draws", 1, json!({ "noise": 0.0 }))).into(),
+        agent: Actors::Agent(Part::new("draws", 1, json!({ "noise": 0.0 }))).into(),
         protocol: Part::new("search", 1, protocol).into(),
         seed: 5,
         numerics: 1,

@@ -180,8 +180,8 @@ impl Ledger {
             let found = found.unwrap_or_else(|| panic!("{id} had ended and is missing"));
             assert_eq!((found.state, &found.digest), (end.state, &end.digest), "{id}");
             assert!(
-                !quietly(|| store.has_damaged_product(&id)),
-                "{id} left a product that is damaged"
+                !quietly(|| store.has_damaged_artifact(&id)),
+                "{id} left an artifact that is damaged"
             );
         }
         let paused = self.lock().paused.clone();

@@ -4,7 +4,7 @@ use super::ledger::Ledger;
 use crate::world::{fs, process};
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Metric, Mode,
-    Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, product,
+    Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, artifact,
 };
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -60,7 +60,7 @@ impl Environment for Throw {
 #[serde(deny_unknown_fields, default)]
 struct TallyConfig {
     /// Where it goes on from.
-    from: Option<product::Product<product::Policy>>,
+    from: Option<artifact::Artifact<artifact::Policy>>,
     /// Whether its learning fails in the end.
     fails: bool,
     /// Whether it leaves nothing, so that its trial can be packed.
@@ -99,7 +99,7 @@ impl Tally {
 
     fn new(config: TallyConfig) -> Result<Self, Error> {
         let began_with = match &config.from {
-            Some(product) => number(&product.folder()?.join(Self::POLICY))?,
+            Some(artifact) => number(&artifact.folder()?.join(Self::POLICY))?,
             None => 0.0,
         };
         Ok(Self {

@@ -12,7 +12,7 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{Claim, Leases, Manifest, NotTaken, Parcel, Store, read_bytes, write_durably},
+    store::{Bundle, BundleError, Claim, Leases, Manifest, Store, read_bytes, write_durably},
     world::{clock, fs},
 };
 use contract::{
@@ -48,7 +48,7 @@ impl Output {
     }
 
     /// Says how a trial ended, with what it left.
-    fn say_with(&self, word: &FromHost, id: &str, files: Option<&Parcel>) -> io::Result<()> {
+    fn say_with(&self, word: &FromHost, id: &str, files: Option<&Bundle>) -> io::Result<()> {
         let mut output = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         say(&mut *output, word)?;
         if let Some(files) = files {
@@ -173,7 +173,7 @@ impl Relay {
         let outcome = self.store.take_in(trial, files);
         self.leases.release(trial)?;
         outcome.map(drop).map_err(|error| match error {
-            NotTaken::Here(error) => error,
+            BundleError::Here(error) => error,
             damaged => broken(damaged),
         })
     }
@@ -241,7 +241,7 @@ impl Relay {
             Err(error) => FromHost::Refused(error.to_string()),
         };
         let files = if has_ended {
-            self.store.parcel(id)
+            self.store.bundle(id)
         } else {
             Ok(None)
         };

@@ -11,7 +11,7 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{Manifest, NotTaken, Store},
+    store::{BundleError, Manifest, Store},
 };
 use contract::Error;
 use document::input_file;
@@ -124,7 +124,7 @@ impl<'a> Remote<'a> {
             other => return Err(unexpected(other)),
         }
         // What is not there makes the trial unready, which the host says.
-        let Some(files) = self.store.parcel(source).ok().flatten() else {
+        let Some(files) = self.store.bundle(source).ok().flatten() else {
             return Ok(());
         };
         self.send(&ToHost::Trial(Manifest::of(source, &files)))?;
@@ -188,10 +188,10 @@ impl<'a> Remote<'a> {
     fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
         let taken = self.store.take_in(id, files).map(drop);
         taken.map_err(|error| match error {
-            NotTaken::Damaged(problem) => {
+            BundleError::Damaged(problem) => {
                 Trouble::There(format!("what arrived is not what was acknowledged: {problem}"))
             }
-            NotTaken::Here(error) => Trouble::Here(error),
+            BundleError::Here(error) => Trouble::Here(error),
         })
     }
 

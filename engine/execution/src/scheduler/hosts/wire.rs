@@ -115,11 +115,11 @@ pub(super) fn broken(problem: impl ToString) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::Parcel;
+    use crate::store::Bundle;
 
     #[test]
     fn lines_and_files_arrive_in_their_order_and_other_lines_are_passed_over() {
-        let files: Parcel = vec![
+        let files: Bundle = vec![
             ("policy.safetensors".into(), b"\n{\"has\":true}\n".to_vec()),
             ("trial.json".into(), Vec::new()),
         ];

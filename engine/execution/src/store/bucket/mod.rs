@@ -23,7 +23,7 @@ mod service;
 
 pub(crate) use lease::BucketLeases;
 
-use super::{Announcement, Claim, Leases, NotTaken, Parcel, Store, index, parcel};
+use super::{Announcement, Bundle, BundleError, Claim, Leases, Store, bundle, index};
 use contract::{
     Error, digest,
     trial_end::{TrialEnd, is_missing},
@@ -74,7 +74,7 @@ impl Bucket {
         let Some(object) = found else {
             return Ok(Fetch::Nothing);
         };
-        let files = match parcel::from_bytes(id, &object.bytes) {
+        let files = match bundle::from_bytes(id, &object.bytes) {
             Ok(files) => files,
             Err(problem) => return Ok(Fetch::Damaged { object, problem }),
         };
@@ -86,8 +86,8 @@ impl Bucket {
             Ok(true) => Ok(Fetch::Taken),
             // A pause that is known here already.
             Ok(false) => Ok(Fetch::Nothing),
-            Err(NotTaken::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
-            Err(NotTaken::Here(error)) => Err(error),
+            Err(BundleError::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
+            Err(BundleError::Here(error)) => Err(error),
         }
     }
 
@@ -108,10 +108,10 @@ impl Bucket {
 
     /// Brings a trial of a store into the bucket; nothing where it has neither ended nor paused.
     pub(crate) fn bring(&self, store: &Store, id: &str) -> Result<(), Error> {
-        let Some(files) = store.parcel(id)? else {
+        let Some(files) = store.bundle(id)? else {
             return Ok(());
         };
-        let bytes = parcel::to_bytes(id, &files);
+        let bytes = bundle::to_bytes(id, &files);
         let put = self.objects.put(&key(id), &bytes, When::Always);
         put.map(drop)
             .map_err(|problem| self.error(&format!("bring trial {id} into"), problem))
@@ -150,9 +150,9 @@ fn key(id: &str) -> String {
     format!("trials/{id}")
 }
 
-/// How the trial of a parcel ended; `None` where that cannot be read.
-fn end_in(parcel: &Parcel) -> Option<TrialEnd> {
-    let (_, acknowledgement) = parcel.iter().find(|(name, _)| name == "trial.json")?;
+/// How the trial of a bundle ended; `None` where that cannot be read.
+fn end_in(bundle: &Bundle) -> Option<TrialEnd> {
+    let (_, acknowledgement) = bundle.iter().find(|(name, _)| name == "trial.json")?;
     Some(index::parse(acknowledgement).ok()?.end)
 }
 
@@ -242,7 +242,7 @@ fn objects_at(_: &str, _: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Obj
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::specimen::trial;
+    use crate::store::stub::trial;
     use contract::{Phase, Recorder, trial_end::EndState};
 
     /// A bucket and the stores of two machines that share it.
@@ -270,7 +270,7 @@ mod tests {
         let fetched = || two.fetch(ids()).unwrap().taken;
         assert_eq!((fetched(), fetched()), (1, 0));
         assert_eq!(two.end(&trial.id).unwrap().unwrap().state, EndState::Ok);
-        assert_eq!(two.parcel(&trial.id).unwrap(), one.parcel(&trial.id).unwrap());
+        assert_eq!(two.bundle(&trial.id).unwrap(), one.bundle(&trial.id).unwrap());
     }
 
     #[test]
@@ -285,7 +285,7 @@ mod tests {
         bytes[place] ^= 1;
         bucket.objects.put(&key, &bytes, When::Always).unwrap();
         // A trial beside it is fetched all the same.
-        let beside = crate::store::specimen::trial(4, 1);
+        let beside = crate::store::stub::trial(4, 1);
         one.finish(&beside, &Recorder::default(), 1.0).unwrap();
         one.bring([beside.id.as_str()]).unwrap();
         let ids = || [trial.id.as_str(), beside.id.as_str()];
@@ -294,7 +294,7 @@ mod tests {
         let named = format!("`s3://pretended/{key}` is damaged");
         assert!(fetched.damaged[0].starts_with(&named), "{:?}", fetched.damaged);
         assert!(
-            !fetched.damaged[0].contains("regimen-parcel"),
+            !fetched.damaged[0].contains("regimen-bundle"),
             "{:?}",
             fetched.damaged
         );

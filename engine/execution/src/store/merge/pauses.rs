@@ -1,7 +1,7 @@
 //! Trials that have paused, on their way into another store: what is taken of them, and what is held against it.
 
 use super::{
-    super::{Claim, Imprint, Partial, Store, TrialFile},
+    super::{Claim, Fingerprint, Partial, Store, TrialFile},
     Fate, Merge, Side, first_of, look,
 };
 use contract::{Error, trial_end::EndState};
@@ -23,8 +23,8 @@ impl Merge<'_> {
             table: source.recorded(id, &file.end)?,
         };
         let conflict = || Fate::Conflict {
-            source: Imprint::of(file, source),
-            destination: Imprint::of(&here.file, self.into),
+            source: Fingerprint::of(file, source),
+            destination: Fingerprint::of(&here.file, self.into),
         };
         Ok((!here.begins(&there)).then(conflict))
     }
@@ -74,8 +74,8 @@ impl Merge<'_> {
             return Ok(Some(Fate::Same));
         }
         let conflict = || Fate::Conflict {
-            source: Imprint::of(&there.file, source),
-            destination: Imprint::of(&here.file, self.into),
+            source: Fingerprint::of(&there.file, source),
+            destination: Fingerprint::of(&here.file, self.into),
         };
         Ok((!here.begins(there)).then(conflict))
     }

@@ -66,13 +66,13 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::{pack::tests::Bench, specimen};
+    use crate::store::{pack::tests::Bench, stub};
 
     const EXPIRY: Duration = Duration::from_secs(30);
     const MANY: usize = 12;
 
     fn at_end(bench: &Bench, seeds: u64) -> Option<Packing> {
-        let trials: Vec<_> = (0..seeds).map(|seed| specimen::trial(4, seed)).collect();
+        let trials: Vec<_> = (0..seeds).map(|seed| stub::trial(4, seed)).collect();
         let ids = trials.iter().map(|trial| trial.id.as_str());
         bench.store.pack_at_end(ids, MANY, EXPIRY, &|| false).unwrap()
     }

@@ -3,12 +3,12 @@
 mod damage;
 
 use super::*;
-use crate::store::{Fault, Leases, Merge, Packing, specimen};
+use crate::store::{Fault, Leases, Merge, Packing, stub};
 use contract::{Phase, Recorder, trial::Trial, trial_result::TrialResult};
 use std::{fs, time::Duration};
 
 fn trial(seed: u64) -> Trial {
-    specimen::trial(4, seed)
+    stub::trial(4, seed)
 }
 
 /// A store.

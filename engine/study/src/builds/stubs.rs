@@ -1,5 +1,5 @@
 //! What cells would leave for others, made by agents as they begin: `check` builds from it what takes it, so
-//! that a product of the wrong kind or shape is refused before anything runs, by the code that will read the
+//! that an artifact of the wrong kind or shape is refused before anything runs, by the code that will read the
 //! real one.
 
 use super::Builder;
@@ -8,7 +8,7 @@ use crate::{
     taking,
 };
 use contract::{
-    Agent, Error, Interface, ProductKind, product::Taken, protocol::write_checkpoint_specimen, random,
+    Agent, ArtifactKind, Error, Interface, artifact::Taken, protocol::write_checkpoint_specimen, random,
 };
 use document::diagnostic::Diagnostic;
 use execution::world::fs;
@@ -18,15 +18,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Specimens by cell.
+/// Stubs by cell.
 #[derive(Debug, Default)]
-pub struct Specimens {
+pub struct Stubs {
     root: Option<tempfile::TempDir>,
     /// `None` where the cell's parts were refused.
     folders: BTreeMap<usize, Option<PathBuf>>,
 }
 
-impl Specimens {
+impl Stubs {
     fn new_folder(&mut self, cell: usize) -> std::io::Result<PathBuf> {
         if self.root.is_none() {
             self.root = Some(tempfile::Builder::new().prefix("regimen-check-").tempdir()?);
@@ -39,13 +39,13 @@ impl Specimens {
 }
 
 impl Builder<'_> {
-    /// Makes the specimens that a cell takes; false where one cannot be made, which is said elsewhere.
+    /// Makes the stubs that a cell takes; false where one cannot be made, which is said elsewhere.
     ///
     /// # Errors
     /// A cell that does not leave what is taken from it.
     pub(super) fn sources_are_there(&mut self, cell: &Cell) -> Result<bool, Box<Diagnostic>> {
         for source in cell.sources.iter() {
-            let Some(folder) = self.specimen(source.cell) else {
+            let Some(folder) = self.stub(source.cell) else {
                 return Ok(false);
             };
             if !source.kind.lies_in(&folder) {
@@ -56,8 +56,8 @@ impl Builder<'_> {
     }
 
     /// The folder with what a cell would leave; `None` where its parts are refused.
-    pub(super) fn specimen(&mut self, index: usize) -> Option<PathBuf> {
-        if let Some(known) = self.specimens.folders.get(&index) {
+    pub(super) fn stub(&mut self, index: usize) -> Option<PathBuf> {
+        if let Some(known) = self.stubs.folders.get(&index) {
             return known.clone();
         }
         // Every stretch of a schedule leaves the same things as its first one.
@@ -67,10 +67,10 @@ impl Builder<'_> {
             all.find(|other| self.cells.place(*other) == cell.place)
         });
         let made = match first.filter(|first| *first != index) {
-            Some(first) => self.specimen(first),
+            Some(first) => self.stub(first),
             None => self.make_specimen(index, &cell),
         };
-        self.specimens.folders.insert(index, made.clone());
+        self.stubs.folders.insert(index, made.clone());
         made
     }
 
@@ -83,27 +83,27 @@ impl Builder<'_> {
         let agent = self.agent(cell, &facts.interface).ok()?;
         let protocol = &self.sections.registry.protocols[cell.parts[2].part.plugin.as_str()];
         let protocol = (protocol.build)(&self.config(cell, 2).ok()?).ok()?;
-        let folder = self.specimens.new_folder(index).ok()?;
+        let folder = self.stubs.new_folder(index).ok()?;
         let trains_itself = self.entry(cell).is_some_and(|entry| entry.traits.trains_itself);
         if !cell.is_policy() && (agent.updates().is_some() || trains_itself) {
             agent.export(&folder).ok()?;
         }
-        if protocol.leaves().contains(&ProductKind::Checkpoint) {
+        if protocol.leaves().contains(&ArtifactKind::Checkpoint) {
             write_checkpoint_specimen(&folder, &*agent).ok()?;
         }
         protocol.write_specimen(&facts.interface, &folder).ok()?;
         Some(folder)
     }
 
-    /// The config of a part as it is built from: with what data files hold, and with specimens for products.
+    /// The config of a part as it is built from: with what data files hold, and with stubs for artifacts.
     pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<Value, Error> {
         let resolved = &cell.parts[part].part;
         let of_part = cell.sources.iter().filter(|source| source.part == part);
         let folders: BTreeMap<&Taken, &PathBuf> = of_part
             .filter_map(|source| {
                 Some((
-                    resolved.products.get(&source.pointer)?,
-                    self.specimens.folders.get(&source.cell)?.as_ref()?,
+                    resolved.artifacts.get(&source.pointer)?,
+                    self.stubs.folders.get(&source.cell)?.as_ref()?,
                 ))
             })
             .collect();
@@ -111,13 +111,13 @@ impl Builder<'_> {
             let found = folders.get(taken).map(|folder| (*folder).clone());
             found.ok_or_else(|| Error::Source {
                 trial: taken.trial.clone(),
-                problem: "no specimen of it was made".into(),
+                problem: "no stub of it was made".into(),
             })
         };
         Ok(resolved.loaded(&find)?.into_owned())
     }
 
-    /// The agent whose policy a cell measures, with the specimen of the policy taken up.
+    /// The agent whose policy a cell measures, with the stub of the policy taken up.
     pub(super) fn policy(
         &mut self,
         cell: &Cell,
@@ -156,7 +156,7 @@ impl Builder<'_> {
             .config(&trained, 1)
             .and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
         let mut agent = built.map_err(|error| unusable(self, source, error.to_string()))?;
-        let folder = self.specimen(source.cell).unwrap_or_default();
+        let folder = self.stub(source.cell).unwrap_or_default();
         match agent.import(&folder) {
             Ok(true) => Ok(agent),
             Ok(false) => Err(unusable(
@@ -170,10 +170,10 @@ impl Builder<'_> {
 
     fn leaves_another(&self, cell: &Cell, source: &Source, folder: &Path) -> Diagnostic {
         let name = taking::name(self.sections, self.cells.place(source.cell));
-        let left: Vec<&str> = ProductKind::ALL
+        let left: Vec<&str> = ArtifactKind::ALL
             .into_iter()
             .filter(|kind| kind.lies_in(folder))
-            .map(ProductKind::name)
+            .map(ArtifactKind::name)
             .collect();
         let left = if left.is_empty() {
             "nothing for others".into()
@@ -181,13 +181,13 @@ impl Builder<'_> {
             left.join(" and ")
         };
         let help = match source.kind {
-            ProductKind::Policy | ProductKind::Networks => "take it from an entry whose agent learns",
-            ProductKind::Checkpoint => "give the protocol of that trial `leave_checkpoint: true`",
-            ProductKind::Dataset => {
+            ArtifactKind::Policy | ArtifactKind::Networks => "take it from an entry whose agent learns",
+            ArtifactKind::Checkpoint => "give the protocol of that trial `leave_checkpoint: true`",
+            ArtifactKind::Dataset => {
                 "take it from an entry of `prepare` whose protocol gathers one, as `gather` does"
             }
-            ProductKind::Choice => "take it from an entry that searches",
-            ProductKind::Graph | ProductKind::Images => {
+            ArtifactKind::Choice => "take it from an entry that searches",
+            ArtifactKind::Graph | ArtifactKind::Images => {
                 "take it from an entry whose protocol leaves drawings"
             }
         };

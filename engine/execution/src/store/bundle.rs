@@ -15,7 +15,7 @@ use std::{
 };
 
 /// Files of an ended trial by their names inside its folder, the acknowledgement last.
-pub(crate) type Parcel = Vec<(String, Vec<u8>)>;
+pub(crate) type Bundle = Vec<(String, Vec<u8>)>;
 
 /// The acknowledgement.
 const LAST: &str = "trial.json";
@@ -25,13 +25,13 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::Damaged`] for a file that is not what was acknowledged.
-    pub(crate) fn parcel(&self, id: &str) -> Result<Option<Parcel>, Error> {
+    pub(crate) fn bundle(&self, id: &str) -> Result<Option<Bundle>, Error> {
         let Some(file) = self.sound(id)?.filter(|file| !is_missing(Some(&file.end))) else {
             let paused = self.partial_bytes(id)?;
             return Ok(paused.map(|(bytes, _)| vec![(partial::NAME.to_owned(), bytes)]));
         };
         let folder = self.folder(id);
-        let mut parcel = Parcel::new();
+        let mut bundle = Bundle::new();
         for (name, digest) in acknowledged_files(&file) {
             let bytes = match read_in(&folder, &name)? {
                 None if name == "metrics.parquet" => self.metrics_in_pack(id, &digest)?,
@@ -39,36 +39,36 @@ impl Store {
             };
             let bytes = bytes.filter(|bytes| hash(bytes) == digest);
             let changed = || damaged(&folder.join(&name), "it changed while it was read");
-            parcel.push((name.clone(), bytes.ok_or_else(changed)?));
+            bundle.push((name.clone(), bytes.ok_or_else(changed)?));
         }
         if file.end.state != EndState::Ok
             && let Some((bytes, _)) = self.partial_bytes(id)?
         {
-            parcel.push((partial::NAME.to_owned(), bytes));
+            bundle.push((partial::NAME.to_owned(), bytes));
         }
         let acknowledgement = self.acknowledged(id)?.map(|(text, _)| text);
         Ok(acknowledgement.map(|text| {
-            parcel.push((LAST.to_owned(), text));
-            parcel
+            bundle.push((LAST.to_owned(), text));
+            bundle
         }))
     }
 
-    /// Takes in what [`parcel`](Self::parcel) gave on another machine; false where a pause is known here already.
+    /// Takes in what [`bundle`](Self::bundle) gave on another machine; false where a pause is known here already.
     /// The caller holds the trial's lease.
     ///
     /// # Errors
-    /// [`NotTaken`].
-    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<bool, NotTaken> {
-        let made = tempfile::Builder::new().prefix("regimen-parcel-").tempdir();
+    /// [`BundleError`].
+    pub(crate) fn take_in(&self, id: &str, bundle: &[(String, Vec<u8>)]) -> Result<bool, BundleError> {
+        let made = tempfile::Builder::new().prefix("regimen-bundle-").tempdir();
         let dir = made.map_err(Error::file("make a folder in", &std::env::temp_dir()))?;
-        let unpacked = self.unpack(id, parcel, dir.path());
-        unpacked.map_err(|error| NotTaken::of(error, dir.path()))
+        let unpacked = self.unpack(id, bundle, dir.path());
+        unpacked.map_err(|error| BundleError::of(error, dir.path()))
     }
 
-    fn unpack(&self, id: &str, parcel: &[(String, Vec<u8>)], dir: &Path) -> Result<bool, Error> {
+    fn unpack(&self, id: &str, bundle: &[(String, Vec<u8>)], dir: &Path) -> Result<bool, Error> {
         let arrived = Self::at(dir);
         let folder = arrived.folder(id);
-        for (name, bytes) in parcel {
+        for (name, bytes) in bundle {
             let path = folder.join(name);
             if !fs::is_inside(Path::new(name)) {
                 return Err(damaged(&path, "a file of a trial lies in the trial's folder"));
@@ -87,9 +87,9 @@ impl Store {
     }
 }
 
-/// Why a parcel was not taken in.
+/// Why a bundle was not taken in.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum NotTaken {
+pub(crate) enum BundleError {
     /// It is not what was acknowledged on the other machine, for this reason.
     #[error("it is not what was acknowledged: {0}")]
     Damaged(String),
@@ -98,8 +98,8 @@ pub(crate) enum NotTaken {
     Here(#[from] Error),
 }
 
-impl NotTaken {
-    /// An error that is about the unpacked files is about the parcel: those are gone when it is told.
+impl BundleError {
+    /// An error that is about the unpacked files is about the bundle: those are gone when it is told.
     fn of(error: Error, unpacked: &Path) -> Self {
         match error {
             Error::Damaged { path, problem } if path.starts_with(unpacked) => {
@@ -125,16 +125,16 @@ pub(crate) struct Manifest {
 
 impl Manifest {
     /// The files of a trial.
-    pub(crate) fn of(trial: &str, parcel: &[(String, Vec<u8>)]) -> Self {
+    pub(crate) fn of(trial: &str, bundle: &[(String, Vec<u8>)]) -> Self {
         let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
         Self {
             trial: trial.to_owned(),
-            files: parcel.iter().map(length).collect(),
+            files: bundle.iter().map(length).collect(),
         }
     }
 
     /// Reads the files that follow.
-    pub(crate) fn read(&self, input: &mut impl Read) -> io::Result<Parcel> {
+    pub(crate) fn read(&self, input: &mut impl Read) -> io::Result<Bundle> {
         let file = |(name, length): &(String, u64)| Ok((name.clone(), read_bytes(input, *length)?));
         self.files.iter().map(file).collect()
     }
@@ -157,28 +157,28 @@ pub(crate) fn read_bytes(input: &mut impl Read, length: u64) -> io::Result<Vec<u
     }
 }
 
-/// A parcel as one object: a line of JSON, and the bytes of the files.
-pub(super) fn to_bytes(id: &str, parcel: &[(String, Vec<u8>)]) -> Vec<u8> {
+/// A bundle as one object: a line of JSON, and the bytes of the files.
+pub(super) fn to_bytes(id: &str, bundle: &[(String, Vec<u8>)]) -> Vec<u8> {
     // Names and numbers are JSON.
-    let mut bytes = serde_json::to_vec(&Manifest::of(id, parcel)).expect("a manifest is JSON");
+    let mut bytes = serde_json::to_vec(&Manifest::of(id, bundle)).expect("a manifest is JSON");
     bytes.push(b'\n');
-    parcel.iter().for_each(|(_, file)| bytes.extend(file));
+    bundle.iter().for_each(|(_, file)| bytes.extend(file));
     bytes
 }
 
 /// What [`to_bytes`] made of the trial `id`; why not, where it is something else.
-pub(super) fn from_bytes(id: &str, mut bytes: &[u8]) -> Result<Parcel, String> {
+pub(super) fn from_bytes(id: &str, mut bytes: &[u8]) -> Result<Bundle, String> {
     let mut line = Vec::new();
     // Reading from memory does not fail.
     let _ = bytes.read_until(b'\n', &mut line);
     let manifest: Option<Manifest> = serde_json::from_slice(&line).ok();
     let manifest = manifest.filter(|manifest| manifest.trial == id);
     let manifest = manifest.ok_or("what lies there is not this trial")?;
-    let parcel = manifest
+    let bundle = manifest
         .read(&mut bytes)
         .map_err(|error| format!("the trial is not whole there: {error}"))?;
     if bytes.is_empty() {
-        Ok(parcel)
+        Ok(bundle)
     } else {
         Err("more lies there than the trial".into())
     }
@@ -194,17 +194,17 @@ fn damaged(path: &Path, problem: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::specimen::trial;
+    use crate::store::stub::trial;
     use contract::{Phase, Recorder, trial_end::EndState};
 
     /// A store with a trial that has ended, and what it left.
-    fn left(store: &Store) -> (String, Parcel) {
+    fn left(store: &Store) -> (String, Bundle) {
         let trial = trial(4, 0);
         let mut record = Recorder::default();
         record.add(Phase::Final, 10, 0, 0, "return", 3.5);
         store.finish(&trial, &record, 1.0).unwrap();
-        let parcel = store.parcel(&trial.id).unwrap().unwrap();
-        (trial.id, parcel)
+        let bundle = store.bundle(&trial.id).unwrap().unwrap();
+        (trial.id, bundle)
     }
 
     fn stores() -> (tempfile::TempDir, Store, Store) {
@@ -216,44 +216,44 @@ mod tests {
     #[test]
     fn a_trial_arrives_with_the_bytes_that_it_had() {
         let (_dir, here, there) = stores();
-        let (id, parcel) = left(&there);
-        let names: Vec<&str> = parcel.iter().map(|(name, _)| name.as_str()).collect();
+        let (id, bundle) = left(&there);
+        let names: Vec<&str> = bundle.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["metrics.parquet", "trial.json"]);
-        assert!(here.parcel(&id).unwrap().is_none());
-        here.take_in(&id, &parcel).unwrap();
+        assert!(here.bundle(&id).unwrap().is_none());
+        here.take_in(&id, &bundle).unwrap();
         assert_eq!(here.end(&id).unwrap().unwrap().state, EndState::Ok);
-        assert_eq!(here.parcel(&id).unwrap().unwrap(), parcel);
+        assert_eq!(here.bundle(&id).unwrap().unwrap(), bundle);
     }
 
     #[test]
     fn what_is_not_as_it_was_acknowledged_is_not_taken_in() {
         let (_dir, here, there) = stores();
-        let (id, parcel) = left(&there);
-        let changed = |change: fn(&mut Parcel)| {
-            let mut parcel = parcel.clone();
-            change(&mut parcel);
-            here.take_in(&id, &parcel).unwrap_err()
+        let (id, bundle) = left(&there);
+        let changed = |change: fn(&mut Bundle)| {
+            let mut bundle = bundle.clone();
+            change(&mut bundle);
+            here.take_in(&id, &bundle).unwrap_err()
         };
         let wrong = [
-            changed(|parcel| parcel[0].1[0] ^= 1),
-            changed(|parcel| drop(parcel.remove(0))),
-            changed(|parcel| drop(parcel.pop())),
-            changed(|parcel| parcel[0].0 = "../metrics.parquet".into()),
+            changed(|bundle| bundle[0].1[0] ^= 1),
+            changed(|bundle| drop(bundle.remove(0))),
+            changed(|bundle| drop(bundle.pop())),
+            changed(|bundle| bundle[0].0 = "../metrics.parquet".into()),
         ];
         for error in wrong {
-            assert!(matches!(error, NotTaken::Damaged(_)), "{error}");
+            assert!(matches!(error, BundleError::Damaged(_)), "{error}");
         }
         // Of another trial, under this one's name.
-        assert!(here.take_in("00000000000000000000000000000000", &parcel).is_err());
+        assert!(here.take_in("00000000000000000000000000000000", &bundle).is_err());
         assert!(here.end(&id).unwrap().is_none());
     }
 
     #[test]
     fn a_parcel_is_read_back_from_one_object_or_refused() {
         let (_dir, _, there) = stores();
-        let (id, parcel) = left(&there);
-        let bytes = to_bytes(&id, &parcel);
-        assert_eq!(from_bytes(&id, &bytes).unwrap(), parcel);
+        let (id, bundle) = left(&there);
+        let bytes = to_bytes(&id, &bundle);
+        assert_eq!(from_bytes(&id, &bytes).unwrap(), bundle);
         assert!(
             from_bytes("of another", &bytes)
                 .unwrap_err()

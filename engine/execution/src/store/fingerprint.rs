@@ -7,12 +7,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// How a trial ended, the digests of what it left, and who computed it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Imprint {
+pub struct Fingerprint {
     /// How it ended.
     pub state: EndState,
     /// Digest of the values in the metrics file; empty where there is none.
     pub digest: String,
-    /// Digests of its products by path inside the trial's folder: of tables of their values, of others of their
+    /// Digests of its artifacts by path inside the trial's folder: of tables of their values, of others of their
     /// bytes.
     pub files: BTreeMap<String, String>,
     /// The source code of the program that computed it, where it said.
@@ -27,7 +27,7 @@ pub struct Imprint {
 /// One thing that two copies of a trial do not share.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// `state`, `metrics.parquet` or the path of a product.
+    /// `state`, `metrics.parquet` or the path of an artifact.
     pub what: String,
     /// What the first copy has; empty where it has none.
     pub first: String,
@@ -35,8 +35,8 @@ pub struct Difference {
     pub second: String,
 }
 
-impl Imprint {
-    /// The imprint of an acknowledgement in a store.
+impl Fingerprint {
+    /// The fingerprint of an acknowledgement in a store.
     #[must_use]
     pub fn of(file: &TrialFile, store: &Store) -> Self {
         let (mut digest, mut files) = (file.end.digest.clone(), file.files.clone());
@@ -100,8 +100,8 @@ impl Imprint {
 mod tests {
     use super::*;
 
-    fn imprint(digest: &str, files: &[(&str, &str)]) -> Imprint {
-        Imprint {
+    fn fingerprint(digest: &str, files: &[(&str, &str)]) -> Fingerprint {
+        Fingerprint {
             state: EndState::Ok,
             digest: digest.into(),
             files: files
@@ -116,14 +116,14 @@ mod tests {
 
     #[test]
     fn builds_and_dates_are_no_difference_and_every_digest_is() {
-        let one = imprint("aa", &[("policy.safetensors", "01")]);
-        let later = Imprint {
+        let one = fingerprint("aa", &[("policy.safetensors", "01")]);
+        let later = Fingerprint {
             build: Build::told("0123456789ab", "true"),
             ended_at: Some("2026-01-01T00:00:00Z".into()),
             ..one.clone()
         };
         assert_eq!(one.differences(&later), []);
-        let other = imprint("bb", &[("policy.safetensors", "02"), ("graph.json", "03")]);
+        let other = fingerprint("bb", &[("policy.safetensors", "02"), ("graph.json", "03")]);
         let found = one.differences(&other);
         let words: Vec<(&str, &str, &str)> = found
             .iter()

@@ -1,7 +1,7 @@
 //! A trial for tests of the store.
 
 use contract::{
-    cast::Seating,
+    cast::Actors,
     part::Part,
     trial::{Trial, TrialCell, TrialKey},
 };
@@ -12,7 +12,7 @@ pub(super) fn trial(cells: u32, seed: u64) -> Trial {
     let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
     let key = TrialKey {
         environment: part("battery").into(),
-        agent: Seating::Agent(part("equal")).into(),
+        agent: Actors::Agent(part("equal")).into(),
         protocol: part("evaluate").into(),
         seed,
         numerics: 1,

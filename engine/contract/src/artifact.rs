@@ -1,9 +1,9 @@
-//! Products: what a trial leaves in its folder for other trials, and how a config names one.
+//! Artifacts: what a trial leaves in its folder for other trials, and how a config names one.
 //!
-//! A plugin declares a config value as a [`Product`]; a study writes `{ from: NAME }` there. The plan finds
+//! A plugin declares a config value as a [`Artifact`]; a study writes `{ from: NAME }` there. The plan finds
 //! the trial that leaves it and makes that trial's id part of the consumer's, in place of the name: what
-//! leads to a product, through any number of steps, is part of what it is. A trial is handed the folder of
-//! each product after its files were held against their acknowledged hashes.
+//! leads to an artifact, through any number of steps, is part of what it is. A trial is handed the folder of
+//! each artifact after its files were held against their acknowledged hashes.
 
 use crate::Error;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -18,7 +18,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The folder of a [`ProductKind::Checkpoint`] inside a trial's.
+/// The folder of a [`ArtifactKind::Checkpoint`] inside a trial's.
 pub const CHECKPOINT: &str = "checkpoint";
 /// What the protocol goes on from, in it.
 pub const CHECKPOINT_STATE: &str = "state.json";
@@ -40,7 +40,7 @@ pub const IMAGES_FILE: &str = "images.png";
 /// What a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum ProductKind {
+pub enum ArtifactKind {
     /// A policy: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
     /// agent that trains itself; `policy.saved` of a learner in Python.
     Policy,
@@ -59,7 +59,7 @@ pub enum ProductKind {
     Images,
 }
 
-impl ProductKind {
+impl ArtifactKind {
     /// Every kind.
     pub const ALL: [Self; 7] = [
         Self::Policy,
@@ -107,7 +107,7 @@ impl ProductKind {
         }
     }
 
-    /// True where a trial's folder holds such a product.
+    /// True where a trial's folder holds such an artifact.
     #[must_use]
     pub fn lies_in(self, folder: &Path) -> bool {
         let beside_or_below = |name: &str| {
@@ -128,7 +128,7 @@ impl ProductKind {
         }
     }
 
-    /// True for the path of a file of such a product inside a trial's folder.
+    /// True for the path of a file of such an artifact inside a trial's folder.
     #[must_use]
     pub fn has_file(self, path: &str) -> bool {
         let last = path.rsplit('/').next().unwrap_or_default();
@@ -148,7 +148,7 @@ impl ProductKind {
     }
 }
 
-/// True for a path that only a [`ProductKind::Checkpoint`] has.
+/// True for a path that only a [`ArtifactKind::Checkpoint`] has.
 fn is_of_checkpoint(path: &str) -> bool {
     path.strip_prefix(CHECKPOINT)
         .and_then(|rest| rest.strip_prefix('/'))
@@ -160,72 +160,72 @@ fn is_of_checkpoint(path: &str) -> bool {
         })
 }
 
-impl Display for ProductKind {
+impl Display for ArtifactKind {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         out.pad(self.name())
     }
 }
 
-/// A kind of product as a type, so that a config says which one it takes.
+/// A kind of artifact as a type, so that a config says which one it takes.
 pub trait Kind: 'static {
     /// The kind.
-    const KIND: ProductKind;
+    const KIND: ArtifactKind;
 }
 
-/// A [`ProductKind::Policy`].
+/// A [`ArtifactKind::Policy`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy;
-/// [`ProductKind::Networks`].
+/// [`ArtifactKind::Networks`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Networks;
-/// A [`ProductKind::Checkpoint`].
+/// A [`ArtifactKind::Checkpoint`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint;
-/// A [`ProductKind::Dataset`].
+/// A [`ArtifactKind::Dataset`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset;
-/// A [`ProductKind::Choice`].
+/// A [`ArtifactKind::Choice`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice;
 
 impl Kind for Policy {
-    const KIND: ProductKind = ProductKind::Policy;
+    const KIND: ArtifactKind = ArtifactKind::Policy;
 }
 
 impl Kind for Networks {
-    const KIND: ProductKind = ProductKind::Networks;
+    const KIND: ArtifactKind = ArtifactKind::Networks;
 }
 
 impl Kind for Checkpoint {
-    const KIND: ProductKind = ProductKind::Checkpoint;
+    const KIND: ArtifactKind = ArtifactKind::Checkpoint;
 }
 
 impl Kind for Dataset {
-    const KIND: ProductKind = ProductKind::Dataset;
+    const KIND: ArtifactKind = ArtifactKind::Dataset;
 }
 
 impl Kind for Choice {
-    const KIND: ProductKind = ProductKind::Choice;
+    const KIND: ArtifactKind = ArtifactKind::Choice;
 }
 
-/// Which trial a config takes a product from, by the names of a study.
+/// Which trial a config takes an artifact from, by the names of a study.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Reference {
     /// An entry of the section `prepare`, or an agent.
     pub from: String,
-    /// The environment that the agent was trained in; that of the trial which takes the product where absent.
+    /// The environment that the agent was trained in; that of the trial which takes the artifact where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<String>,
-    /// The seed whose product every seed takes; seed `k` takes that of seed `k` where absent.
+    /// The seed whose artifact every seed takes; seed `k` takes that of seed `k` where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
 }
 
-/// A product of another trial in a config: names in a study, a folder inside a trial.
+/// An artifact of another trial in a config: names in a study, a folder inside a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Form", into = "Form")]
 #[serde(bound = "K: Kind + Clone")]
-pub struct Product<K: Kind> {
+pub struct Artifact<K: Kind> {
     reference: Reference,
     folder: Option<PathBuf>,
     kind: PhantomData<fn() -> K>,
@@ -241,24 +241,24 @@ struct Form {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seed: Option<u64>,
     /// Written by the program, so that a complete config says what it takes.
-    #[serde(default)]
-    product: Option<ProductKind>,
+    #[serde(rename = "product", default)]
+    artifact: Option<ArtifactKind>,
     /// Written inside a trial.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     folder: Option<PathBuf>,
 }
 
-impl<K: Kind> Product<K> {
+impl<K: Kind> Artifact<K> {
     /// The name of its source in the study.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.reference.from
     }
 
-    /// The folder of the trial that left it, every file of the product checked.
+    /// The folder of the trial that left it, every file of the artifact checked.
     ///
     /// # Errors
-    /// [`Error::Source`] outside a trial, where no product is at hand.
+    /// [`Error::Source`] outside a trial, where no artifact is at hand.
     pub fn folder(&self) -> Result<&Path, Error> {
         self.folder.as_deref().ok_or_else(|| Error::Source {
             trial: format!("`{}`", self.reference.from),
@@ -267,7 +267,7 @@ impl<K: Kind> Product<K> {
     }
 }
 
-impl<K: Kind> TryFrom<Form> for Product<K> {
+impl<K: Kind> TryFrom<Form> for Artifact<K> {
     type Error = String;
 
     fn try_from(form: Form) -> Result<Self, String> {
@@ -275,10 +275,10 @@ impl<K: Kind> TryFrom<Form> for Product<K> {
             from,
             environment,
             seed,
-            product,
+            artifact,
             folder,
         } = form;
-        match product.filter(|kind| *kind != K::KIND) {
+        match artifact.filter(|kind| *kind != K::KIND) {
             Some(other) => Err(format!("a {} is taken here, no {other}", K::KIND)),
             None => Ok(Self {
                 reference: Reference {
@@ -293,25 +293,25 @@ impl<K: Kind> TryFrom<Form> for Product<K> {
     }
 }
 
-impl<K: Kind> From<Product<K>> for Form {
-    fn from(product: Product<K>) -> Self {
+impl<K: Kind> From<Artifact<K>> for Form {
+    fn from(artifact: Artifact<K>) -> Self {
         let Reference {
             from,
             environment,
             seed,
-        } = product.reference;
+        } = artifact.reference;
         // A folder is no part of a config: it differs from store to store.
         Self {
             from,
             environment,
             seed,
-            product: Some(K::KIND),
+            artifact: Some(K::KIND),
             folder: None,
         }
     }
 }
 
-impl<K: Kind> JsonSchema for Product<K> {
+impl<K: Kind> JsonSchema for Artifact<K> {
     fn inline_schema() -> bool {
         true
     }
@@ -325,9 +325,9 @@ impl<K: Kind> JsonSchema for Product<K> {
     }
 }
 
-/// Schema of a product of this kind, as a study writes it.
+/// Schema of an artifact of this kind, as a study writes it.
 #[must_use]
-pub fn reference_schema(kind: ProductKind) -> Schema {
+pub fn reference_schema(kind: ArtifactKind) -> Schema {
     json_schema!({
         "type": "object", "additionalProperties": false, "required": ["from"],
         "properties": {
@@ -340,46 +340,46 @@ pub fn reference_schema(kind: ProductKind) -> Schema {
             },
             "seed": {
                 "type": "integer", "minimum": 0,
-                "description": "The seed whose product every seed takes; seed k takes that of seed k where \
+                "description": "The seed whose artifact every seed takes; seed k takes that of seed k where \
                                 absent.",
             },
-            "product": { "enum": [kind.name()], "description": "The kind of product; need not be written." },
+            "product": { "enum": [kind.name()], "description": "The kind of artifact; need not be written." },
         },
     })
 }
 
-/// A trial's product that another trial takes.
+/// A trial's artifact that another trial takes.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Taken {
     /// Id of the trial that leaves it.
     pub trial: String,
     /// What is taken.
-    pub kind: ProductKind,
+    pub kind: ArtifactKind,
 }
 
-/// Finds the folder of a product that is there and whole.
-pub type FindProduct<'a> = &'a dyn Fn(&Taken) -> Result<PathBuf, Error>;
+/// Finds the folder of an artifact that is there and whole.
+pub type FindArtifact<'a> = &'a dyn Fn(&Taken) -> Result<PathBuf, Error>;
 
 /// For trials without a store: there is nothing to find.
 ///
 /// # Errors
 /// [`Error::Source`], always.
-pub fn no_product(taken: &Taken) -> Result<PathBuf, Error> {
+pub fn no_artifact(taken: &Taken) -> Result<PathBuf, Error> {
     Err(Error::Source {
         trial: taken.trial.clone(),
         problem: "there is no store to find it in".into(),
     })
 }
 
-/// The products that a complete config names, by JSON pointer.
+/// The artifacts that a complete config names, by JSON pointer.
 #[must_use]
-pub fn named_in(config: &Value) -> BTreeMap<String, (ProductKind, Reference)> {
+pub fn named_in(config: &Value) -> BTreeMap<String, (ArtifactKind, Reference)> {
     let mut found = BTreeMap::new();
     walk(config, "", &mut found);
     found
 }
 
-fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ProductKind, Reference)>) {
+fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ArtifactKind, Reference)>) {
     let mut into = |key: &str, item: &Value| {
         // Most of a config is numbers and words, which name nothing.
         if item.is_object() || item.is_array() {
@@ -400,9 +400,9 @@ fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ProductKind, Refe
     }
 }
 
-/// A product of a config that its plugin wrote: the plugin's type put the kind beside the names.
-fn as_reference(value: &Value) -> Option<(ProductKind, Reference)> {
-    let kind = ProductKind::deserialize(value.get("product")?).ok()?;
+/// An artifact of a config that its plugin wrote: the plugin's type put the kind beside the names.
+fn as_reference(value: &Value) -> Option<(ArtifactKind, Reference)> {
+    let kind = ArtifactKind::deserialize(value.get("product")?).ok()?;
     Some((kind, Reference::deserialize(value).ok()?))
 }
 
@@ -413,8 +413,8 @@ mod tests {
 
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     struct Config {
-        start: Option<Product<Networks>>,
-        sets: Vec<Product<Dataset>>,
+        start: Option<Artifact<Networks>>,
+        sets: Vec<Artifact<Dataset>>,
     }
 
     fn config(value: Value) -> Result<Config, String> {
@@ -438,11 +438,11 @@ mod tests {
         let expected = BTreeMap::from([
             (
                 "/sets/0".to_string(),
-                (ProductKind::Dataset, reference("rules", Some("pack"), None)),
+                (ArtifactKind::Dataset, reference("rules", Some("pack"), None)),
             ),
             (
                 "/start".to_string(),
-                (ProductKind::Networks, reference("fresh", None, Some(0))),
+                (ArtifactKind::Networks, reference("fresh", None, Some(0))),
             ),
         ]);
         assert_eq!(named_in(&complete), expected);
@@ -462,7 +462,7 @@ mod tests {
 
     #[test]
     fn files_belong_to_one_kind() {
-        let kinds = ProductKind::ALL;
+        let kinds = ArtifactKind::ALL;
         let paths = [
             "policy.safetensors",
             "policy.onnx",

@@ -2,25 +2,25 @@
 
 use super::{
     Store,
-    inside::{files_of, is_product, look, read_in},
+    inside::{files_of, is_artifact, look, read_in},
     sealed_folder::flush,
     write_durably,
 };
 use crate::world::fs;
-use contract::{Error, digest::of_bytes as hash, product::Taken, trial_end::EndState};
+use contract::{Error, artifact::Taken, digest::of_bytes as hash, trial_end::EndState};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
 impl Store {
-    /// The folder of a trial with the product that it left, each file of it held against the acknowledged
+    /// The folder of a trial with the artifact that it left, each file of it held against the acknowledged
     /// hash.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, left no such product, or left one that is damaged
+    /// [`Error::Source`] where the trial did not end `ok`, left no such artifact, or left one that is damaged
     /// now.
-    pub fn product(&self, taken: &Taken) -> Result<PathBuf, Error> {
+    pub fn artifact(&self, taken: &Taken) -> Result<PathBuf, Error> {
         let problem = || Error::Source {
             trial: taken.trial.clone(),
             problem: format!(
@@ -29,14 +29,14 @@ impl Store {
                 taken.kind
             ),
         };
-        self.product_if_left(taken)?.ok_or_else(problem)
+        self.artifact_if_left(taken)?.ok_or_else(problem)
     }
 
-    /// The same, and `None` where the trial left no such product.
+    /// The same, and `None` where the trial left no such artifact.
     ///
     /// # Errors
     /// [`Error::Source`] where the trial did not end `ok`, or left one that is damaged now.
-    pub fn product_if_left(&self, taken: &Taken) -> Result<Option<PathBuf>, Error> {
+    pub fn artifact_if_left(&self, taken: &Taken) -> Result<Option<PathBuf>, Error> {
         let Taken { trial: id, kind } = taken;
         let unusable = |problem: String| Error::Source {
             trial: id.into(),
@@ -64,13 +64,13 @@ impl Store {
         }
     }
 
-    /// Copies the files of a product whose paths begin with `below` into a folder, under the rest of their paths; what
+    /// Copies the files of an artifact whose paths begin with `below` into a folder, under the rest of their paths; what
     /// is written is what was held against the acknowledged hashes.
     ///
     /// # Errors
-    /// [`Error::Source`] as for [`product`](Self::product), [`Error::File`] where the folder cannot be written.
-    pub fn copy_product(&self, taken: &Taken, below: &str, to: &Path) -> Result<(), Error> {
-        let from = self.product(taken)?;
+    /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] where the folder cannot be written.
+    pub fn copy_artifact(&self, taken: &Taken, below: &str, to: &Path) -> Result<(), Error> {
+        let from = self.artifact(taken)?;
         let file = self.file(&taken.trial)?;
         for (name, digest) in file.iter().flat_map(|file| &file.files) {
             let Some(inside) = name.strip_prefix(below).filter(|_| taken.kind.has_file(name)) else {
@@ -91,7 +91,7 @@ impl Store {
 
     /// True where a trial left something for others and the files are not what was acknowledged.
     #[must_use]
-    pub fn has_damaged_product(&self, id: &str) -> bool {
+    pub fn has_damaged_artifact(&self, id: &str) -> bool {
         match self.file(id) {
             Ok(file) => file.is_some_and(|it| {
                 it.files
@@ -114,7 +114,7 @@ fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
 /// folders that hold it.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
-    for name in files_of(folder)?.into_iter().filter(|name| is_product(name)) {
+    for name in files_of(folder)?.into_iter().filter(|name| is_artifact(name)) {
         let path = folder.join(&name);
         if !look(&path)?.is_some_and(|data| data.is_file()) {
             continue;
@@ -137,15 +137,15 @@ pub(super) fn flush_within(trial: &Path, file: &Path) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::specimen;
-    use contract::{Phase, Recorder, product::ProductKind};
+    use crate::store::stub;
+    use contract::{Phase, Recorder, artifact::ArtifactKind};
     use std::fs;
 
     #[test]
     fn every_changed_bit_and_every_cut_of_a_policy_is_found_and_its_file_is_named() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::at(dir.path().join("store"));
-        let trial = specimen::trial(4, 0);
+        let trial = stub::trial(4, 0);
         let path = store.folder(&trial.id).join("policy.safetensors");
         let whole: Vec<u8> = (0..64).collect();
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -155,16 +155,16 @@ mod tests {
         store.finish(&trial, &record, 1.0).unwrap();
         let taken = Taken {
             trial: trial.id.clone(),
-            kind: ProductKind::Policy,
+            kind: ArtifactKind::Policy,
         };
-        store.product(&taken).unwrap();
+        store.artifact(&taken).unwrap();
         let to = dir.path().join("taken");
         let refused = |bytes: &[u8]| {
             fs::write(&path, bytes).unwrap();
-            assert!(store.has_damaged_product(&trial.id));
+            assert!(store.has_damaged_artifact(&trial.id));
             for error in [
-                store.product(&taken).unwrap_err(),
-                store.copy_product(&taken, "", &to).unwrap_err(),
+                store.artifact(&taken).unwrap_err(),
+                store.copy_artifact(&taken, "", &to).unwrap_err(),
             ] {
                 assert!(error.to_string().contains("`policy.safetensors`"), "{error}");
             }
