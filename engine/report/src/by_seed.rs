@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_missing_seed_leaves_a_gap_in_its_column() {
-        let page = sheet(&grid()).html();
+        let page = sheet(&grid()).html().into_string();
         assert_eq!(page.matches("<th scope=\"col\" class=\"value\">seed ").count(), 5);
         assert_eq!(page.matches("<td class=\"value\">–</td>").count(), 2);
         assert!(page.contains("four_cells, SAC &lt;1&gt;"), "{page}");

@@ -3,12 +3,13 @@
 
 use super::{
     Verdicts, answered, families, open,
-    page::{Extra, document_with},
+    page::{Extra, counted, document},
     passed::words,
     sheet::{Entry, NONE, Sheet},
 };
 use document::count::duration;
-use presentation::table::{escape_html as escape, prose, verdict_word};
+use maud::{Markup, html};
+use presentation::table::prose;
 
 const STYLE: &str = include_str!("index.css");
 
@@ -23,135 +24,114 @@ pub struct IndexEntry {
     pub drawings: Vec<String>,
 }
 
+const TITLE: &str = "Results of all studies";
+
 /// The page. `options` are those of the command line that all the studies were asked for with; `unread` are folders
 /// whose reports left nothing to read here.
 #[must_use]
 pub fn index(entries: &[IndexEntry], options: &[String], unread: &[String]) -> String {
-    let studies: String = entries.iter().map(study).collect();
-    let cost = format!(
-        "<section id=\"cost\">\n<h2>Cost by study</h2>\n{}</section>\n",
-        cost(entries).html()
-    );
-    let body = format!(
-        "{}{}{}{studies}{}{cost}",
-        header(entries, options, unread),
-        answers(entries),
-        by_family(entries),
-        still_open(entries)
-    );
+    let body = html! {
+        (header(entries, options, unread))
+        (answers(entries))
+        (by_family(entries))
+        @for entry in entries { (study(entry)) }
+        (still_open(entries))
+        section #cost {
+            h2 { "Cost by study" }
+            (cost(entries).html())
+        }
+    };
     let extra = Extra {
         style: STYLE.into(),
         ..Extra::default()
     };
-    document_with("Results of all studies", &body, &extra)
+    document(TITLE, &body, &extra)
 }
 
-fn header(entries: &[IndexEntry], options: &[String], unread: &[String]) -> String {
-    let all = || entries.iter().flat_map(|entry| &entry.verdicts.verdicts);
-    let time: f64 = entries
-        .iter()
-        .filter_map(|entry| entry.verdicts.trial_time_s)
-        .sum();
+fn header(entries: &[IndexEntry], options: &[String], unread: &[String]) -> Markup {
+    let all = entries.iter().flat_map(|entry| &entry.verdicts.verdicts);
+    let times = entries.iter().filter_map(|entry| entry.verdicts.trial_time_s);
     let trials: usize = entries.iter().filter_map(|entry| entry.verdicts.trials).sum();
-    let options = match options {
-        [] => String::new(),
-        options => format!(
-            "<p><strong>Computed with {}.</strong></p>\n",
-            escape(&options.join(", "))
-        ),
-    };
-    let unread = match unread {
-        [] => String::new(),
-        folders => format!(
-            "<p>Not shown, because their reports are older than this page: {}.</p>\n",
-            escape(&folders.join(", "))
-        ),
-    };
-    format!(
-        "<header>\n<h1>Results of all studies</h1>\n{options}<p>Verdicts are those of a \
-         family of studies, or of one study, taken together (Holm). Values and claims that are exploratory are counted \
-         apart.</p>\n{unread}<div class=\"summary\">\n<div><h2>Studies</h2><p>{}</p></div>\n{}<div><h2>Time</h2>\
-         <p>{} in {trials} trials</p></div>\n</div>\n</header>\n",
-        entries.len(),
-        counts(all()),
-        duration(time),
-    )
+    html! {
+        header {
+            h1 { (TITLE) }
+            @if !options.is_empty() { p { strong { "Computed with " (options.join(", ")) "." } } }
+            p {
+                "Verdicts are those of a family of studies, or of one study, taken together (Holm). Values and claims \
+                 that are exploratory are counted apart."
+            }
+            @if !unread.is_empty() {
+                p { "Not shown, because their reports are older than this page: " (unread.join(", ")) "." }
+            }
+            div.summary {
+                div { h2 { "Studies" } p { (entries.len()) } }
+                (counts(all))
+                div { h2 { "Time" } p { (duration(times.sum())) " in " (trials) " trials" } }
+            }
+        }
+    }
 }
 
-fn study(entry: &IndexEntry) -> String {
-    let Verdicts {
-        study,
-        title,
-        summary,
-        basis,
-        verdicts,
-        ..
-    } = &entry.verdicts;
-    let page = format!("{}/index.html", escape(&entry.folder));
-    let heading = if title.is_empty() { study } else { title };
-    let text = |text: &str, class: &str| format!("<p{class}>{}</p>\n", prose::html(text));
-    let sentence = summary
-        .as_deref()
-        .map_or(String::new(), |sentence| text(sentence, ""));
-    let counts = counts(verdicts.iter());
-    let counts = if counts.is_empty() {
-        counts
-    } else {
-        format!("<div class=\"summary\">\n{counts}</div>\n")
-    };
-    format!(
-        "<section class=\"study\" id=\"{}\">\n<h2><a href=\"{page}\">{}</a></h2>\n<p class=\"source\"><code>{}</code> \
-         · {}</p>\n{sentence}{}{counts}{}</section>\n",
-        escape(&entry.folder),
-        escape(heading),
-        escape(study),
-        took(&entry.verdicts),
-        text(basis, " class=\"quiet\""),
-        drawings(entry, &page)
-    )
+fn study(entry: &IndexEntry) -> Markup {
+    let it = &entry.verdicts;
+    let heading = if it.title.is_empty() { &it.study } else { &it.title };
+    let counts = counts(it.verdicts.iter());
+    html! {
+        section.study id=(entry.folder) {
+            h2 { a href=(page(entry)) { (heading) } }
+            p.source { code { (it.study) } " · " (took(it)) }
+            @if let Some(sentence) = &it.summary { p { (prose::html(sentence)) } }
+            p.quiet { (prose::html(&it.basis)) }
+            @if !counts.0.is_empty() { div.summary { (counts) } }
+            (drawings(entry))
+        }
+    }
+}
+
+/// The page of a study, seen from the index.
+fn page(entry: &IndexEntry) -> String {
+    format!("{}/index.html", entry.folder)
 }
 
 /// The answers, family by family; empty where no study has one.
-fn answers(entries: &[IndexEntry]) -> String {
-    let page = |entry: &IndexEntry| format!("{}/index.html", entry.folder);
-    let studies: Vec<(String, &Verdicts)> = entries
-        .iter()
-        .map(|entry| (page(entry), &entry.verdicts))
-        .collect();
-    let section = |(family, sheet): (String, Sheet)| {
-        let heading = if family.is_empty() { "Answers" } else { &family };
-        format!(
-            "<section>\n<h2>{}</h2>\n{}</section>\n",
-            escape(heading),
-            sheet.html()
-        )
-    };
-    answered::sheets(&studies).into_iter().map(section).collect()
+fn answers(entries: &[IndexEntry]) -> Markup {
+    let studies = entries.iter().map(|entry| (page(entry), &entry.verdicts));
+    let studies: Vec<(String, &Verdicts)> = studies.collect();
+    html! {
+        @for (family, sheet) in answered::sheets(&studies) {
+            section {
+                h2 { @if family.is_empty() { "Answers" } @else { (family) } }
+                (sheet.html())
+            }
+        }
+    }
 }
 
 /// The counts by family; empty where there is none.
-fn by_family(entries: &[IndexEntry]) -> String {
+fn by_family(entries: &[IndexEntry]) -> Markup {
     let studies: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
-    let sheet = families::sheet(&families::families(&studies));
-    sheet.map_or_else(String::new, |sheet| {
-        format!(
-            "<section id=\"families\">\n<h2>Counts by family</h2>\n{}</section>\n",
-            sheet.html()
-        )
-    })
+    html! {
+        @if let Some(sheet) = families::sheet(&families::families(&studies)) {
+            section #families {
+                h2 { "Counts by family" }
+                (sheet.html())
+            }
+        }
+    }
 }
 
 /// What is open in any of the studies; empty where nothing is.
-fn still_open(entries: &[IndexEntry]) -> String {
+fn still_open(entries: &[IndexEntry]) -> Markup {
     let studies = || entries.iter().map(|entry| &entry.verdicts);
-    let sheet = open::sheet(&open::still_open(studies()));
-    sheet.map_or_else(String::new, |sheet| {
-        format!(
-            "<section id=\"open\">\n<h2>What is open</h2>\n<p>{}</p>\n{}</section>\n",
-            escape(&open::Decided::of(studies()).in_words()),
-            sheet.html()
-        )
-    })
+    html! {
+        @if let Some(sheet) = open::sheet(&open::still_open(studies())) {
+            section #open {
+                h2 { "What is open" }
+                p { (open::Decided::of(studies()).in_words()) }
+                (sheet.html())
+            }
+        }
+    }
 }
 
 fn took(verdicts: &Verdicts) -> String {
@@ -162,44 +142,43 @@ fn took(verdicts: &Verdicts) -> String {
 }
 
 /// Lines of counted words: published values, claims, and what is exploratory; none of what does not occur.
-fn counts<'a>(passed: impl Iterator<Item = &'a super::Passed> + Clone) -> String {
+fn counts<'a>(passed: impl Iterator<Item = &'a super::Passed> + Clone) -> Markup {
     let is_claim = |it: &super::Passed| it.about.starts_with("claim ");
     let groups: [(&str, &dyn Fn(&super::Passed) -> bool); 3] = [
         ("Published values", &|it| !it.exploratory && !is_claim(it)),
         ("Claims", &|it| !it.exploratory && is_claim(it)),
         ("Exploratory", &|it| it.exploratory),
     ];
-    let group = |(what, belongs): (&str, &dyn Fn(&super::Passed) -> bool)| {
-        let chip = |word: &str| {
-            let n = passed
-                .clone()
-                .filter(|it| belongs(it) && it.in_all() == word)
-                .count();
-            (n > 0).then(|| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word)))
+    let groups = groups.map(|(what, belongs)| {
+        let number = |word| {
+            let having = passed.clone().filter(|it| belongs(it) && it.in_all() == word);
+            (word, having.count())
         };
-        let chips: String = words().into_iter().filter_map(chip).collect();
-        (!chips.is_empty()).then(|| format!("<div><h2>{what}</h2><ul>{chips}</ul></div>\n"))
-    };
-    groups.into_iter().filter_map(group).collect()
+        let mut words: Vec<(&str, usize)> = words().into_iter().map(number).collect();
+        words.retain(|(_, number)| *number > 0);
+        (what, words)
+    });
+    html! {
+        @for (what, words) in groups {
+            @if !words.is_empty() { (counted(what, &words)) }
+        }
+    }
 }
 
-/// The figures, small, each of which leads to its place on the study's page.
-fn drawings(entry: &IndexEntry, page: &str) -> String {
-    let drawing = |path: &String| {
-        let name = path.rsplit('/').next().unwrap_or(path).trim_end_matches(".svg");
-        format!(
-            "<a href=\"{page}#{0}\"><img loading=\"lazy\" src=\"{1}/{2}\" alt=\"Figure {0}; described on the page of \
-             the study\"></a>\n",
-            escape(name),
-            escape(&entry.folder),
-            escape(path)
-        )
-    };
-    let all: String = entry.drawings.iter().map(drawing).collect();
-    if all.is_empty() {
-        all
-    } else {
-        format!("<div class=\"drawings\">\n{all}</div>\n")
+/// The figures, small, each of which leads to its place on the study's page; empty where there is none.
+fn drawings(entry: &IndexEntry) -> Markup {
+    html! {
+        @if !entry.drawings.is_empty() {
+            div.drawings {
+                @for path in &entry.drawings {
+                    @let name = path.rsplit('/').next().unwrap_or(path).trim_end_matches(".svg");
+                    a href={ (page(entry)) "#" (name) } {
+                        img loading="lazy" src={ (entry.folder) "/" (path) }
+                            alt={ "Figure " (name) "; described on the page of the study" };
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -293,7 +272,7 @@ mod tests {
              class=\"word supported\">",
             "<a href=\"small/index.html#voltages\"><img loading=\"lazy\" src=\"small/figures/voltages.svg\"",
             "<code>small</code> · 12 s in 7 trials",
-            "<h2>What is open</h2>\n<p>3 of 4 values and claims that are judged are decided (75 %).</p>",
+            "<h2>What is open</h2><p>3 of 4 values and claims that are judged are decided (75 %).</p>",
             "<code>claim 2: a.x &gt; c.x</code></td><td class=\"value\">40</td><td class=\"value\">61 s</td>",
         ] {
             assert!(page.contains(part), "{part}\n{page}");

@@ -1,6 +1,7 @@
 //! What makes the learning curves of a page answer: their lines as data, and the scripts that plot them. All of it
 //! stands in the page, and the page says the same without it.
 
+use maud::{Markup, PreEscaped, html};
 use presentation::figure::{Chart, plot_data};
 use serde_json::Value;
 
@@ -20,17 +21,18 @@ impl Lines {
     }
 
     /// The element that holds them. No text in it can end it.
-    pub(super) fn element(&self) -> String {
+    pub(super) fn element(&self) -> Markup {
         let data = self.0.to_string().replace('<', "\\u003c");
-        format!("<script type=\"application/json\" class=\"lines\">{data}</script>\n")
+        html! { script.lines type="application/json" { (PreEscaped(data)) } }
     }
 }
 
 /// uPlot with its licence, and the page's own script.
-pub(super) fn script() -> String {
+pub(super) fn script() -> Markup {
     // The first line of the published file is a comment with an address; the name and the licence are said here.
     let uplot = UPLOT.split_once('\n').map_or(UPLOT, |(_, code)| code);
-    format!("<script>\n/* uPlot 1.6.32\n\n{LICENCE}\n*/\n{uplot}\n{OWN}</script>\n")
+    let code = format!("\n/* uPlot 1.6.32\n\n{LICENCE}\n*/\n{uplot}\n{OWN}");
+    html! { script { (PreEscaped(code)) } }
 }
 
 #[cfg(test)]
@@ -54,7 +56,7 @@ mod tests {
 
     #[test]
     fn no_script_ends_early_or_names_an_address() {
-        let script = script();
+        let script = script().into_string();
         assert_eq!(
             (
                 script.matches("<script").count(),
@@ -64,7 +66,7 @@ mod tests {
         );
         assert!(!script.contains("<!--") && !script.contains("http"));
         let lines = Lines(serde_json::json!({ "title": "</script><!--" }));
-        let element = lines.element();
+        let element = lines.element().into_string();
         assert_eq!(
             (
                 element.matches("</script").count(),

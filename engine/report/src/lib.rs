@@ -165,7 +165,7 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5
         table::markdown(grid),
         table::latex(grid, name),
         table::csv(grid)?,
-        page::document(&table::escape_html(name), &table::html(grid)),
+        page::document(name, &table::html(grid), &page::Extra::default()),
         by_seed::csv(grid)?,
     ];
     let paths = files::of_table(name).map(|file| dir.join(file));

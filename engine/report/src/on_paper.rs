@@ -1,6 +1,7 @@
 //! How a table comes to lie on a sheet of paper with all its columns: upright, on a turned sheet, or smaller. A
 //! style sheet cannot ask how wide a table is, so it is estimated from the texts.
 
+use maud::{Markup, html};
 use presentation::table::{Grid, Heading, Part, published_and_verdict};
 use unicode_width::UnicodeWidthStr;
 
@@ -91,21 +92,17 @@ impl OnPaper {
         }
     }
 
-    /// The class of the element around the table and its title, as an attribute.
-    pub(super) fn class(&self) -> &'static str {
-        if self.turned { " class=\"turned\"" } else { "" }
+    /// The class of the element around the table and its title.
+    pub(super) fn class(self) -> Option<&'static str> {
+        self.turned.then_some("turned")
     }
 
-    /// The start of the element that the table scrolls in.
-    pub(super) fn open(&self) -> String {
-        let tight = if self.tight { " tight" } else { "" };
-        if self.size < SIZE {
-            // Rounded down, so that it still fits.
-            let size = (self.size * 10.0).floor() / 10.0;
-            format!("<div class=\"wide{tight}\" style=\"--print-size: {size}pt\">")
-        } else {
-            format!("<div class=\"wide{tight}\">")
-        }
+    /// The table in the element that it scrolls in.
+    pub(super) fn around(self, table: &Markup) -> Markup {
+        // Rounded down, so that it still fits.
+        let size = (self.size * 10.0).floor() / 10.0;
+        let style = (self.size < SIZE).then(|| format!("--print-size: {size}pt"));
+        html! { div.wide.tight[self.tight] style=[style] { (table) } }
     }
 }
 
@@ -119,10 +116,11 @@ mod tests {
 
     #[test]
     fn tables_are_turned_before_they_are_made_smaller() {
+        let open = |paper: OnPaper| paper.around(&Markup::default()).into_string();
         let small = table(4, "11.62 [11.4, 11.8]");
         assert_eq!(
-            (small.class(), small.open().as_str()),
-            ("", "<div class=\"wide\">")
+            (small.class(), open(small).as_str()),
+            (None, "<div class=\"wide\"></div>")
         );
         let turned = table(6, "11.62 [11.4, 11.8]");
         assert_eq!((turned.turned, turned.size), (true, SIZE));
@@ -131,11 +129,7 @@ mod tests {
             !smaller.tight && (SMALL..SIZE).contains(&smaller.size),
             "{smaller:?}"
         );
-        assert!(
-            smaller
-                .open()
-                .starts_with("<div class=\"wide\" style=\"--print-size: ")
-        );
+        assert!(open(smaller).starts_with("<div class=\"wide\" style=\"--print-size: "));
         let tight = table(14, "11.62 [11.4, 11.8]");
         assert!(tight.tight && tight.size > SMALL, "{tight:?}");
         assert!(table(200, "11.62 [11.4, 11.8]").size < SMALL);

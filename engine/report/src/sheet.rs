@@ -2,7 +2,8 @@
 //! Markdown and the page.
 
 use super::on_paper::{Column, OnPaper};
-use presentation::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
+use maud::{Markup, html};
+use presentation::table::{escape_markdown, markdown_row, prose, verdict_word};
 
 /// What stands where there is nothing to write.
 pub(super) const NONE: &str = "–";
@@ -101,33 +102,28 @@ impl Sheet {
     }
 
     /// The sheet in HTML.
-    pub(super) fn html(&self) -> String {
-        let title = if self.title.is_empty() {
-            String::new()
-        } else {
-            format!("<h3>{}</h3>\n", prose::html(&self.title))
-        };
-        let notes: String = self
-            .notes
+    pub(super) fn html(&self) -> Markup {
+        let is_text = self
+            .rows
             .iter()
-            .map(|note| format!("<p>{}</p>\n", prose::html(note)))
-            .collect();
-        let notes = if notes.is_empty() {
-            notes
-        } else {
-            format!("<div class=\"notes\">\n{notes}</div>\n")
-        };
-        if self.is_text() {
-            let table = format!("<table class=\"text\">\n{}</table>\n", self.lines());
-            return format!("<article>\n{title}{table}{notes}</article>\n");
+            .flatten()
+            .any(|entry| entry.tone == Tone::Sentence);
+        let paper = (!is_text).then(|| OnPaper::of(&self.columns()));
+        let lines = self.lines(is_text);
+        html! {
+            article class=[paper.and_then(OnPaper::class)] {
+                @if !self.title.is_empty() { h3 { (prose::html(&self.title)) } }
+                @match paper {
+                    Some(paper) => (paper.around(&html! { table { (lines) } })),
+                    None => table.text { (lines) }
+                }
+                @if !self.notes.is_empty() {
+                    div.notes {
+                        @for note in &self.notes { p { (prose::html(note)) } }
+                    }
+                }
+            }
         }
-        let paper = OnPaper::of(&self.columns());
-        format!(
-            "<article{}>\n{title}{}\n<table>\n{}</table>\n</div>\n{notes}</article>\n",
-            paper.class(),
-            paper.open(),
-            self.lines()
-        )
     }
 
     fn columns(&self) -> Vec<Column> {
@@ -142,44 +138,32 @@ impl Sheet {
         self.head.iter().enumerate().map(column).collect()
     }
 
-    fn is_text(&self) -> bool {
-        self.rows
-            .iter()
-            .flatten()
-            .any(|entry| entry.tone == Tone::Sentence)
-    }
-
-    fn lines(&self) -> String {
-        let class = |column: usize| {
-            if column < self.words {
-                ""
-            } else {
-                " class=\"value\""
+    /// In a list (`is_text`) each entry stands behind its heading.
+    fn lines(&self, is_text: bool) -> Markup {
+        let class = |column: usize| (column >= self.words).then_some("value");
+        let heading = |column: usize| is_text.then(|| &self.head[column]);
+        html! {
+            thead {
+                tr {
+                    @for (column, cell) in self.head.iter().enumerate() {
+                        th scope="col" class=[class(column)] { (cell) }
+                    }
+                }
             }
-        };
-        let heading = |(column, cell): (usize, &String)| {
-            format!("<th scope=\"col\"{}>{}</th>", class(column), escape_html(cell))
-        };
-        let head: String = self.head.iter().enumerate().map(heading).collect();
-        // In a list each entry stands behind its heading.
-        let named = |column: usize| format!(" data-heading=\"{}\"", escape_html(&self.head[column]));
-        // Asked once: every entry of the sheet is looked at for it.
-        let is_text = self.is_text();
-        let name = |column: usize| {
-            if is_text { named(column) } else { String::new() }
-        };
-        let cell = |(column, entry): (usize, &Entry)| match column {
-            0 => format!("<th scope=\"row\"{}>{}</th>", name(0), entry.html()),
-            _ => format!("<td{}{}>{}</td>", class(column), name(column), entry.html()),
-        };
-        let row = |row: &Vec<Entry>| {
-            format!(
-                "<tr>{}</tr>\n",
-                row.iter().enumerate().map(cell).collect::<String>()
-            )
-        };
-        let rows: String = self.rows.iter().map(row).collect();
-        format!("<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n")
+            tbody {
+                @for row in &self.rows {
+                    tr {
+                        @for (column, entry) in row.iter().enumerate() {
+                            @if column == 0 {
+                                th scope="row" data-heading=[heading(0)] { (entry.html()) }
+                            } @else {
+                                td class=[class(column)] data-heading=[heading(column)] { (entry.html()) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -203,24 +187,23 @@ impl Entry {
         }
     }
 
-    fn html(&self) -> String {
-        let text = self.words_in_html();
+    fn html(&self) -> Markup {
         if self.link.is_empty() {
-            text
+            self.words_in_html()
         } else {
-            format!("<a href=\"{}\">{text}</a>", escape_html(&self.link))
+            html! { a href=(self.link) { (self.words_in_html()) } }
         }
     }
 
-    fn words_in_html(&self) -> String {
-        let text = escape_html(&self.text);
+    fn words_in_html(&self) -> Markup {
+        let text = &self.text;
         match self.tone {
-            Tone::Plain => prose::with_whole_numbers(&text),
-            Tone::Quiet => format!("<span class=\"quiet\">{text}</span>"),
-            Tone::Alarm => format!("<b class=\"problem\">{text}</b>"),
-            Tone::Code => format!("<code>{text}</code>"),
-            Tone::Verdict(word) => verdict_word(word, &self.text),
-            Tone::Sentence => prose::html(&self.text),
+            Tone::Plain => prose::with_whole_numbers(text),
+            Tone::Quiet => html! { span.quiet { (text) } },
+            Tone::Alarm => html! { b.problem { (text) } },
+            Tone::Code => html! { code { (text) } },
+            Tone::Verdict(word) => verdict_word(word, text),
+            Tone::Sentence => prose::html(text),
         }
     }
 }

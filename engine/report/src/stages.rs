@@ -2,9 +2,9 @@
 
 use super::sheet::{Entry, NONE, Sheet};
 use document::count::count;
-use presentation::table::escape_html as escape;
+use maud::{Markup, html};
 use serde::Serialize;
-use std::{collections::BTreeSet, fmt::Write};
+use std::collections::BTreeSet;
 
 /// An entry of a study: an agent, an entry of `prepare`, or a play.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -81,31 +81,30 @@ const MARGIN: usize = 6;
 
 /// The graph as a drawing: a box per entry, those that take behind those that leave; empty where no entry
 /// takes anything.
-pub(super) fn drawing(stages: &[Stage]) -> String {
-    let places = Places::of(stages);
-    if places.boxes.is_empty() {
-        return String::new();
+pub(super) fn drawing(stages: &[Stage]) -> Markup {
+    let Places { boxes, size } = Places::of(stages);
+    let (width, height) = size;
+    let from = |at: &Box<'_>, take: &Take| {
+        let is_there = |other: &&Box<'_>| other.stage.name == take.from && other.x != at.x;
+        boxes.iter().find(is_there)
+    };
+    html! {
+        @if !boxes.is_empty() {
+            svg.graph role="img" aria-label="What the trials of this study take from each other"
+                viewBox={ "0 0 " (width) " " (height) } style={ "max-width: " (width) "px" } {
+                defs {
+                    marker #tip viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto" {
+                        path.tip d="M0 0L8 4L0 8z" {}
+                    }
+                }
+                @for at in &boxes {
+                    @for from in at.stage.takes.iter().filter_map(|take| from(at, take)) { (arrow(from, at)) }
+                    (artifacts(at))
+                }
+                @for at in &boxes { (rectangle(at)) }
+            }
+        }
     }
-    let mut body = String::new();
-    for at in &places.boxes {
-        let from = |take: &Take| {
-            places
-                .boxes
-                .iter()
-                .find(|other| other.stage.name == take.from && other.x != at.x)
-        };
-        body.extend(at.stage.takes.iter().filter_map(from).map(|from| arrow(from, at)));
-        body += &artifacts(at);
-    }
-    body.extend(places.boxes.iter().map(rectangle));
-    let (width, height) = places.size;
-    format!(
-        "<svg class=\"graph\" role=\"img\" aria-label=\"What the trials of this study take from each other\" \
-         viewBox=\"0 0 {width} {height}\" style=\"max-width: {width}px\">\n<defs><marker id=\"tip\" \
-         viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" \
-         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"tip\" d=\"M0 0L8 4L0 \
-         8z\"/></marker></defs>\n{body}</svg>\n"
-    )
 }
 
 /// A stage and where its box stands.
@@ -155,45 +154,30 @@ impl<'a> Places<'a> {
     }
 }
 
-fn rectangle(at: &Box<'_>) -> String {
+fn rectangle(at: &Box<'_>) -> Markup {
     let Box { stage, x, y, width } = at;
-    let (middle, trials) = (x + width / 2, count(stage.trials, "trial"));
-    let mut out = String::new();
-    // Writing into a text cannot fail.
-    let _ = writeln!(
-        out,
-        "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{BOX_HEIGHT}\" rx=\"5\"/>"
-    );
-    let _ = writeln!(
-        out,
-        "<text x=\"{middle}\" y=\"{}\">{}</text>",
-        y + 17,
-        escape(&stage.name)
-    );
-    let _ = writeln!(
-        out,
-        "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials}</text>",
-        y + 32
-    );
-    out
+    let middle = x + width / 2;
+    html! {
+        rect x=(x) y=(y) width=(width) height=(BOX_HEIGHT) rx="5" {}
+        text x=(middle) y=(y + 17) { (stage.name) }
+        text.small x=(middle) y=(y + 32) { (count(stage.trials, "trial")) }
+    }
 }
 
 /// What an entry takes, in words above the tips of its arrows.
-fn artifacts(at: &Box<'_>) -> String {
+fn artifacts(at: &Box<'_>) -> Markup {
     let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.artifact.as_str()).collect();
     let words = words.into_iter().collect::<Vec<_>>().join(", ");
     let (x, y) = (at.x.saturating_sub(12), at.y + BOX_HEIGHT / 2 - 6);
-    format!(
-        "<text class=\"small end\" x=\"{x}\" y=\"{y}\">{}</text>\n",
-        escape(&words)
-    )
+    html! { text.small.end x=(x) y=(y) { (words) } }
 }
 
-fn arrow(from: &Box<'_>, to: &Box<'_>) -> String {
+fn arrow(from: &Box<'_>, to: &Box<'_>) -> Markup {
     let (x1, y1) = (from.x + from.width, from.y + BOX_HEIGHT / 2);
     let (x2, y2) = (to.x - 2, to.y + BOX_HEIGHT / 2);
     let middle = x1.midpoint(x2);
-    format!("<path d=\"M{x1} {y1}C{middle} {y1} {middle} {y2} {x2} {y2}\" marker-end=\"url(#tip)\"/>\n")
+    let curve = format!("M{x1} {y1}C{middle} {y1} {middle} {y2} {x2} {y2}");
+    html! { path d=(curve) marker-end="url(#tip)" {} }
 }
 
 #[cfg(test)]
@@ -235,7 +219,7 @@ mod tests {
             (text.len(), text[0][1], text[3][1]),
             (4, NONE, "dataset of gathered, dataset of rules")
         );
-        assert!(super::sheet(&stages()[..1]).is_none() && drawing(&stages()[..2]).is_empty());
+        assert!(super::sheet(&stages()[..1]).is_none() && drawing(&stages()[..2]).0.is_empty());
     }
 
     #[test]
@@ -248,7 +232,7 @@ mod tests {
                 && at("gathered").x > at("half").x + at("half").width
         );
         assert!(at("half").y >= at("rules").y + BOX_HEIGHT);
-        let svg = drawing(&stages);
+        let svg = drawing(&stages).into_string();
         assert_eq!(
             (svg.matches("<rect").count(), svg.matches("marker-end").count()),
             (4, 3),

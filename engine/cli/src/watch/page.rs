@@ -2,10 +2,9 @@
 
 use super::{Panel, SeedLine, StudyView, View, in_words, short::shortened};
 use contract::{Better, Error};
-use presentation::{
-    figure::{self, Chart, Point, Scale, Series, Shape, Style},
-    table::escape_html,
-};
+use document::plain_text::printable;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use presentation::figure::{self, Chart, Point, Scale, Series, Shape, Style};
 
 /// Columns of a name in the legend.
 const NAME: usize = 60;
@@ -21,94 +20,87 @@ tabular-nums}progress{width:12rem}p.at,td.by{color:#666}p.note{color:#a00}svg{ma
 /// # Errors
 /// [`Error::Render`] where a drawing is refused.
 pub fn page(view: &View, refresh_s: Option<u64>) -> Result<String, Error> {
-    let refresh = refresh_s.map_or_else(String::new, |seconds| {
-        format!("<meta http-equiv=\"refresh\" content=\"{seconds}\">\n")
-    });
     let names: Vec<&str> = view.studies.iter().map(|study| study.name.as_str()).collect();
-    let title = escape_html(&names.join(", "));
-    let mut body = String::new();
-    for study in &view.studies {
-        body += &section(view, study)?;
-    }
-    Ok(format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width, initial-scale=1\">\n{refresh}<title>{title}</title>\n<style>{STYLE}</style>\n\
-         </head>\n<body>\n<h1>{title}</h1>\n<p class=\"at\">Seen at {}.</p>\n{body}</body>\n</html>\n",
-        escape_html(&view.at)
-    ))
+    let title = names.join(", ");
+    let sections = view.studies.iter().map(|study| section(view, study));
+    let sections: Vec<Markup> = sections.collect::<Result<_, _>>()?;
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                @if let Some(seconds) = refresh_s { meta http-equiv="refresh" content=(seconds); }
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                h1 { (title) }
+                p.at { "Seen at " (view.at) "." }
+                @for section in &sections { (section) }
+            }
+        }
+        "\n"
+    };
+    Ok(printable(&page.0).into_owned())
 }
 
-fn section(view: &View, study: &StudyView) -> Result<String, Error> {
-    let name = escape_html(&study.name);
-    let mut text = format!(
-        "<section>\n<h2>{name}</h2>\n<p><progress value=\"{}\" max=\"{}\"></progress> {} of {} trials: {}</p>\n",
-        study.done(),
-        study.trials.max(1),
-        study.done(),
-        study.trials,
-        escape_html(&study.summary())
-    );
-    for note in &study.notes {
-        text += &format!("<p class=\"note\">{}</p>\n", escape_html(note));
-    }
-    text += &best(view, study);
-    text += &running(study, view.metrics.first().map_or("", String::as_str));
+fn section(view: &View, study: &StudyView) -> Result<Markup, Error> {
+    let mut drawings = Vec::new();
     for metric in &view.metrics {
-        let panels: Vec<&Panel> = study
-            .panels
-            .iter()
-            .filter(|panel| panel.bounds(metric).is_some())
-            .collect();
+        let has_metric = |panel: &&Panel| panel.bounds(metric).is_some();
+        let panels: Vec<&Panel> = study.panels.iter().filter(has_metric).collect();
         if !panels.is_empty() {
-            let chart = chart(view, &panels, metric);
-            text += &format!("<h3>{}</h3>\n{}\n", escape_html(metric), figure::svg(&chart)?);
+            drawings.push((metric, figure::svg(&chart(view, &panels, metric))?));
         }
     }
-    Ok(text + "</section>\n")
+    let (done, trials) = (study.done(), study.trials);
+    Ok(html! {
+        section {
+            h2 { (study.name) }
+            p {
+                progress value=(done) max=(trials.max(1)) {}
+                " " (done) " of " (trials) " trials: " (study.summary())
+            }
+            @for note in &study.notes { p.note { (note) } }
+            @for panel in &study.panels { (best(view, panel)) }
+            (running(study, view.metrics.first().map_or("", String::as_str)))
+            @for (metric, drawing) in &drawings {
+                h3 { (metric) }
+                (PreEscaped(drawing))
+            }
+        }
+    })
 }
 
-/// The best of each panel so far in the first metric that it has.
-fn best(view: &View, study: &StudyView) -> String {
-    let of_panel = |panel: &Panel| {
-        let of_metric = |metric: &'_ String| Some((metric.clone(), view.best(panel, metric)?));
-        let (metric, best) = view.metrics.iter().find_map(of_metric)?;
-        Some(format!(
-            "<p>Best so far in {}: <b>{}</b>, {} {}</p>\n",
-            escape_html(&panel.title()),
-            escape_html(best.name),
-            escape_html(&metric),
-            best.in_words()
-        ))
-    };
-    study.panels.iter().filter_map(of_panel).collect()
+/// The best of a panel so far in the first metric that it has; empty where it has none.
+fn best(view: &View, panel: &Panel) -> Markup {
+    let mut metrics = view.metrics.iter();
+    let best = metrics.find_map(|metric| Some((metric, view.best(panel, metric)?)));
+    html! {
+        @if let Some((metric, best)) = best {
+            p { "Best so far in " (panel.title()) ": " b { (best.name) } ", " (metric) " " (best.in_words()) }
+        }
+    }
 }
 
 /// The running trials as a table with the last value of a metric; empty where none runs.
-fn running(study: &StudyView, metric: &str) -> String {
-    if study.running.is_empty() {
-        return String::new();
+fn running(study: &StudyView, metric: &str) -> Markup {
+    html! {
+        @if !study.running.is_empty() {
+            table {
+                @for it in &study.running {
+                    tr {
+                        th scope="row" { (it.title) }
+                        td { @if let Some(part) = it.part() { progress value=(format!("{part:.3}")) {} } }
+                        td.n { (it.step) " of " (it.steps) " steps" }
+                        td.n { @if let Some(value) = it.values.get(metric) { (metric) " " (in_words(*value)) } }
+                        td.by { (it.by) }
+                    }
+                }
+            }
+        }
     }
-    let row = |it: &super::RunningView| {
-        let bar = it.part().map_or_else(String::new, |part| {
-            format!("<progress value=\"{part:.3}\"></progress>")
-        });
-        let value = it.values.get(metric);
-        let value = value.map_or_else(String::new, |value| {
-            format!("{} {}", escape_html(metric), in_words(*value))
-        });
-        format!(
-            "<tr><th scope=\"row\">{}</th><td>{bar}</td><td class=\"n\">{} of {} steps</td><td class=\"n\">{value}</td>\
-             <td class=\"by\">{}</td></tr>\n",
-            escape_html(&it.title),
-            it.step,
-            it.steps,
-            escape_html(&it.by)
-        )
-    };
-    format!(
-        "<table>\n{}</table>\n",
-        study.running.iter().map(row).collect::<String>()
-    )
 }
 
 /// A panel for each environment and search, with a line for each seed in the colour of its agent.

@@ -33,7 +33,7 @@ pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
 pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
-pub use html::{escape as escape_html, html, published_and_verdict, word as verdict_word};
+pub use html::{html, published_and_verdict, word as verdict_word};
 pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use metrics::Metrics;

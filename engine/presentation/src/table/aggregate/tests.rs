@@ -130,7 +130,11 @@ fn every_renderer_writes_it() {
     let grid = crate::table::build(&table, &results()).unwrap();
     insta::assert_snapshot!("aggregate_markdown", markdown(&grid));
     insta::assert_snapshot!("aggregate_csv", csv(&grid).unwrap());
-    for text in [latex(&grid, "suite"), html(&grid), terminal(&grid, 300)] {
+    for text in [
+        latex(&grid, "suite"),
+        html(&grid).into_string(),
+        terminal(&grid, 300),
+    ] {
         assert!(
             text.contains("weak (0 by construction)") && text.contains("better than middling"),
             "{text}"

@@ -156,7 +156,7 @@ fn every_renderer_writes_it_with_published_values_beside() {
     insta::assert_snapshot!("cross_play_latex", latex(&grid, "table-4.2"));
     for text in [
         csv(&grid).unwrap(),
-        html(&grid),
+        html(&grid).into_string(),
         crate::table::terminal(&grid, 200),
     ] {
         assert!(text.contains("0.967") && text.contains(MEAN), "{text}");
