@@ -15,7 +15,7 @@
 //! Departures from the paper
 //! - Softmax output, since actions are shares; the noise is added to its logits so that actions stay on the
 //!   simplex.
-//! - Independent Gaussian noise in the place of an Ornstein-Uhlenbeck process: a decision here has no
+//! - Independent Gaussian noise instead of an Ornstein-Uhlenbeck process: a decision here has no
 //!   inertia, and rows of a batch stay independent of each other.
 //! - Networks as the thesis has them for all its agents (three hidden layers, leaky rectifiers, no batch
 //!   normalisation, the action enters at the first layer), initialised after He et al.; the policy's last
@@ -126,7 +126,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Deep deterministic policy gradient on a simplex.
 #[derive(Debug, Clone)]
 pub struct Ddpg {
     config: Config,
@@ -143,7 +143,7 @@ pub struct Ddpg {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "deep deterministic policy gradient with a softmax output";
-    // Off the policy: a replay buffer does not ask who decided.
+    // Off-policy: the replay buffer takes decisions of any policy.
     let datasets = UseOfDatasets::Also;
     let traits = AgentTraits {
         learns: true,
@@ -162,7 +162,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Ddpg::new(config, interface, rng)?))
 }
 
-/// What [`Ddpg::learn`] records.
+/// Metrics that [`Ddpg::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of the critic").lower_is_better(),
@@ -262,7 +262,7 @@ impl Ddpg {
     /// Eq. 6: the policy ascends the critic through its action.
     fn update_policy(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let action = softmax(self.policy.network().forward(batch.observations.clone()), 1);
-        // A plain critic: the gradient passes through it to the action, and none of its own is computed.
+        // An untracked critic: the gradient passes through it to the action alone.
         let loss = value(&self.critic.network().valid(), &batch.observations, action)
             .mean()
             .neg();

@@ -1,5 +1,5 @@
 //! Agents: algorithms, rules, reference controllers and measurements, one module each, readable beside its
-//! paper. What is no agent lies in [`shared`].
+//! paper. Components that agents share lie in [`shared`].
 //!
 //! To add one, write a module with a config, an [`contract::Agent`] and a `register`, and one line in
 //! [`register`].
@@ -133,7 +133,7 @@ mod tests {
         }
     }
 
-    /// So that the list above is what can be used, and nothing among it is no agent.
+    /// Holds the list above to the modules: every module is an agent of its name, except the shared ones.
     #[test]
     fn every_module_beside_the_shared_ones_is_an_agent_of_its_name() {
         let registry = registry();

@@ -88,8 +88,7 @@ fn critics_see_shares_or_centred_ones() {
                 .0,
         )[0]
     };
-    // Both agents draw the same critics, so that the scaled shares given as they are must have the same
-    // value.
+    // Both agents have the same critics, so that scaled shares passed to the plain one have the same value.
     assert_eq!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, -1.0]));
     assert_ne!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, 0.0]));
 }

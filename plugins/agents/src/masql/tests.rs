@@ -1,7 +1,7 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::{coordination as game, joint::Sight};
+use crate::shared::{coordination as game, joint::ObservationScope};
 use contract::random::stream;
 use numerics::network::Activation;
 
@@ -75,7 +75,7 @@ fn sums_of_exponentials_do_not_overflow() {
 fn scores_agree_with_finite_differences() {
     let (agent, batch) = trained(Config {
         activation: Activation::Tanh,
-        sight: Sight::Joint,
+        sight: ObservationScope::Joint,
         ..tiny()
     });
     let actions = vec![0.3f32, -0.6, 0.9, 0.1];

@@ -29,7 +29,7 @@ fn agent(config: Config) -> SoftActorCritic {
     SoftActorCritic::new(config, &regulator::interface(), &mut stream(&["sac"])).unwrap()
 }
 
-/// An agent after some updates, and some of what it saw.
+/// An agent after some updates, and a batch of its transitions.
 fn trained(config: Config) -> (SoftActorCritic, Batch) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
@@ -38,7 +38,7 @@ fn trained(config: Config) -> (SoftActorCritic, Batch) {
     (agent, batch)
 }
 
-/// Small and smooth, so that differences are close to slopes.
+/// Config of a small and smooth network, whose finite differences are close to its slopes.
 fn smooth() -> Config {
     Config {
         width: 5,
