@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn it_repeats_what_was_done_and_not_what_earned_most() {
+    fn it_imitates_actions_and_not_the_best_rewards() {
         let mut rng = stream(&["clone"]);
         // The rewards favour the opposite of the actions in the dataset.
         let data = decisions(500, &mut rng, noisy, |x, action| {
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn it_repeats_what_was_done_in_a_box() {
+    fn it_imitates_actions_in_a_box() {
         let mut rng = stream(&["clone in a box"]);
         let act = |x: f64, rng: &mut Rng| vec![0.8 * x + rng.random_range(-0.1..0.1)];
         let data = decisions(500, &mut rng, act, |_, _| 0.0);
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared_and_what_it_exports_acts() {
+    fn recorded_metrics_are_declared_and_the_exported_policy_acts() {
         bandit::assert_declared(agent(&bandit::interface()).as_mut(), &metrics());
         bandit::assert_exports(agent(&bandit::interface()).as_mut());
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());

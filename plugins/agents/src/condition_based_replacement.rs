@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let refused = |values, choices: &[&str]| agent(values, choices).err().unwrap().to_string();
         assert!(refused(json!({ "interval": 0 }), &CHOICES).contains("`interval`"));
         assert!(

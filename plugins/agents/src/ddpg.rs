@@ -46,7 +46,7 @@ use contract::{
 use numerics::{
     gaussian::standard_normal,
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
@@ -132,8 +132,8 @@ pub struct Ddpg {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
-    policy: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_critic: Mlp,
     replay: Replay,
@@ -199,11 +199,11 @@ impl Ddpg {
         Ok(Self {
             target_policy: policy.valid(),
             target_critic: critic.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),
@@ -430,12 +430,12 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         bandit::assert_declared(&mut agent(tiny()), &metrics());
     }
 
     #[test]
-    fn the_exported_policy_acts_as_the_agent_is_scored() {
+    fn the_exported_policy_takes_the_evaluation_actions() {
         bandit::assert_exports(&mut agent(tiny()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
     }

@@ -347,7 +347,7 @@ mod tests {
 
     /// The mean value of random designs is 2.83, that of the best design is 6.
     #[test]
-    fn it_learns_to_design_and_exploits_what_it_learned() {
+    fn it_learns_to_design_and_then_exploits() {
         for (seed, preset) in [("one", true), ("two", false)] {
             let mut agent = agent(
                 Config {
@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_named_is_not_seen() {
+    fn channels_that_are_not_named_are_hidden() {
         let blind = Config {
             sees: vec!["ste".into()],
             ..quick()

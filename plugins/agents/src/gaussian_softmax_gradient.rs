@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn the_deviation_is_the_one_asked_for() {
+    fn the_deviation_is_that_of_the_config() {
         let mean = [(1.0f64 / 3.0).ln(); 3];
         let sd = matching_sd(&mean, 0.05);
         assert!(check_deviation(&mean, 0.05).is_ok() && check_deviation(&mean, 0.6).is_err());

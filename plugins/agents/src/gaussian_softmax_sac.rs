@@ -45,7 +45,7 @@ use numerics::{
     gaussian_head::{self, mean_and_log_sd},
     gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample},
     network::{Activation, Mlp, TwinMlp, device, matrix, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
@@ -149,8 +149,8 @@ pub struct GaussianSoftmaxSac {
     scaling: Scaling,
     shares: Vec<String>,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     log_temperature: f64,
     temperature_adam: ScalarAdam,
@@ -234,8 +234,8 @@ impl GaussianSoftmaxSac {
         Ok(Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_shares as f64)),
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
@@ -473,12 +473,12 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         bandit::assert_declared(&mut agent(tiny()), &metrics());
     }
 
     #[test]
-    fn the_exported_policy_acts_as_the_agent_is_scored() {
+    fn the_exported_policy_takes_the_evaluation_actions() {
         bandit::assert_exports(&mut agent(tiny()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
     }

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_search_chose_is_made_by_its_rank() {
+    fn the_choice_of_a_search_is_made_by_its_rank() {
         let folder = tempfile::tempdir().unwrap();
         let Some(contract::Space::Choices(choices)) = interface().seats.pop().map(|seat| seat.action) else {
             unreachable!()

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         assert!(agent(0, 1).err().unwrap().to_string().contains("`interval`"));
         assert!(agent(1, 0).err().unwrap().to_string().contains("`components`"));
         let refused = |choices: &[&str], channels: &[&str]| {

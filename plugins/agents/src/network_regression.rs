@@ -33,7 +33,7 @@ use contract::{
 };
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
@@ -98,7 +98,7 @@ pub struct NetworkRegression {
     inputs: Scaling,
     targets: Scaling,
     actions: Vec<Channel>,
-    network: Trained<Mlp>,
+    network: TrainedNetwork<Mlp>,
     n_updates: u64,
     /// Stored examples, inputs before targets.
     memory: Ring,
@@ -160,7 +160,7 @@ impl NetworkRegression {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
             actions: actions.clone(),
-            network: Trained::new(network, adam),
+            network: TrainedNetwork::new(network, adam),
             places,
             config,
             n_updates: 0,
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let message = |config: Config, interface: &Interface| {
             let built = NetworkRegression::new(config, interface, &mut stream(&["x"]));
             built.unwrap_err().to_string()

@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
+    fn it_finds_the_best_design_and_makes_it_in_evaluation() {
         let (mut agent, mut rng) = (agent(6), contract::random::stream(&["evolution"]));
         let values = search(&mut *agent, 80, &mut rng);
         assert!(values.contains(&BEST));
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_die_whatever_they_were_worth() {
+    fn the_oldest_designs_die_for_any_value() {
         let config = Config {
             population: 2,
             tournament: 2,

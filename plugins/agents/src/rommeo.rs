@@ -105,7 +105,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
-/// What the agent records.
+/// Metrics of the agent.
 fn metrics() -> Vec<Metric> {
     let prior = Metric::new("prior_loss", "", "loss of the priors, mean over the seats").lower_is_better();
     [shared_metrics(), vec![prior]].concat()
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn the_prior_learns_what_was_done() {
+    fn the_prior_learns_the_stored_actions() {
         let mut learner = trials::learner(Config {
             settings: Settings {
                 learning_rate: 0.01,
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
 }

@@ -49,7 +49,7 @@ use contract::{
 use numerics::{
     gaussian::standard_normal,
     network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     tensor_file::TensorFile,
 };
@@ -127,7 +127,7 @@ impl contract::Config for Config {}
 pub struct Td3Bc {
     config: Config,
     actor: DatasetActor,
-    critics: Trained<TwinMlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_policy: Mlp,
     target_critics: TwinMlp,
     /// Number of updates of the critics.
@@ -205,7 +205,7 @@ impl Td3Bc {
         Ok(Self {
             target_policy: actor.network.network().valid(),
             target_critics: critics.valid(),
-            critics: Trained::new(critics, Adam::new(config.critic_learning_rate, gradient_clip)),
+            critics: TrainedNetwork::new(critics, Adam::new(config.critic_learning_rate, gradient_clip)),
             config,
             actor,
             n_updates: 0,
@@ -432,7 +432,7 @@ mod tests {
     }
 
     /// Shares drawn uniformly from the simplex.
-    fn anything(_: f64, rng: &mut Rng) -> Vec<f64> {
+    fn random_shares(_: f64, rng: &mut Rng) -> Vec<f64> {
         let draws: Vec<f64> = (0..3).map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
         draws
             .iter()
@@ -451,7 +451,7 @@ mod tests {
     fn batch_of(agent: &Td3Bc, n: usize) -> Batch {
         agent
             .actor
-            .batch(&decisions(n, &mut stream(&["batch"]), anything, reward))
+            .batch(&decisions(n, &mut stream(&["batch"]), random_shares, reward))
     }
 
     #[test]
@@ -562,7 +562,7 @@ mod tests {
             },
             &bandit::interface(),
         );
-        let data = decisions(8, &mut stream(&["delay"]), anything, reward);
+        let data = decisions(8, &mut stream(&["delay"]), random_shares, reward);
         let learn = |agent: &mut Td3Bc| {
             let before = (
                 parameters(agent.actor.network.network()),
@@ -587,9 +587,9 @@ mod tests {
     }
 
     #[test]
-    fn it_does_better_than_what_it_saw_and_cloning_does_not() {
+    fn it_does_better_than_the_dataset_and_cloning_does_not() {
         let mut rng = stream(&["better"]);
-        let data = decisions(2_000, &mut rng, anything, reward);
+        let data = decisions(2_000, &mut rng, random_shares, reward);
         let mut error = |config: Config| {
             let mut agent = agent(config, &bandit::interface());
             fit(&mut agent, &data, 1_200, &mut rng);
@@ -637,7 +637,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared_and_what_it_exports_acts() {
+    fn recorded_metrics_are_declared_and_the_exported_policy_acts() {
         bandit::assert_declared(&mut agent(tiny(), &bandit::interface()), &metrics());
         bandit::assert_exports(&mut agent(tiny(), &bandit::interface()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());

@@ -123,7 +123,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
-/// What the agent records.
+/// Metrics of the agent.
 fn metrics() -> Vec<Metric> {
     shared_metrics()
 }
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
 }

@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let refused = |values, choices: &[&str]| agent(values, choices).err().unwrap().to_string();
         assert!(refused(json!({ "at_once": 0 }), &CHOICES).contains("`at_once`"));
         assert!(refused(json!({ "all_from": 0.0 }), &CHOICES).contains("`all_from`: 0 is not above 0"));

@@ -205,7 +205,7 @@ mod tests {
     };
 
     #[test]
-    fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
+    fn it_finds_the_best_design_and_makes_it_in_evaluation() {
         let startup = Config {
             n_startup: 20,
             ..Config::default()

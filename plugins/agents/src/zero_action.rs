@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_no_action_it_is_refused() {
+    fn a_seat_without_a_zero_action_is_refused() {
         assert!(
             agent(Channel::new("speed", "").within(0.5, 1.0))
                 .err()

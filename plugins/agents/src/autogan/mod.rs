@@ -41,7 +41,7 @@ use contract::{
 use controller::Controller;
 use numerics::{
     network::values,
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     tensor_file::TensorFile,
 };
 use rand::Rng as _;
@@ -131,7 +131,7 @@ impl Config {
 pub struct AutoGan {
     config: Config,
     choices: Vec<Choice>,
-    controller: Trained<Controller>,
+    controller: TrainedNetwork<Controller>,
     state: State,
     /// Options so far of the design in evaluation.
     scored: Options,
@@ -280,10 +280,10 @@ impl AutoGan {
     }
 }
 
-fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> Trained<Controller> {
+fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> TrainedNetwork<Controller> {
     let sizes: Vec<usize> = choices.iter().map(|choice| choice.options.len()).collect();
     let controller = Controller::new(&sizes, config.width, rng);
-    Trained::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
+    TrainedNetwork::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
 }
 
 /// Option at which the cumulative probability passes `uniform`, a number in 0..1.

@@ -75,7 +75,7 @@ fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
 }
 
 #[test]
-fn what_is_drawn_is_as_likely_as_it_is_judged() {
+fn draws_have_the_judged_probabilities() {
     let controller = Controller::new(&[2, 3], 5, &mut contract::random::stream(&["drawn"]));
     let mut rng = contract::random::stream(&["draws"]);
     let before = vec![vec![0, 1]];

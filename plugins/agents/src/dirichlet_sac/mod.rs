@@ -57,7 +57,7 @@ use networks::{Critics, PolicyNetwork, Shape};
 use numerics::{
     dirichlet_policy::{log_density, sample},
     network::{device, matrix, softplus, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::Head,
     tensor_file::{TensorFile, TensorFileError},
@@ -77,8 +77,8 @@ pub struct DirichletSac {
     shares: Vec<String>,
     shape: Shape,
     target_entropy: f64,
-    policy: Trained<PolicyNetwork>,
-    critics: Trained<Critics>,
+    policy: TrainedNetwork<PolicyNetwork>,
+    critics: TrainedNetwork<Critics>,
     target_critics: Critics,
     log_temperature: f64,
     temperature_adam: ScalarAdam,
@@ -163,8 +163,8 @@ impl DirichletSac {
             target_entropy: config.target_nats(n_shares),
             shape,
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
@@ -197,7 +197,7 @@ impl DirichletSac {
     }
 
     /// Writes the networks and the temperature that [`begin_from`](Self::begin_from) reads.
-    fn leave_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
+    fn write_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         store(self.policy.network(), "policy", &mut file);
         store(self.critics.network(), "critics", &mut file);
@@ -393,7 +393,7 @@ impl Agent for DirichletSac {
         self.shape
             .write(self.policy.network(), ports, self.head(), dir)
             .map_err(checkpoint::error_of(NAME))?;
-        self.leave_networks(dir).map_err(checkpoint::error_of(NAME))?;
+        self.write_networks(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 

@@ -186,12 +186,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     bandit::assert_declared(&mut agent(tiny()), &metrics());
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     for evaluation_action in [EvaluationAction::Mean, EvaluationAction::Mode] {
         bandit::assert_exports(&mut agent(Config {
             evaluation_action,

@@ -47,7 +47,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, TwinMlp, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     squashed::{mean_action, sample_exact},
@@ -73,8 +73,8 @@ pub struct IndependentSac {
 /// Networks and temperature of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     temperature: TemperatureState,
     target_entropy: f64,
@@ -227,11 +227,11 @@ impl Learner {
         let adam = ScalarAdam::new(config.temperature_learning_rate);
         Self {
             target_critics: critics.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critics: Trained::new(
+            critics: TrainedNetwork::new(
                 critics,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),

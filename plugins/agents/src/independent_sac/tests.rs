@@ -164,12 +164,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     game::assert_declared(&mut agent(tiny()), &metrics());
 }
 
 #[test]
-fn the_exported_policies_act_as_the_agent_is_scored() {
+fn the_exported_policies_take_the_evaluation_actions() {
     game::assert_exports(&mut trained(tiny()).0, 0.3, 1);
     game::assert_exports(
         &mut trained(Config {

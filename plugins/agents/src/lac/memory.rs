@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_seen_before_stays_beside_a_transition_and_in_its_episode() {
+    fn the_observation_before_stays_with_its_transition_and_episode() {
         let found = rows(&filled(memory(true, true)));
         // The first steps of episodes, from 1, 10 and 14, are missing.
         let row = |x: f32| [(x - 1.0) / 2.0, x / 2.0, x / 2.0, 10.0 * x, (x + 1.0) / 2.0, 1.0];
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_limit_ends_the_value_where_it_shall() {
+    fn a_time_limit_ends_the_value_without_bootstrapping() {
         for (bootstrap, expected) in [(true, 1.0), (false, 0.0)] {
             let mut memory = memory(false, bootstrap);
             memory.push(&[transition(1.0, Some(End::Truncated))], &scaling());

@@ -9,7 +9,7 @@
 //! | c | cost, minus the reward; 0 at least | `[batch, 1]` |
 //! | s, s' | `observations`, `next_observations` (scaled) | `[batch, observed]` |
 //! | a = f(eps, s) | `tanh(mean + sd noise)`, ln sd within `log_sd_low` and `log_sd_high` | `[batch, n]` |
-//! | pi*(s) | `tanh(mean)`, where it is scored too | `[batch, n]` |
+//! | pi*(s) | `tanh(mean)`, also the action in evaluation | `[batch, n]` |
 //! | s_near | `before`, the observation one step before s | `[batch, observed]` |
 //! | L(s, a) | sum of the squares of the last hidden layer of `lyapunov` | `[batch, 1]` |
 //! | L target | `target_lyapunov` at a sample of `target_policy` | `[batch, 1]` |
@@ -68,7 +68,7 @@ use memory::{Memory, MemoryBatch, MemoryOptions, PreviousObservations};
 use networks::{Limits, value};
 use numerics::{
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     squashed::{mean_action, sample_exact},
@@ -87,8 +87,8 @@ pub struct LyapunovActorCritic {
     seat: BoxSeat,
     disturbance: Disturbance,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    lyapunov: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    lyapunov: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_lyapunov: Mlp,
     multiplier: Multiplier,
@@ -206,8 +206,8 @@ impl LyapunovActorCritic {
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
             target_policy: policy.valid(),
             target_lyapunov: lyapunov.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            lyapunov: Trained::new(lyapunov, adam(config.lyapunov_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            lyapunov: TrainedNetwork::new(lyapunov, adam(config.lyapunov_learning_rate)),
             multiplier: Multiplier::new(config.first_multiplier, config.multiplier_learning_rate),
             temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
             memory: Memory::new(config.replay_capacity, n_seen, n_done, options),

@@ -375,7 +375,7 @@ fn saved_agents_continue() {
 }
 
 #[test]
-fn what_they_record_is_declared() {
+fn recorded_metrics_are_declared() {
     let declared = metrics();
     let all = regulator::names(&declared);
     regulator::assert_records(&mut agent(smooth(0.5, SmoothnessNorm::Mean)), &all);
@@ -383,6 +383,6 @@ fn what_they_record_is_declared() {
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     regulator::assert_exports(|rng| build(LAC, tiny(), &regulator::interface(), rng).unwrap());
 }

@@ -57,7 +57,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     tensor_file::TensorFile,
@@ -83,8 +83,8 @@ pub struct Maddpg {
 /// Networks of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    policy: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_critic: Mlp,
 }
@@ -246,11 +246,11 @@ impl Learner {
         Self {
             target_policy: policy.valid(),
             target_critic: critic.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),

@@ -62,7 +62,7 @@ use contract::{
 use numerics::{
     gaussian::{standard_normal, standard_uniform},
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     stein::{Particles, SteinDirection, stein_direction},
@@ -90,8 +90,8 @@ pub struct Masql {
 /// Networks of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    sampler: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    sampler: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_critic: Mlp,
 }
 
@@ -344,11 +344,11 @@ impl Learner {
         let critic = config.hidden().network(n_seen + n_acted, 1, 1.0, rng);
         Self {
             target_critic: critic.valid(),
-            sampler: Trained::new(
+            sampler: TrainedNetwork::new(
                 sampler,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),

@@ -161,7 +161,7 @@ fn the_direction_is_that_of_each_row_by_hand() {
 }
 
 #[test]
-fn the_best_of_the_draws_is_scored() {
+fn the_evaluation_action_is_the_best_of_the_draws() {
     let (agent, batch) = trained(tiny());
     let seen = agent.seen(0, &batch.observations);
     let sampler = agent.learners[0].sampler.network().valid();
@@ -210,7 +210,7 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     game::assert_declared(&mut agent(tiny()), &metrics());
 }
 

@@ -3,7 +3,7 @@
 use contract::Error;
 use numerics::{
     network::Mlp,
-    optimizer::Trained,
+    optimizer::TrainedNetwork,
     policy_file::{self, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -100,7 +100,7 @@ pub fn counter<C: DeserializeOwned>(agent: &'static str, value: &serde_json::Val
 /// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
 pub fn import_policy(
     agent: &'static str,
-    policy: &mut Trained<Mlp>,
+    policy: &mut TrainedNetwork<Mlp>,
     dir: &Path,
     ports: &Ports,
     head: Head,

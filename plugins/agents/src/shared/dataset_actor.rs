@@ -24,7 +24,7 @@ use burn::{
 use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{FILE_NAME, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -131,7 +131,7 @@ pub struct DatasetActor {
     /// Typical deviations that the environment states, one per observed channel.
     typical: Vec<f64>,
     /// Network from scaled observations to outputs `z`, with its optimiser.
-    pub network: Trained<Mlp>,
+    pub network: TrainedNetwork<Mlp>,
 }
 
 impl DatasetActor {
@@ -161,7 +161,7 @@ impl DatasetActor {
             scale_by: form.scale_by,
             scaling: Scaling::new(kind, channels),
             typical: channels.iter().map(|channel| channel.spread).collect(),
-            network: Trained::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
+            network: TrainedNetwork::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
             names,
         })
     }
@@ -500,7 +500,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn other_scalings_do_not_look_at_the_dataset() {
+    fn other_scalings_do_not_depend_on_the_dataset() {
         for (scale_by, expected) in [(ScalingSource::Typical, 2.0), (ScalingSource::Nothing, 7.0)] {
             let mut interface = cube();
             interface.seats[0].observation = Space::Box(vec![Channel::new("x", "").typical(3.0, 2.0)]);

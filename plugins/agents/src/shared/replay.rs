@@ -126,7 +126,7 @@ impl Replay {
                 self.add_to_sums(&left, -1.0);
                 self.add_to_sums(&row, 1.0);
                 if self.rows.oldest() == 0 {
-                    self.sum_anew();
+                    self.recompute_sums();
                 }
             }
         }
@@ -258,7 +258,7 @@ impl Replay {
 
     /// Recomputes the sums once per turn of the ring, so that the rounding of additions and subtractions does
     /// not accumulate.
-    fn sum_anew(&mut self) {
+    fn recompute_sums(&mut self) {
         for sums in &mut self.sums {
             (sums.sum, sums.sum_of_squares) = (0.0, 0.0);
         }
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_what_is_stored() {
+    fn moments_are_those_of_the_stored_rewards() {
         assert_eq!(replay(3).reward_moments(0), (0.0, 0.0));
         assert_eq!(filled(3, 1).reward_moments(0), (10.0, 0.0));
         // 3, 4, 5: mean 4, variance 2/3.

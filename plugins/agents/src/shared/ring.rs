@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stored_goes_on_and_another_shape_is_refused() {
+    fn a_restored_ring_continues_and_another_shape_is_refused() {
         let mut file = TensorFile::default();
         let mut ring = filled(5);
         ring.store("rows", &mut file);

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn no_update_is_due_before_the_step_that_is_told() {
+    fn no_update_is_due_before_the_declared_step() {
         for (together, starts, per_step) in [
             (1, 100, 1.0),
             (64, 128, 0.0625),

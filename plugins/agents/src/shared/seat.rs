@@ -181,7 +181,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_missing_channel_is_named_with_what_there_is() {
+    fn a_missing_channel_is_named_with_the_existing_ones() {
         let interface = allocation(&["voltage_1", "current_1"], &[], 1);
         let channels = observed("rule", &interface.seats[0]).unwrap();
         assert_eq!(position("rule", channels, "current_1").unwrap(), 1);

@@ -84,7 +84,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_team_never_loses_by_what_a_seat_gains(
+        fn the_value_of_the_team_never_falls_with_that_of_a_seat(
             seed in 0u32..1000,
             q in prop::array::uniform3(-20.0f32..20.0),
             state in prop::array::uniform2(-3.0f32..3.0),

@@ -67,7 +67,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{self, Head, Policy, Ports},
     tensor_file::TensorFile,
@@ -82,7 +82,7 @@ const NAME: &str = "value_decomposition";
 pub struct ValueDecomposition {
     config: Config,
     team: Team,
-    networks: Trained<Networks>,
+    networks: TrainedNetwork<Networks>,
     target: Networks,
     replay: Replay,
     schedule: UpdateSchedule,
@@ -264,7 +264,7 @@ impl ValueDecomposition {
         let networks = Networks { seat, mixer };
         Ok(Self {
             target: networks.valid(),
-            networks: Trained::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
+            networks: TrainedNetwork::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
             replay: Replay::new(config.replay_capacity, team.n_observed() + n_state, n, n),
             schedule: UpdateSchedule::new(),
             team,

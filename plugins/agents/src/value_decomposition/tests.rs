@@ -131,7 +131,7 @@ fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_add
 }
 
 #[test]
-fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
+fn options_as_numbers_are_learned_like_options_as_indices() {
     let named = contract::Choice::new("game", &["a", "b"]);
     let spaces = [
         Space::Discrete(named.options.clone()),
@@ -182,7 +182,7 @@ fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
 }
 
 #[test]
-fn a_sum_of_values_is_what_the_closest_sum_is() {
+fn a_sum_of_values_is_the_closest_sum() {
     let mut agent = agent(tiny(ValueMixing::Sum));
     two_step::train(&mut agent, 3000, &mut stream(&["sum"]));
     let rows = matrix([0.0, 0.0, 1.0].repeat(2), 6);
@@ -301,7 +301,7 @@ fn the_excess_by_hand() {
 
 /// Choices outside the data are not valued above those in the data, even where these earned little.
 #[test]
-fn what_is_not_in_the_data_is_held_down() {
+fn choices_outside_the_data_are_held_down() {
     let lead = |conservatism: f64| {
         let mut agent = agent(Config {
             conservatism,
@@ -333,7 +333,7 @@ fn what_is_not_in_the_data_is_held_down() {
 }
 
 #[test]
-fn exploration_declines_and_is_absent_from_what_is_scored() {
+fn exploration_declines_and_is_absent_in_evaluation() {
     let config = Config {
         exploration_steps: 100,
         ..Config::default()
@@ -394,7 +394,7 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     let mut record = two_step::train(
         &mut agent(tiny(ValueMixing::Monotonic)),
         80,
@@ -407,7 +407,7 @@ fn what_it_records_is_declared() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn misfits_are_refused() {
     let refused = |change: &dyn Fn(&mut Config, &mut Interface)| {
         let (mut config, mut interface) = (tiny(ValueMixing::Monotonic), two_step::interface());
         change(&mut config, &mut interface);

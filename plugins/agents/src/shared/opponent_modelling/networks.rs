@@ -11,7 +11,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use numerics::input_norm::{InputNorm, NormalisedMlp, RunningMoments};
 use numerics::network::{Mlp, device};
-use numerics::optimizer::{Adam, Trained};
+use numerics::optimizer::{Adam, TrainedNetwork};
 use numerics::parameters::{restore, soft_update, store};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
@@ -19,7 +19,7 @@ use rand::RngCore;
 /// A network whose output is the head of a squashed Gaussian ([`numerics::squashed`]).
 #[derive(Debug, Clone)]
 pub struct GaussianNetwork {
-    trained: Trained<NormalisedMlp>,
+    trained: TrainedNetwork<NormalisedMlp>,
     moments: RunningMoments,
     /// Gradient of the latest step; empty before the first step and where it is not kept.
     latest: Vec<Vec<f32>>,
@@ -29,7 +29,7 @@ pub struct GaussianNetwork {
 /// Value of joint observations and joint actions for one seat, with its target network.
 #[derive(Debug, Clone)]
 pub struct Critic {
-    trained: Trained<NormalisedMlp>,
+    trained: TrainedNetwork<NormalisedMlp>,
     target: NormalisedMlp,
 }
 
@@ -56,7 +56,7 @@ impl GaussianNetwork {
             &device().autodiff(),
         );
         Self {
-            trained: Trained::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
+            trained: TrainedNetwork::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
             moments: RunningMoments::new(n_inputs),
             latest: Vec::new(),
             keeps_latest: false,
@@ -152,7 +152,7 @@ impl GaussianNetwork {
     /// Replaces the parameters, for tests.
     #[cfg(test)]
     pub(crate) fn set_network(&mut self, network: NormalisedMlp) {
-        self.trained = Trained::new(network, Adam::new(0.0, None));
+        self.trained = TrainedNetwork::new(network, Adam::new(0.0, None));
     }
 
     fn absorb(&mut self, input: &Tensor<2>) {
@@ -175,7 +175,7 @@ impl Critic {
         let network = NormalisedMlp::new(norm(inputs, settings), mlp);
         Self {
             target: network.valid(),
-            trained: Trained::new(network, adam(settings)),
+            trained: TrainedNetwork::new(network, adam(settings)),
         }
     }
 
@@ -240,7 +240,7 @@ impl Critic {
     #[cfg(test)]
     pub(crate) fn set_network(&mut self, network: NormalisedMlp, settings: &Settings) {
         self.target = network.valid();
-        self.trained = Trained::new(network, adam(settings));
+        self.trained = TrainedNetwork::new(network, adam(settings));
     }
 }
 

@@ -5,7 +5,7 @@ use burn::tensor::Tensor;
 use contract::{Mode, Rng};
 use numerics::squashed::{mean_action, sample};
 
-/// Actions `[rows, n_i]` of a seat: draws where it explores, means where it is scored.
+/// Actions `[rows, n_i]` of a seat: draws where it explores, means in evaluation.
 pub(crate) fn decide(
     game: &Game,
     seat: usize,

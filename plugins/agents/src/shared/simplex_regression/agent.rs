@@ -20,7 +20,7 @@ use contract::{
 };
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
@@ -91,7 +91,7 @@ pub struct SimplexRegression<H> {
     loss: RegressionLoss,
     scaling: Scaling,
     shares: Vec<String>,
-    network: Trained<Mlp>,
+    network: TrainedNetwork<Mlp>,
     progress: Progress,
     head: PhantomData<H>,
 }
@@ -138,7 +138,7 @@ impl<H: SimplexHead> SimplexRegression<H> {
             H::OUTPUTS_PER_SHARE * shares.len(),
         ];
         let network = Mlp::new(&sizes, &H::LAYERS, 1.0, rng, &device().autodiff());
-        let network = Trained::new(network, Adam::new(config.learning_rate, None));
+        let network = TrainedNetwork::new(network, Adam::new(config.learning_rate, None));
         Ok(Self {
             loss: config.loss,
             scaling,
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saved_agent_continues_and_what_it_exports_acts() {
+    fn a_saved_agent_continues_and_an_exported_policy_acts() {
         is_kept::<Dirichlet>();
         is_kept::<GaussianSoftmax>();
     }

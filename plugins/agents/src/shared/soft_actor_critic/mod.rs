@@ -48,7 +48,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     squashed::{mean_action, sample_exact},
@@ -66,8 +66,8 @@ pub struct SoftActorCritic {
     config: Config,
     seat: BoxSeat,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     temperature: Multiplier,
     replay: Replay,
@@ -125,8 +125,8 @@ impl SoftActorCritic {
         Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_seen, n_done, 1),
             schedule: UpdateSchedule::new(),

@@ -190,12 +190,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     regulator::assert_records(&mut agent(tiny()), &regulator::names(&metrics()));
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     regulator::assert_exports(|rng| {
         Box::new(SoftActorCritic::new(tiny(), &regulator::interface(), rng).unwrap())
     });
