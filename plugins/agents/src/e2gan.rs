@@ -18,11 +18,11 @@
 //!
 //! | | preset `thesis` | preset `released_code` |
 //! |---|---|---|
-//! | beta | a multiplier that is learnt, eq. 5.8 | 0.1, its learning switched off |
+//! | beta | a multiplier that is learned, eq. 5.8 | 0.1, its learning switched off |
 //! | after each design | nothing | one more update with the whole replay buffer as the batch, from the first design on |
 //! | decoding | "a softmax classifier": the most probable option, which is the largest value | the largest value |
 //! | discount | 1, since eq. 5.5 adds rewards up | 1 |
-//! | observations | not said | not scaled |
+//! | observations | not stated | not scaled |
 //!
 //! Departures
 //! - The released code steps its two critics one after the other with one optimiser; here they are stepped at
@@ -94,7 +94,7 @@ pub struct Config {
     /// Units of each of two hidden layers.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "released code"))]
     pub width: usize,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
     /// Beginnings of the names of the channels that the policy sees; empty for all channels.
     pub sees: Vec<String>,

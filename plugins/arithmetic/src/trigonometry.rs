@@ -143,7 +143,7 @@ fn reduced_by_parts(x: f64) -> (u64, f64, f64) {
     (quadrant, high, (sum - high) + tail)
 }
 
-/// As [`reduced_by_parts`], for any finite `|x| >= 1024`.
+/// Reduction as in [`reduced_by_parts`], for any finite `|x| >= 1024`.
 fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
     let bits = x.abs().to_bits();
     let mantissa = (bits & 0x000f_ffff_ffff_ffff) | 0x0010_0000_0000_0000;

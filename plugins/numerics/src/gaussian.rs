@@ -17,8 +17,8 @@
 //!   integrates to one.
 //! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`.
 //!   A critic of the action alone thus leaves the mean of estimator (3.7) correct and adds variance; the
-//! difference is in the entropy that a maximum-entropy algorithm rewards: that of the candidate includes the
-//! shift `c`, which no environment observes.
+//!   difference is in the entropy that a maximum-entropy algorithm rewards: that of the candidate includes the
+//!   shift `c`, which no environment observes.
 
 use rand::RngCore;
 

@@ -433,10 +433,7 @@ mod tests {
         let got = values(sample_exact(matrix(HEAD.to_vec(), 4), &mut rng.clone()).log_density);
         for (head, got) in HEAD.chunks(4).zip(got) {
             let held = |x: &f32| f64::from(x.min(LOG_SD_LIMITS[1]));
-            let (mean, log_sd) = (
-                [0, 1].map(|i| f64::from(head[i])),
-                [2, 3].map(|i| held(&head[i])),
-            );
+            let (mean, log_sd) = ([0, 1].map(|i| f64::from(head[i])), [2, 3].map(|i| held(&head[i])));
             let candidate = gaussian::sample(&mean, &log_sd, &mut rng);
             let want = gaussian::squashed_log_density(&mean, &log_sd, &candidate);
             assert!(

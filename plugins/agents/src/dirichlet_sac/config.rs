@@ -66,7 +66,7 @@ pub struct Config {
     pub gradient_clip: Option<f64>,
     /// Action in evaluation.
     pub evaluation_action: EvaluationAction,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
     /// Scaling of actions for the critics.
     pub critic_action_scaling: ActionScaling,

@@ -48,7 +48,7 @@ fn trained(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     (agent, batch)
 }
 
-/// As [`trained`], with smooth networks, and observations before so far away that no distance changes its
+/// An agent as in [`trained`], with smooth networks, and observations before so far away that no distance changes its
 /// sign.
 fn small(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     let (agent, mut batch) = trained(Config {

@@ -67,7 +67,7 @@ pub struct Config {
     /// Units of each of the three hidden layers.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.3"))]
     pub width: usize,
-    /// How observations reach the network.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
