@@ -23,7 +23,7 @@
 //!
 //! Departures from the paper
 //! - Simplex. The paper acts in boxes. Here shares are the softmax of the outputs, and the noise of the
-//!   target is added to the outputs before it, so that what is smoothed stays on the simplex. Critics and the
+//!   target is added to the outputs before it, so that the smoothed action stays on the simplex. Critics and the
 //!   cloning term see `n a - 1`: squares of plain shares are so small that `alpha` would have another meaning
 //!   than in a box.
 //! - A deviation is enlarged by a thousandth of the typical one of its channel; the paper adds 0.001 to

@@ -13,7 +13,7 @@
 //! Order of an update, per seat on a minibatch of its own: critic (4.13), opponent models (4.22), policy
 //! (4.16).
 //!
-//! Departures from the thesis. The defaults are what the published curves were made with (`preset:
+//! Departures from the thesis. The defaults are those of the published curves (`preset:
 //! released_code`); `preset: thesis` is the text.
 //! - Rectifiers instead of leaky ones; inputs normalised by the batch; rewards standardised over the buffer;
 //!   gradients clipped at 0.5; 0.5 instead of 1 as the entropy's weight in the critic's target; a second step

@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | h, c | state of the controller, an LSTM, that goes from option to option and from cell to cell | `[1, width]` |
 //! | a | the option taken of a choice, drawn from the softmax of its outputs | |
-//! | R | what the design has earned up to this cell, plus `entropy_bonus` times the entropy of its options | |
+//! | R | reward of the design up to this cell, plus `entropy_bonus` times the entropy of its options | |
 //! | b | moving mean of R, with `baseline_decay` | |
 //!
 //! A stage designs one cell. Its designs begin with one of `kept_designs`, drawn uniformly, and are given up after the
