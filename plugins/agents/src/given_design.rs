@@ -1,7 +1,7 @@
 //! Makes a fixed design: the choice of a search, one written out in the study, or a random one with a number.
 //!
 //! The agent takes the options of the design step by step, independent of observations, and starts over with
-//! every episode. A design can so be measured in an environment where building it costs more than a search
+//! every episode. A design can thus be measured in an environment where building it costs more than a search
 //! could pay.
 
 use crate::shared::designs::{choices, random_design};

@@ -150,7 +150,7 @@ fn of_singles(values: &[f32]) -> u64 {
     of_entries(values.iter().map(|value| u64::from(value.to_bits())))
 }
 
-/// `n` numbers `normal(mix(seed + i))`, rounded to `f32`.
+/// `n` numbers `normal(mix(seed + i))`, rounded to `f32`, from the counter `seed` on.
 fn numbers(seed: u64, n: usize) -> Vec<f32> {
     #[allow(clippy::cast_possible_truncation, reason = "the factors are f32")]
     (seed..).take(n).map(|i| normal(mix(i)) as f32).collect()

@@ -79,7 +79,7 @@ pub(crate) fn tanh(x: f32) -> f32 {
     /// Constant `1.5 2^23`: adding it rounds a number to an integer, held in the lowest bits of the sum.
     const ROUNDING: f32 = 12_582_912.0;
     let magnitude = x.abs();
-    // The comparison is false for a NaN, which so stays one.
+    // The comparison is false for a NaN, which thus stays one.
     let magnitude = if magnitude > LARGEST { LARGEST } else { magnitude };
     let t = magnitude * (2.0 * std::f32::consts::LOG2_E);
     let rounded = t + ROUNDING;

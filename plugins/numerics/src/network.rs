@@ -10,7 +10,7 @@
 //!
 //! A network on a device with autodiff (`device().autodiff()`) is trained; `burn`'s `valid()` returns a plain
 //! copy of it that shares the numbers. A plain network applied to a tracked input passes gradients to that
-//! input and has none in its own weights: a policy is so improved through a critic.
+//! input and has none in its own weights: a policy is thus improved through a critic.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};

@@ -3,7 +3,7 @@
 //!
 //! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small encoder, the same for every asset, reads the
 //! asset's own channels, their means over all assets and the common channels. Its outputs are pooled over the
-//! assets, and a second network reads own and pooled features. Experience with one asset so trains the
+//! assets, and a second network reads own and pooled features. Experience with one asset thus trains the
 //! networks for all assets, which matters more the more assets there are.
 //!
 //! | symbol | here | shape |

@@ -77,7 +77,7 @@ pub struct Config {
     #[schemars(range(min = 1.0))]
     pub concentration_cap: Option<f64>,
     /// Permute the assets of a transition each time it is learned from: the shares, and the channels of
-    /// assets before and after the step. The order is drawn at random. Experience with one asset so trains
+    /// assets before and after the step. The order is drawn at random. Experience with one asset thus trains
     /// the networks for all assets; the networks are unchanged.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub permute_assets: bool,

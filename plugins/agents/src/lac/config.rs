@@ -58,7 +58,7 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "thesis, eq. 2.10, without a value; \
                                                                  released code: 0.5 for CLAC"))]
     pub smoothness: f64,
-    /// Norm of the distances in a batch.
+    /// Norm of the differences between neighbouring actions of a batch.
     #[schemars(extend("x-source" = "thesis, eq. 2.10; released code: frobenius"))]
     pub smoothness_norm: SmoothnessNorm,
     /// Units of each hidden layer.
@@ -105,7 +105,7 @@ pub struct Config {
     pub observation_scaling: ObservationScaling,
 }
 
-/// Norm of the distances `d_i = pi*(s_i) - pi*(s_i before)` in a batch.
+/// Norm of the differences `d_i = pi*(s_i) - pi*(s_i before)` in a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SmoothnessNorm {
@@ -120,7 +120,7 @@ pub enum SmoothnessNorm {
 const LEAST_SQUARE: f64 = 1e-12;
 
 impl SmoothnessNorm {
-    /// Norm `[1]` of distances `[batch, n]`.
+    /// Norm `[1]` of differences `[batch, n]`.
     #[must_use]
     pub fn of(self, moves: Tensor<2>) -> Tensor<1> {
         let squares = moves.square();
@@ -363,7 +363,7 @@ mod tests {
         assert!(released.check().is_ok());
     }
 
-    /// Distances (3, 4) and (0, 1): lengths 5 and 1, Frobenius norm sqrt(26); equal actions have distance 0.
+    /// Differences (3, 4) and (0, 1): lengths 5 and 1, Frobenius norm sqrt(26); equal actions have length 0.
     #[test]
     fn norms_by_hand() {
         let of = |norm: SmoothnessNorm, moves: &[f32]| values(norm.of(matrix(moves.to_vec(), 2)))[0];

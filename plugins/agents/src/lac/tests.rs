@@ -48,8 +48,8 @@ fn trained(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     (agent, batch)
 }
 
-/// An agent as in [`trained`], with smooth networks, and observations before so far away that no distance changes its
-/// sign.
+/// An agent as in [`trained`], with smooth networks, and observations before so far away that no difference
+/// changes its sign.
 fn small(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     let (agent, mut batch) = trained(Config {
         width: 5,

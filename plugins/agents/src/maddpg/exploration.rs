@@ -5,6 +5,7 @@
 //! | x_t | state of the Ornstein-Uhlenbeck process, one number per row and entry of the action |
 //! | theta | rate of return, 0.15 (Lillicrap et al. 2015, arXiv:1509.02971, section 7) |
 //!
+//! `x_(t+1) = (1 - theta) x_t + sqrt(theta (2 - theta)) n_t` with standard normal `n_t` and a standard normal
 //! first state, so that every `x_t` has a deviation of 1 for either kind of noise; the caller scales it.
 
 use numerics::gaussian::standard_normal;
