@@ -110,7 +110,7 @@ impl Method for Config {
             .unwrap_or_else(|| random_design(&history.choices, rng))
     }
 
-    fn note(&self, history: &SearchHistory, _: &State, whole: bool, record: &mut Recorder) {
+    fn record_step(&self, history: &SearchHistory, _: &State, whole: bool, record: &mut Recorder) {
         if whole {
             let living = self.living(&history.tried);
             #[allow(clippy::cast_precision_loss, reason = "few designs live")]

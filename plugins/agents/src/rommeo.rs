@@ -173,7 +173,7 @@ impl Config {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         let loss = self.prior_loss(game, seat, batch);
-        game.note("prior_loss", &loss, record)?;
+        game.record_loss("prior_loss", &loss, record)?;
         prior(game, seat).descend(&loss);
         Ok(())
     }

@@ -112,7 +112,7 @@ impl Method for Config {
         taken
     }
 
-    fn note(&self, _: &SearchHistory, state: &State, _: bool, record: &mut Recorder) {
+    fn record_step(&self, _: &SearchHistory, state: &State, _: bool, record: &mut Recorder) {
         record.mean("proposal_score", state.score);
     }
 

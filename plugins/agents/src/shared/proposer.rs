@@ -22,7 +22,7 @@ pub trait Method: Send + 'static {
 
     /// Records metrics after a step; `whole` where the step completed a design, which is then the last of the
     /// evaluated ones.
-    fn note(&self, history: &SearchHistory, state: &Self::State, whole: bool, record: &mut Recorder);
+    fn record_step(&self, history: &SearchHistory, state: &Self::State, whole: bool, record: &mut Recorder);
 
     /// Number of designs or steps that were proposed from the history, and of transitions before the first of
     /// them.
@@ -104,7 +104,7 @@ impl<M: Method> Agent for Proposer<M> {
             let whole = self.history.under_way.take(&self.history.choices, transition)?;
             let ended = whole.is_some();
             self.history.tried.extend(whole);
-            self.method.note(&self.history, &self.state, ended, record);
+            self.method.record_step(&self.history, &self.state, ended, record);
         }
         Ok(())
     }

@@ -53,7 +53,7 @@ use numerics::{
 use serde_json::json;
 use std::path::Path;
 
-/// Metric of [`Agent::assess`]: distance between predicted and actual actions of the others.
+/// Metric of [`Agent::assess`]: mean squared difference between predicted and actual actions of the others.
 pub const PREDICTION_ERROR: &str = "opponent_prediction_error";
 
 /// Direction in which own actions and predicted actions depend on each other.
@@ -278,7 +278,7 @@ impl Game {
     ///
     /// # Errors
     /// [`Error::NotFinite`] for a loss that is not finite.
-    pub fn note(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
+    pub fn record_loss(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
         record.mean(
             metric,
             finite(metric, self.schedule.n_steps(), values(loss.clone())[0])?,
@@ -306,7 +306,7 @@ impl Game {
             .critic
             .tracked_value(&batch.observations, batch.actions.clone());
         let loss = (value - target).square().mean();
-        self.note("critic_loss", &loss, record)?;
+        self.record_loss("critic_loss", &loss, record)?;
         self.players[seat].critic.descend(&loss);
         if self.settings.stale_policy_step {
             self.players[seat].policy.step_again();
@@ -335,8 +335,8 @@ impl Game {
         log_density: Tensor<2>,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        self.note("policy_loss", loss, record)?;
-        self.note("policy_entropy", &log_density.mean().neg(), record)?;
+        self.record_loss("policy_loss", loss, record)?;
+        self.record_loss("policy_entropy", &log_density.mean().neg(), record)?;
         self.players[seat].policy.descend(loss);
         Ok(())
     }
