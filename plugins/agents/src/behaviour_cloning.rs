@@ -1,5 +1,5 @@
-//! Behaviour cloning: a deterministic policy that repeats what a dataset shows, without asking what it
-//! earned.
+//! Behaviour cloning: a deterministic policy that imitates the actions of a dataset, without regard to their
+//! rewards.
 //!
 //! Pomerleau 1991, "Efficient training of artificial neural networks for autonomous navigation", Neural
 //! Computation 3(1), for the method; Fujimoto and Gu 2021, arXiv:2106.06860, for the networks, the rates and
@@ -12,22 +12,22 @@
 //! | z | outputs of the network | `[batch, n]` |
 //! | pi(s) | `tanh(z)` in a box with limits -1 and 1, `softmax(z)` on a simplex | `[batch, n]` |
 //!
-//! What is minimised
+//! Loss
 //! - In a box: the mean of `(pi(s) - a)^2` over batch and entries.
 //! - On a simplex: the cross entropy `-sum_i a_i ln pi_i(s)`, mean over the batch. Both losses are smallest
 //!   where the policy is the mean of the shares that were seen at `s`, but the gradient on the logits is `pi
 //!   - a` here, which does not vanish where the softmax saturates, while that of the squared error does.
 //!
-//! Departures: Adam on a network of rectifiers in the place of gradient descent on one hidden layer, and no
-//! units of output that stand for steering angles. It acts alike while training and where it is scored; no
-//! training asks it to act.
+//! Departures: Adam on a network of rectifiers instead of gradient descent on one hidden layer, and no output
+//! units that stand for steering angles. The agent acts alike in training and evaluation; no training asks it
+//! to act.
 //!
-//! Metrics, means over the updates since the last measurement: `clone_loss` what is minimised, `clone_error`
-//! the mean over batch and entries of `|pi(s) - a|`.
+//! Metrics, means over the updates since the last measurement: `clone_loss` the loss above, `clone_error` the
+//! mean over batch and entries of `|pi(s) - a|`.
 
 use crate::shared::{
     checkpoint::{self, finite},
-    dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy},
+    dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
     targets::mean,
 };
 use burn::tensor::{Tensor, activation::log_softmax};
@@ -52,15 +52,15 @@ pub struct Config {
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub width: usize,
-    /// Hidden layers.
+    /// Number of hidden layers.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub layers: usize,
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// By what observations are scaled.
+    /// Source of the moments by which observations are scaled.
     #[schemars(extend("x-source" = "Fujimoto and Gu 2021, section 5"))]
-    pub scale_by: ScaleBy,
+    pub scale_by: ScalingSource,
 }
 
 impl Default for Config {
@@ -70,14 +70,14 @@ impl Default for Config {
             width: 256,
             layers: 2,
             gradient_clip: None,
-            scale_by: ScaleBy::Dataset,
+            scale_by: ScalingSource::Dataset,
         }
     }
 }
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Policy trained by imitation alone.
 #[derive(Debug, Clone)]
 pub struct BehaviourCloning {
     actor: DatasetActor,
@@ -109,7 +109,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
         gradient_clip,
         scale_by,
     } = config;
-    let form = Form {
+    let form = ActorSettings {
         width,
         layers,
         learning_rate,
@@ -122,7 +122,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     }))
 }
 
-/// What [`BehaviourCloning::learn`] records.
+/// Metrics that [`BehaviourCloning::learn`] records.
 #[must_use]
 fn metrics() -> Vec<Metric> {
     vec![
@@ -136,7 +136,7 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-/// What is minimised of the outputs `z` `[batch, n]` of a network for actions `[batch, n]`.
+/// Loss of the network outputs `z` `[batch, n]` for actions `[batch, n]`.
 fn loss(set: ActionSet, outputs: Tensor<2>, actions: Tensor<2>) -> Tensor<1> {
     match set {
         ActionSet::Cube => (set.act(outputs) - actions).powf_scalar(2.0).mean(),
@@ -267,7 +267,7 @@ mod tests {
         }
     }
 
-    /// The best shares with noise that has no mean.
+    /// The best shares plus noise of mean zero.
     fn noisy(x: f64, rng: &mut Rng) -> Vec<f64> {
         let noise = rng.random_range(-0.1..0.1);
         bandit::best(x)
@@ -278,9 +278,9 @@ mod tests {
     }
 
     #[test]
-    fn it_repeats_what_was_done_and_not_what_earned_most() {
+    fn it_imitates_actions_and_not_the_best_rewards() {
         let mut rng = stream(&["clone"]);
-        // What is earned says the opposite of what is done.
+        // The rewards favour the opposite of the actions in the dataset.
         let data = decisions(500, &mut rng, noisy, |x, action| {
             (action[0] - bandit::best(x)[0]).abs()
         });
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn it_repeats_what_was_done_in_a_box() {
+    fn it_imitates_actions_in_a_box() {
         let mut rng = stream(&["clone in a box"]);
         let act = |x: f64, rng: &mut Rng| vec![0.8 * x + rng.random_range(-0.1..0.1)];
         let data = decisions(500, &mut rng, act, |_, _| 0.0);
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared_and_what_it_exports_acts() {
+    fn recorded_metrics_are_declared_and_the_exported_policy_acts() {
         bandit::assert_declared(agent(&bandit::interface()).as_mut(), &metrics());
         bandit::assert_exports(agent(&bandit::interface()).as_mut());
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());

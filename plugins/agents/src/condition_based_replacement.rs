@@ -1,26 +1,27 @@
-//! Replace by the last reading: what has failed at once, and at fixed intervals what reads as worn.
+//! Replacement by the last reading: failed components at once, worn ones at fixed intervals.
 //!
-//! The two baselines of imprl (github.com/omniscientoctopus/imprl): "failure-replace", which replaces what has failed,
-//! and TPI-CBM, "time-periodic inspections with condition-based maintenance".
+//! The two baselines of imprl (github.com/omniscientoctopus/imprl): "failure-replace", which replaces failed
+//! components, and TPI-CBM, "time-periodic inspections with condition-based maintenance".
 //!
 //! | imprl | here |
 //! |---|---|
 //! | t | `step` of the full state |
-//! | last observation of a component | `<seat>.reading` of the full state; the largest is failure |
+//! | last observation of a component | `<seat>.reading` of the full state; the largest value is failure |
 //! | inspection interval | `interval`; never where absent |
 //! | action by observation (0,0), (0,1), (1,1) | `replace_from` 3, 2, 1 |
 //!
-//! *Departure, which is the published behaviour*: the released TPI-CBM charges an inspection of every component that
-//! has not failed at t > 0 with t a multiple of the interval, but never sends it to the system. So it acts, in the very
-//! same step, by a reading that is uniform noise among the states that work. `inspections: unread` does the same in an
-//! environment with the choices `inspect_unread` and `replace_and_inspect_unread`; `inspections: read` sends the
-//! inspection and acts by what it showed in the next step.
+//! *Departure, which is the published behaviour*: the released TPI-CBM charges an inspection of every
+//! component that has not failed at t > 0 with t a multiple of the interval, but never sends it to the
+//! system. In the same step it acts on a reading that is uniform noise among the working states.
+//! `inspections: unread` does the same in an environment with the choices `inspect_unread` and
+//! `replace_and_inspect_unread`. `inspections: read` sends the inspection and acts on its result in the next
+//! step.
 //!
-//! It learns nothing and records nothing.
+//! The agent learns nothing and records nothing.
 
 use crate::shared::{
     choice_seat::{choice, state_channel, state_of_seats},
-    state_rule::{Ruled, StateRule},
+    state_rule::{RuleAgent, StateRule},
 };
 use contract::{Action, Agent, AgentTraits, Error, Interface, Preset, Registry, Rng, Seat};
 use schemars::JsonSchema;
@@ -28,31 +29,31 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 const NAME: &str = "condition_based_replacement";
-/// The reading of a failed component.
+/// Reading of a failed component.
 const FAILED: u32 = 3;
 
-/// Whether inspections show anything.
+/// Whether inspections yield readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Inspections {
-    /// They are made, and what they show is acted upon in the next step.
+    /// Inspections are made; the rule acts on their results in the next step.
     #[default]
     Read,
-    /// They are paid and not made; the rule acts at once by what it read before.
+    /// Inspections are paid and not made; the rule acts at once on earlier readings.
     Unread,
 }
 
-/// When components are inspected and replaced.
+/// Intervals of inspections and limits of replacement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Steps between two rounds of inspections; null for none, which replaces failed components alone.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "imprl, 5 of 5 components: 5"))]
     pub interval: Option<u32>,
-    /// The least reading by which a round replaces: 1 or 2, or 3 for failed components alone.
+    /// Smallest reading at which a round replaces: 1 or 2, or 3 for failed components alone.
     #[schemars(range(min = 1, max = 3), extend("x-source" = "imprl, 5 of 5 components: 1"))]
     pub replace_from: u32,
-    /// Whether inspections show anything.
+    /// Whether inspections yield readings.
     pub inspections: Inspections,
 }
 
@@ -84,26 +85,26 @@ impl contract::Config for Config {
     }
 }
 
-/// The rule.
+/// The rule for all seats.
 #[derive(Debug, Clone)]
 struct ConditionBasedReplacement {
     config: Config,
     step: usize,
-    seats: Vec<SeatOfRule>,
+    seats: Vec<RuleSeat>,
 }
 
-/// Where a seat's reading lies, and what its choices are.
+/// Channel and choices of a seat.
 #[derive(Debug, Clone)]
-struct SeatOfRule {
+struct RuleSeat {
     reading: usize,
     nothing: Vec<f64>,
     replace: Vec<f64>,
-    /// What a round does to components that are left, and to those that are replaced.
+    /// Choice in a round of inspections for components that stay; the next field is that for replaced ones.
     inspect: Vec<f64>,
     inspect_and_replace: Vec<f64>,
 }
 
-impl SeatOfRule {
+impl RuleSeat {
     fn new(config: &Config, seat: &Seat, reading: usize) -> Result<Self, Error> {
         let of = |name: &str| choice(NAME, seat, name);
         let (nothing, replace) = (of("nothing")?, of("replace")?);
@@ -145,8 +146,8 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     }
     let readings = state_of_seats(NAME, interface, "reading")?;
     let seats = interface.seats.iter().zip(readings);
-    let seats = seats.map(|(seat, reading)| SeatOfRule::new(&config, seat, reading));
-    Ok(Box::new(Ruled(ConditionBasedReplacement {
+    let seats = seats.map(|(seat, reading)| RuleSeat::new(&config, seat, reading));
+    Ok(Box::new(RuleAgent(ConditionBasedReplacement {
         step: state_channel(NAME, &interface.state, "step")?,
         seats: seats.collect::<Result<_, Error>>()?,
         config,
@@ -165,13 +166,13 @@ impl StateRule for ConditionBasedReplacement {
             Inspections::Read => (after(0.0), after(1.0)),
             Inspections::Unread => (after(0.0), after(0.0)),
         };
-        let of = |seat: &SeatOfRule| self.choose(seat, state[seat.reading], inspects, acts).to_vec();
+        let of = |seat: &RuleSeat| self.choose(seat, state[seat.reading], inspects, acts).to_vec();
         self.seats.iter().map(of).collect()
     }
 }
 
 impl ConditionBasedReplacement {
-    fn choose<'a>(&self, seat: &'a SeatOfRule, reading: f64, inspects: bool, acts: bool) -> &'a [f64] {
+    fn choose<'a>(&self, seat: &'a RuleSeat, reading: f64, inspects: bool, acts: bool) -> &'a [f64] {
         let reads_as = |least: u32| reading > f64::from(least) - 0.5;
         let replaces = acts && reads_as(self.config.replace_from);
         match (inspects, replaces) {
@@ -207,7 +208,7 @@ mod tests {
         build(config, &interface(4, choices, &["reading"]), &mut stream(&[]))
     }
 
-    /// What is chosen for seats that read 0, 1, 2 and 3.
+    /// Choices of seats that read 0, 1, 2 and 3.
     fn decided(agent: &mut dyn Agent, step: f64) -> Vec<f64> {
         let seen = Observation {
             seats: vec![vec![0.0]; 4],
@@ -251,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let refused = |values, choices: &[&str]| agent(values, choices).err().unwrap().to_string();
         assert!(refused(json!({ "interval": 0 }), &CHOICES).contains("`interval`"));
         assert!(

@@ -1,6 +1,7 @@
-//! Every seat always takes the choice of one name: doing nothing, or the same to everything, floors for comparisons.
+//! Every seat always takes the choice of one name, such as doing nothing or the same to every part: floors
+//! for comparisons.
 //!
-//! It observes nothing, learns nothing and records nothing.
+//! The agent observes nothing, learns nothing and records nothing.
 
 use crate::shared::choice_seat::choice;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "constant_choice";
 
-/// Which choice.
+/// The choice to take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -27,7 +28,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// One choice for every seat.
+/// Takes one choice in every seat.
 #[derive(Debug, Clone)]
 struct ConstantChoice {
     action: Action,

@@ -15,7 +15,7 @@
 //! Departures from the paper
 //! - Softmax output, since actions are shares; the noise is added to its logits so that actions stay on the
 //!   simplex.
-//! - Independent Gaussian noise in the place of an Ornstein-Uhlenbeck process: a decision here has no
+//! - Independent Gaussian noise instead of an Ornstein-Uhlenbeck process: a decision here has no
 //!   inertia, and rows of a batch stay independent of each other.
 //! - Networks as the thesis has them for all its agents (three hidden layers, leaky rectifiers, no batch
 //!   normalisation, the action enters at the first layer), initialised after He et al.; the policy's last
@@ -46,7 +46,7 @@ use contract::{
 use numerics::{
     gaussian::standard_normal,
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
@@ -101,7 +101,7 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
@@ -126,14 +126,14 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Deep deterministic policy gradient on a simplex.
 #[derive(Debug, Clone)]
 pub struct Ddpg {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
-    policy: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_critic: Mlp,
     replay: Replay,
@@ -143,7 +143,7 @@ pub struct Ddpg {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "deep deterministic policy gradient with a softmax output";
-    // Off the policy: a replay buffer does not ask who decided.
+    // Off-policy: the replay buffer takes decisions of any policy.
     let datasets = UseOfDatasets::Also;
     let traits = AgentTraits {
         learns: true,
@@ -162,7 +162,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Ddpg::new(config, interface, rng)?))
 }
 
-/// What [`Ddpg::learn`] records.
+/// Metrics that [`Ddpg::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of the critic").lower_is_better(),
@@ -199,11 +199,11 @@ impl Ddpg {
         Ok(Self {
             target_policy: policy.valid(),
             target_critic: critic.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),
@@ -262,7 +262,7 @@ impl Ddpg {
     /// Eq. 6: the policy ascends the critic through its action.
     fn update_policy(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let action = softmax(self.policy.network().forward(batch.observations.clone()), 1);
-        // A plain critic: the gradient passes through it to the action, and none of its own is computed.
+        // An untracked critic: the gradient passes through it to the action alone.
         let loss = value(&self.critic.network().valid(), &batch.observations, action)
             .mean()
             .neg();
@@ -430,12 +430,12 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         bandit::assert_declared(&mut agent(tiny()), &metrics());
     }
 
     #[test]
-    fn the_exported_policy_acts_as_the_agent_is_scored() {
+    fn the_exported_policy_takes_the_evaluation_actions() {
         bandit::assert_exports(&mut agent(tiny()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
     }

@@ -1,5 +1,5 @@
-//! The score-function policy gradient of a Dirichlet policy on a bandit, against the exact one. Thesis,
-//! section 3.4.2.
+//! The score-function policy gradient of a Dirichlet policy on a bandit, compared with the exact gradient.
+//! Thesis, section 3.4.2.
 //!
 //! | symbol | here | meaning |
 //! |---|---|---|
@@ -13,7 +13,8 @@
 //! is closed: E a_i = alpha_i / A, E a_i^2 = alpha_i (alpha_i + 1) / (A (A + 1)), and the entropy's gradient
 //! is known.
 //!
-//! `action_sd` sets how sharp the policy is: the standard deviation of the first share, from which A follows.
+//! `action_sd` sets the sharpness of the policy: it is the standard deviation of the first share, from which
+//! A follows.
 
 use crate::shared::{
     gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics},
@@ -34,7 +35,7 @@ const NAME: &str = "dirichlet_gradient";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Mean action; equal shares where absent.
+    /// Mean action; equal shares if absent.
     pub mean: Option<Vec<f64>>,
     /// Standard deviation of the first share.
     #[schemars(range(min = 1e-4, max = 0.4))]
@@ -56,7 +57,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Gradient estimator for one bandit.
 #[derive(Debug)]
 pub struct DirichletGradient {
     concentration: Vec<f64>,
@@ -181,7 +182,7 @@ impl Agent for DirichletGradient {
 mod tests {
     use super::*;
 
-    /// J by its closed form, to be differentiated numerically.
+    /// J in closed form, for numerical differentiation.
     fn objective(concentration: &[f64], reward: &Reward, entropy_weight: f64) -> f64 {
         let total: f64 = concentration.iter().sum();
         let expected: f64 = concentration

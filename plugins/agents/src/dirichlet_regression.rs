@@ -1,8 +1,8 @@
 //! Regression onto a simplex with a Dirichlet distribution: the numerical experiment of the thesis (section
 //! 3.4.3, fig. 3.2).
 //!
-//! A network maps what is observed to concentrations; the target, a point of the simplex, is the
-//! environment's full state.
+//! A network maps observations to concentrations. The target, a point of the simplex, is the full state of
+//! the environment.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -19,7 +19,7 @@
 //!   mean over the batch.
 //! - The third hidden layer has leaky rectifiers; the text names the activations of the first two.
 //!
-//! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean
+//! The agent samples in training and takes the mean `alpha / sum(alpha)` in evaluation. Metric: `loss`, mean
 //! over the calls since the last measurement.
 
 use crate::shared::{
@@ -41,7 +41,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     simplex_regression::register::<Dirichlet>(registry, version, about);
 }
 
-/// A Dirichlet distribution, whose parameters are concentrations.
+/// A Dirichlet distribution; its parameters are the concentrations.
 #[derive(Debug)]
 pub(crate) struct Dirichlet;
 

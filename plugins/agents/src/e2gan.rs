@@ -1,33 +1,34 @@
-//! E2GAN's search: soft actor-critic that designs cell after cell, explores first and then exploits.
+//! E2GAN's search: soft actor-critic that designs cell after cell, first exploring and then exploiting.
 //!
 //! Tian, Wang, Huang, Li, Dai, Yang, Wang and Fink 2020, "Off-policy reinforcement learning for efficient and
 //! effective GAN architecture search", ECCV, algorithm 3 (chapter 5 of the thesis), and its released code.
 //!
 //! | thesis | here | shape |
 //! |---|---|---|
-//! | s | what is seen of the design so far, scaled | `[batch, observed]` |
+//! | s | observation of the design so far, scaled | `[batch, observed]` |
 //! | a | one value per option within -1 and 1; of each choice the largest decides | `[batch, options]` |
 //! | R | the improvement that a step brought | `[batch, 1]` |
 //! | beta | `temperature` | scalar |
 //!
-//! The agent draws its actions for `exploration_steps`, and takes the mean of its policy after that. Once
-//! `learning_starts` transitions are remembered, each step of the first phase brings one update and each of the second
-//! ten. What a soft actor-critic is stands in [`SoftActorCritic`].
+//! The agent samples its actions for `exploration_steps`, and takes the mean of its policy after that. Once
+//! the replay buffer holds `learning_starts` transitions, each step of the first phase makes one update and
+//! each of the second ten. [`SoftActorCritic`] describes the algorithm itself.
 //!
 //! The text and the released code differ:
 //!
 //! | | preset `thesis` | preset `released_code` |
 //! |---|---|---|
-//! | beta | a multiplier that is learnt, eq. 5.8 | 0.1, its learning switched off |
-//! | after each design | nothing | one more update with all that is remembered as the batch, from the first design on |
+//! | beta | a multiplier that is learned, eq. 5.8 | 0.1, its learning switched off |
+//! | after each design | nothing | one more update with the whole replay buffer as the batch, from the first design on |
 //! | decoding | "a softmax classifier": the most probable option, which is the largest value | the largest value |
 //! | discount | 1, since eq. 5.5 adds rewards up | 1 |
-//! | observations | not said | not scaled |
+//! | observations | not stated | not scaled |
 //!
 //! Departures
-//! - The released code steps its two critics one after the other with one optimiser; here they are stepped together.
+//! - The released code steps its two critics one after the other with one optimiser; here they are stepped at
+//!   once.
 //! - Algorithm 3 updates a target policy that nothing uses; there is none here, as in the released code.
-//! - With `sees`, the policy is blind to what it does not name: what the state is worth can be measured.
+//! - With `sees`, the policy is blind to other channels, so that the value of the state can be measured.
 //!
 //! Metrics: those of soft actor-critic.
 
@@ -55,33 +56,33 @@ const COUNTERS: &str = "search.json";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Steps before the policy's mean is taken instead of a draw from it.
+    /// Steps in which actions are sampled; the policy's mean is taken after that.
     #[schemars(extend("x-source" = "thesis, section 5.5.3: 70 % of 300"))]
     pub exploration_steps: u64,
-    /// Updates after each step while exploring.
+    /// Number of updates after each step of that phase.
     #[schemars(range(max = 1000), extend("x-source" = "thesis, section 5.5.3"))]
     pub updates_while_exploring: u64,
-    /// Updates after each step after that.
+    /// Number of updates after each later step.
     #[schemars(range(max = 1000), extend("x-source" = "thesis, section 5.5.3"))]
     pub updates_while_exploiting: u64,
-    /// After each design, one more update with everything that is remembered as its batch.
+    /// After each design, make one more update with the whole replay buffer as its batch.
     #[schemars(extend("x-source" = "released code"))]
     pub update_with_everything: bool,
-    /// Transitions before the first update with a drawn batch.
+    /// Number of transitions before the first update with a drawn batch.
     #[schemars(range(min = 1), extend("x-source" = "released code"))]
     pub learning_starts: u64,
-    /// Transitions of a drawn batch, fewer where fewer are remembered.
+    /// Number of transitions in a drawn batch; fewer while the buffer holds fewer.
     #[schemars(range(min = 1, max = 65536), extend("x-source" = "released code"))]
     pub batch_size: usize,
-    /// Transitions that are remembered.
+    /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "released code"))]
     pub replay_capacity: usize,
-    /// How the weight beta of the entropy is found.
+    /// Rule for the weight beta of the entropy.
     pub temperature: Temperature,
-    /// Weight before learning, which a fixed one keeps.
+    /// Temperature before learning; a fixed temperature keeps it.
     #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "released code"))]
     pub first_temperature: f64,
-    /// Step size of Adam for policy, critics and an automatic weight.
+    /// Step size of Adam for policy, critics and an automatic temperature.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code"))]
     pub learning_rate: f64,
     /// Discount gamma.
@@ -93,9 +94,9 @@ pub struct Config {
     /// Units of each of two hidden layers.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "released code"))]
     pub width: usize,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
-    /// How the names of the channels begin that the policy sees; all channels where nothing is said.
+    /// Beginnings of the names of the channels that the policy sees; empty for all channels.
     pub sees: Vec<String>,
 }
 
@@ -178,7 +179,7 @@ impl Config {
     }
 }
 
-/// The agent.
+/// Soft actor-critic with a phase of exploration and one of exploitation.
 #[derive(Debug, Clone)]
 pub struct E2Gan {
     config: Config,
@@ -201,7 +202,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the agent for one seat that observes a box and chooses among options, or acts in a box with limits -1 and 1.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for channels that are not there and settings that
+/// [`Error::Mismatch`] for any other seat; [`Error::Config`] for unknown channels and settings that
 /// contradict each other.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(E2Gan::new(config, interface, rng)?))
@@ -239,7 +240,7 @@ impl E2Gan {
         self.n_steps < self.config.exploration_steps
     }
 
-    /// Takes in one step, and what it brings.
+    /// Stores one step and makes its updates.
     fn take(&mut self, transition: &Transition, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         self.actor_critic.remember(transition);
         let updates = if self.explores() {
@@ -344,9 +345,9 @@ mod tests {
         }
     }
 
-    /// The mean of random designs is 2.83; the best one is worth 6.
+    /// The mean value of random designs is 2.83, that of the best design is 6.
     #[test]
-    fn it_learns_to_design_and_exploits_what_it_learned() {
+    fn it_learns_to_design_and_then_exploits() {
         for (seed, preset) in [("one", true), ("two", false)] {
             let mut agent = agent(
                 Config {
@@ -379,7 +380,7 @@ mod tests {
             search(&mut agent, designs, &mut contract::random::stream(&["phases"]));
             agent.updates().unwrap().made
         };
-        // Steps 4 to 8 bring one update each, the two after that ten.
+        // Steps 4 to 8 make one update each, the two later ones ten.
         assert_eq!(made(phases.clone(), 5), 5 + 20);
         let with_everything = Config {
             update_with_everything: true,
@@ -390,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_named_is_not_seen() {
+    fn channels_that_are_not_named_are_hidden() {
         let blind = Config {
             sees: vec!["ste".into()],
             ..quick()

@@ -1,7 +1,7 @@
-//! Every asset gets the same share, always: the baseline of the thesis (section 3.5.2), to which its
+//! Every asset always gets the same share: the baseline of the thesis (section 3.5.2) to which its
 //! improvements relate.
 //!
-//! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
+//! `a_i = 1 / N`. The agent observes nothing, learns nothing and records nothing.
 
 use crate::shared::{allocation::equal_shares, seat};
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "equal_split";
 
-/// It has no parameters.
+/// No parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}

@@ -1,11 +1,11 @@
-//! The score-function policy gradient of a Gaussian-softmax policy on a bandit, against the exact one.
-//! Thesis, section 3.4.1.
+//! The score-function policy gradient of a Gaussian-softmax policy on a bandit, compared with the exact
+//! gradient. Thesis, section 3.4.1.
 //!
 //! | symbol | here | meaning |
 //! |---|---|---|
-//! | x ~ N(mu, sigma^2 I) | `candidate` | what the network would give out |
+//! | x ~ N(mu, sigma^2 I) | `candidate` | output that a network would have |
 //! | a = softmax(x) | action | eq. 3.3 |
-//! | pi_theta(x) | `gaussian::log_density` | what ordinary reinforcement learning code takes for the policy, eq. 3.7 |
+//! | pi_theta(x) | `gaussian::log_density` | density that ordinary reinforcement learning code takes for the policy's, eq. 3.7 |
 //! | pi(a) | `gaussian::softmax_log_density` | the density of the action, marginal over the common shift, eq. 3.5 |
 //! | J | | E r(a) - beta E ln pi(a), eq. 3.2 |
 //!
@@ -17,7 +17,7 @@
 //!
 //! The exact gradient comes from the tensor-product Gauss-Hermite rule over x and central differences in mu.
 //!
-//! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the
+//! `action_sd` sets the sharpness of the policy, as for the Dirichlet policy: sigma is the one that gives the
 //! first share this deviation.
 
 use crate::shared::{
@@ -42,7 +42,7 @@ const NODES: usize = 40;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Softmax of the candidate's mean; equal shares where absent.
+    /// Softmax of the candidate's mean; equal shares if absent.
     pub mean: Option<Vec<f64>>,
     /// Standard deviation of the first share.
     #[schemars(range(min = 1e-4, max = 0.4))]
@@ -50,17 +50,17 @@ pub struct Config {
     /// Weight beta of the entropy in the objective, eq. 3.2.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub entropy_weight: f64,
-    /// Which density the estimator differentiates.
+    /// Density that the estimator differentiates.
     pub density: Density,
 }
 
-/// Which density the estimator differentiates.
+/// Density that the estimator differentiates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Density {
-    /// That of the candidate, eq. 3.7.
+    /// The candidate's density, eq. 3.7.
     Candidate,
-    /// That of the candidate, evaluated at the action.
+    /// The candidate's density, evaluated at the action.
     ActionAsCandidate,
 }
 
@@ -77,16 +77,16 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Gradient estimator for one bandit.
 #[derive(Debug)]
 pub struct GaussianSoftmaxGradient {
     mean: Vec<f64>,
-    /// The sigma with the deviation that the config asks for, once it is needed: finding it takes longer than
-    /// building everything else.
+    /// Sigma with the deviation of the config, computed on first use: finding it takes longer than building
+    /// everything else.
     sd: OnceCell<f64>,
     config: Config,
     channels: RewardChannels,
-    /// Candidates of the last batch, in the order of its actions: the softmax cannot be inverted.
+    /// Candidates of the last batch, in the order of its actions; the softmax cannot be inverted.
     candidates: Vec<Vec<f64>>,
     exact: Option<(Reward, Vec<f64>)>,
     moments: Moments,
@@ -106,7 +106,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the estimator for an allocation bandit.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such
+/// [`Error::Mismatch`] for other environments; [`Error::Config`] for a mean or a deviation that no such
 /// policy has.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let channels = RewardChannels::find(NAME, interface)?;
@@ -133,10 +133,10 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     }))
 }
 
-/// Largest sigma that is looked at.
+/// Largest sigma of the bisection.
 const LARGEST_SD: f64 = 3.0;
 
-/// Refuses a deviation of the first share that no sigma has.
+/// Refuses a deviation of the first share that no sigma reaches.
 fn check_deviation(mean: &[f64], action_sd: f64) -> Result<(), Error> {
     let most = deviation(mean, LARGEST_SD, &gauss_hermite(NODES));
     if most < action_sd {
@@ -146,7 +146,8 @@ fn check_deviation(mean: &[f64], action_sd: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// The sigma whose first share has the deviation `action_sd`, by bisection: the deviation grows with sigma.
+/// Sigma at which the first share has the deviation `action_sd`, by bisection: the deviation grows with
+/// sigma.
 fn matching_sd(mean: &[f64], action_sd: f64) -> f64 {
     let rule = gauss_hermite(NODES);
     let (mut low, mut high) = (1e-6, LARGEST_SD);
@@ -161,7 +162,7 @@ fn matching_sd(mean: &[f64], action_sd: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// The deviation of the first share.
+/// Standard deviation of the first share.
 fn deviation(mean: &[f64], sd: f64, rule: &[(f64, f64)]) -> f64 {
     let first = expectation(mean, sd, rule, &|action, _| action[0].exp());
     let second = expectation(mean, sd, rule, &|action, _| (2.0 * action[0]).exp());
@@ -311,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn the_deviation_is_the_one_asked_for() {
+    fn the_deviation_is_that_of_the_config() {
         let mean = [(1.0f64 / 3.0).ln(); 3];
         let sd = matching_sd(&mean, 0.05);
         assert!(check_deviation(&mean, 0.05).is_ok() && check_deviation(&mean, 0.6).is_err());

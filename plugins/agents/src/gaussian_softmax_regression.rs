@@ -1,7 +1,7 @@
-//! Regression onto a simplex with a Gaussian-softmax distribution: the other side of the thesis' numerical
-//! experiment (section 3.4.3, fig. 3.2).
+//! Regression onto a simplex with a Gaussian-softmax distribution: the counterpart in the numerical
+//! experiment of the thesis (section 3.4.3, fig. 3.2).
 //!
-//! A network maps what is observed to mean and deviation of a Gaussian candidate; softmax makes it a point of
+//! A network maps observations to the mean and deviation of a Gaussian candidate; softmax makes it a point of
 //! the simplex.
 //!
 //! | paper | here | shape |
@@ -18,7 +18,7 @@
 //!   target); as ordinary code has it, the density on the simplex itself is not formed.
 //! - `ln sd` is clamped to [-20, 2], as in the usual soft actor-critic.
 //!
-//! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls
+//! The agent samples in training and takes `softmax(mean)` in evaluation. Metric: `loss`, mean over the calls
 //! since the last measurement.
 
 use crate::shared::simplex_regression::{
@@ -37,7 +37,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     simplex_regression::register::<GaussianSoftmax>(registry, version, about);
 }
 
-/// The softmax of a Gaussian candidate, whose parameters are the outputs of the network: means and deviations.
+/// The softmax of a Gaussian candidate; its parameters are the outputs of the network, means and deviations.
 #[derive(Debug)]
 pub(crate) struct GaussianSoftmax;
 

@@ -8,13 +8,13 @@
 //! |---|---|---|
 //! | s, s' | `observations`, `next_observations` (scaled) | `[batch, observed]` |
 //! | u | candidate | `[batch, n_shares]` |
-//! | a | `action = softmax(u)`, what the critics see | `[batch, n_shares]` |
+//! | a | `action = softmax(u)`, the input of the critics | `[batch, n_shares]` |
 //! | log pi | `log_density` of the candidate | `[batch, 1]` |
 //! | alpha | temperature, kept as `log_temperature` | scalar |
 //! | H | `target_entropy`, minus the number of shares | scalar |
 //!
 //! Departures from the paper
-//! - Softmax in the place of tanh. The density is that of the candidate: softmax is no one-to-one map, and
+//! - Softmax instead of tanh. The density is that of the candidate: softmax is no one-to-one map, and
 //!   the density that ordinary code takes is the one whose bias the thesis describes (section 3.4.1).
 //! - Networks as the thesis has them: three hidden layers with leaky rectifiers, initialised after He et al.
 //! - `ln sd` is clamped to [-20, 2], as in the authors' code.
@@ -45,7 +45,7 @@ use numerics::{
     gaussian_head::{self, mean_and_log_sd},
     gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample},
     network::{Activation, Mlp, TwinMlp, device, matrix, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
@@ -92,15 +92,15 @@ pub struct Config {
     /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
     pub width: usize,
-    /// Scale of the policy's output weights when fresh; 1 is that of the Kaiming initialiser, which the
-    /// thesis names. Small, the first policy shares about equally; at 1 its shares are so uneven that packs
-    /// last 2 decisions and 100 000 steps go by before it learns.
+    /// Scale of the policy's initial output weights; 1 is that of the Kaiming initialiser, which the thesis
+    /// names. With a small scale the first policy shares about equally. At 1 its shares are so uneven that
+    /// packs last 2 decisions, and 100 000 steps go by before it learns.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "own choice, by experiment"))]
     pub output_gain: f64,
-    /// Hidden layers of the policy.
+    /// Number of hidden layers of the policy.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
     pub policy_layers: usize,
-    /// Hidden layers of each critic.
+    /// Number of hidden layers of each critic.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
     pub critic_layers: usize,
     /// Transitions that the replay buffer holds.
@@ -112,7 +112,7 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
@@ -142,15 +142,15 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Soft actor-critic for one seat that acts on a simplex.
 #[derive(Debug, Clone)]
 pub struct GaussianSoftmaxSac {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     log_temperature: f64,
     temperature_adam: ScalarAdam,
@@ -161,7 +161,7 @@ pub struct GaussianSoftmaxSac {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Gaussian-softmax policy";
-    // Off the policy: a replay buffer does not ask who decided.
+    // Off-policy: the replay buffer takes decisions of any policy.
     let datasets = UseOfDatasets::Also;
     let traits = AgentTraits {
         learns: true,
@@ -180,7 +180,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(GaussianSoftmaxSac::new(config, interface, rng)?))
 }
 
-/// What [`GaussianSoftmaxSac::learn`] records.
+/// Metrics that [`GaussianSoftmaxSac::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
@@ -234,8 +234,8 @@ impl GaussianSoftmaxSac {
         Ok(Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_shares as f64)),
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
@@ -271,7 +271,7 @@ impl GaussianSoftmaxSac {
         Ok(())
     }
 
-    /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
+    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
     fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let next = self.draw(&self.policy.network().valid(), &batch.next_observations, rng);
         let (q1, q2) = self
@@ -289,7 +289,7 @@ impl GaussianSoftmaxSac {
     /// Eq. 9: the policy descends `temperature * log pi - Q`; returns the mean of `log pi`.
     fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
         let drawn = self.draw(self.policy.network(), &batch.observations, rng);
-        // Plain critics: the gradient passes through them to the action, and none of their own is computed.
+        // Untracked critics: the gradient passes through them to the action alone.
         let input = Tensor::cat(vec![batch.observations.clone(), drawn.action], 1);
         let (q1, q2) = self.critics.network().valid().forward(input);
         let q = q1.min_pair(q2);
@@ -473,12 +473,12 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         bandit::assert_declared(&mut agent(tiny()), &metrics());
     }
 
     #[test]
-    fn the_exported_policy_acts_as_the_agent_is_scored() {
+    fn the_exported_policy_takes_the_evaluation_actions() {
         bandit::assert_exports(&mut agent(tiny()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
     }

@@ -1,7 +1,8 @@
-//! Makes a given design: one that a search chose, one that a study writes out, or one that a number names.
+//! Makes a fixed design: the choice of a search, one written out in the study, or a random one with a number.
 //!
-//! It takes the options of the design step by step, whatever it sees, and begins anew with every episode. So a design
-//! can be measured where building it costs more than a search could pay.
+//! The agent takes the options of the design step by step, independent of observations, and starts over with
+//! every episode. A design can thus be measured in an environment where building it costs more than a search
+//! could pay.
 
 use crate::shared::designs::{choices, random_design};
 use contract::{
@@ -13,19 +14,19 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "given_design";
 
-/// Which design.
+/// The design to make.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The search whose choice it makes: an entry whose protocol is `search`.
+    /// The search whose choice is made: an entry whose protocol is `search`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub design: Option<Artifact<artifact::Choice>>,
-    /// Which of the designs that the search chose, 0 for the best one.
+    /// Rank among the designs that the search chose, 0 for the best one.
     pub rank: usize,
-    /// The options by name, step by step, in the order of the choices; in the place of `design`. A step beyond the
-    /// last one is made like the last one.
+    /// The options by name, step by step, in the order of the choices; instead of `design`. Steps beyond the
+    /// last one repeat it.
     pub options: Vec<Vec<String>>,
-    /// The number of a design whose options are drawn, each as likely as another; in the place of the others. The same
+    /// The number of a random design, whose options are drawn uniformly; instead of the others. The same
     /// number is the same design wherever the choices are the same.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drawn: Option<u64>,
@@ -33,20 +34,20 @@ pub struct Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Takes the actions of one design.
 #[derive(Debug, Clone)]
 pub struct GivenDesign {
-    design: Given,
+    design: DesignSource,
     choices: Vec<Choice>,
     at: usize,
 }
 
-/// What is given of it.
+/// Actions of the design, or the number that determines them.
 #[derive(Debug, Clone)]
-enum Given {
-    /// One action per step, at least one.
+enum DesignSource {
+    /// One action per step, at least one; the last is repeated.
     Actions(Vec<Vec<f64>>),
-    Drawn(u64),
+    Random(u64),
 }
 
 /// Registers the agent.
@@ -59,18 +60,18 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the agent for one seat that chooses among options.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for options that are not there or a rank that the search
-/// did not leave, and what reading its choice says.
+/// [`Error::Mismatch`] for any other seat; [`Error::Config`] for unknown options or a rank that the search
+/// did not leave; and the errors of reading the search's choice.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let choices = choices(NAME, interface)?;
     let design = match (&config.design, config.options.as_slice(), config.drawn) {
-        (Some(design), [], None) => Given::Actions(chosen(design, config.rank, &choices)?),
-        (None, [], None) => Given::Actions(vec![choice::vector(&choices, &vec![0; choices.len()])]),
-        (None, [], Some(number)) => Given::Drawn(number),
+        (Some(design), [], None) => DesignSource::Actions(chosen(design, config.rank, &choices)?),
+        (None, [], None) => DesignSource::Actions(vec![choice::vector(&choices, &vec![0; choices.len()])]),
+        (None, [], Some(number)) => DesignSource::Random(number),
         (None, written, None) => {
             let steps = written.iter().enumerate();
             let actions = steps.map(|(step, options)| written_out(step, options, &choices));
-            Given::Actions(actions.collect::<Result<_, Error>>()?)
+            DesignSource::Actions(actions.collect::<Result<_, Error>>()?)
         }
         _ => {
             let problem = "a design is given twice; leave one of `design`, `options` and `drawn`";
@@ -84,7 +85,7 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     }))
 }
 
-/// The options of a step of a drawn design.
+/// Action of a random design in a step.
 fn drawn(number: u64, step: usize, choices: &[Choice]) -> Vec<f64> {
     let mut rng = contract::random::stream(&["design", &number.to_string(), &step.to_string()]);
     choice::vector(choices, &random_design(choices, &mut rng))
@@ -97,7 +98,7 @@ fn chosen(
 ) -> Result<Vec<Vec<f64>>, Error> {
     let designs = Designs::read(design.folder()?)?.designs;
     if designs.is_empty() {
-        // As a search leaves it before it ran: any design shows whether the choices fit.
+        // The artifact of a search before it ran: any design shows whether the choices fit.
         return Ok(vec![choice::vector(choices, &vec![0; choices.len()])]);
     }
     let Some(design) = designs.get(rank) else {
@@ -145,9 +146,9 @@ fn written_out(step: usize, options: &[String], choices: &[Choice]) -> Result<Ve
 impl Agent for GivenDesign {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         let action = match &self.design {
-            Given::Drawn(number) => drawn(*number, self.at, &self.choices),
-            // There is at least one action, and the last one stands for all that follow.
-            Given::Actions(actions) => actions[self.at.min(actions.len() - 1)].clone(),
+            DesignSource::Random(number) => drawn(*number, self.at, &self.choices),
+            // There is at least one action, and the last one is repeated.
+            DesignSource::Actions(actions) => actions[self.at.min(actions.len() - 1)].clone(),
         };
         self.at += 1;
         Ok(vec![vec![action]; observations.len()])
@@ -241,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_search_chose_is_made_by_its_rank() {
+    fn the_choice_of_a_search_is_made_by_its_rank() {
         let folder = tempfile::tempdir().unwrap();
         let Some(contract::Space::Choices(choices)) = interface().seats.pop().map(|seat| seat.action) else {
             unreachable!()

@@ -1,5 +1,5 @@
-//! Inspect the likeliest to fail at fixed intervals, and repair what an inspection found: the published rule for
-//! inspection planning.
+//! Inspection of the components most likely to fail at fixed intervals, and repair of detected damage: the
+//! published rule for inspection planning.
 //!
 //! P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D. Ernst, "IMP-MARL: a suite of environments for large-scale
 //! infrastructure management planning via MARL", NeurIPS 2023, section 4.2, the "expert-based heuristic policy".
@@ -12,13 +12,14 @@
 //! | failure probability of a component | `<seat>.failure_probability` of the full state |
 //! | outcome of its last inspection | `<seat>.detected` of the full state, 1 where damage was found |
 //!
-//! At every step a component whose inspection in the step before found damage is repaired. At steps t > 0 with t a
-//! multiple of the interval the components with the highest failure probabilities are inspected, but for those that
-//! are repaired; of equals the first. It learns nothing and records nothing.
+//! At every step a component whose inspection in the step before found damage is repaired. At steps t > 0
+//! with t a multiple of the interval the components with the highest failure probabilities are inspected,
+//! except those that are repaired; the first of equals come first. The agent learns nothing and records
+//! nothing.
 
 use crate::shared::{
     choice_seat::{choice, state_channel, state_of_seats},
-    state_rule::{Ruled, StateRule},
+    state_rule::{RuleAgent, StateRule},
 };
 use contract::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
@@ -26,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "interval_inspection";
 
-/// The two numbers of the rule.
+/// Interval and size of the rounds of inspections.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -49,17 +50,17 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The rule.
+/// The rule for all seats.
 #[derive(Debug, Clone)]
 struct IntervalInspection {
     config: Config,
     step: usize,
-    seats: Vec<SeatOfRule>,
+    seats: Vec<RuleSeat>,
 }
 
-/// Where a seat's channels lie, and what its choices are.
+/// Channels and choices of a seat.
 #[derive(Debug, Clone)]
-struct SeatOfRule {
+struct RuleSeat {
     failure: usize,
     detected: usize,
     nothing: Vec<f64>,
@@ -90,7 +91,7 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     let detected = state_of_seats(NAME, interface, "detected")?;
     let seats = interface.seats.iter().zip(failure.into_iter().zip(detected));
     let seats = seats.map(|(seat, (failure, detected))| {
-        Ok(SeatOfRule {
+        Ok(RuleSeat {
             failure,
             detected,
             nothing: choice(NAME, seat, "nothing")?,
@@ -98,7 +99,7 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
             repair: choice(NAME, seat, "repair")?,
         })
     });
-    Ok(Box::new(Ruled(IntervalInspection {
+    Ok(Box::new(RuleAgent(IntervalInspection {
         config,
         step: state_channel(NAME, &interface.state, "step")?,
         seats: seats.collect::<Result<_, Error>>()?,
@@ -127,7 +128,7 @@ impl IntervalInspection {
         step > 0.5 && step % f64::from(self.config.interval) < 0.5
     }
 
-    /// The seats that a round inspects.
+    /// Indices of the seats that a round inspects.
     fn likeliest(&self, state: &[f64]) -> Vec<usize> {
         let failure = |seat: usize| state[self.seats[seat].failure];
         let mut seats: Vec<usize> = (0..self.seats.len()).collect();
@@ -151,7 +152,7 @@ mod tests {
         build(config, &interface(3, &CHOICES, &CHANNELS), &mut stream(&[]))
     }
 
-    /// What is chosen at a step, given failure probabilities and findings of three seats.
+    /// Choices at a step for failure probabilities and findings of three seats.
     fn decided(agent: &mut dyn Agent, step: f64, failure: [f64; 3], detected: [f64; 3]) -> Vec<f64> {
         let of_seats = failure
             .iter()
@@ -172,7 +173,7 @@ mod tests {
         assert_eq!(at(4.0, [0.0; 3]), [0.0, 0.0, 0.0]);
         assert_eq!(at(5.0, [0.0; 3]), [0.0, 1.0, 1.0]);
         assert_eq!(at(6.0, [0.0, 1.0, 0.0]), [0.0, 2.0, 0.0]);
-        // A repair takes the place of the inspection, and no other seat moves up.
+        // A repair replaces the inspection, and no other seat moves up.
         assert_eq!(at(10.0, [0.0, 1.0, 0.0]), [0.0, 2.0, 1.0]);
     }
 
@@ -190,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         assert!(agent(0, 1).err().unwrap().to_string().contains("`interval`"));
         assert!(agent(1, 0).err().unwrap().to_string().contains("`components`"));
         let refused = |choices: &[&str], channels: &[&str]| {

@@ -1,5 +1,5 @@
 //! Agents: algorithms, rules, reference controllers and measurements, one module each, readable beside its
-//! paper. What is no agent lies in [`shared`].
+//! paper. Components that agents share lie in [`shared`].
 //!
 //! To add one, write a module with a config, an [`contract::Agent`] and a `register`, and one line in
 //! [`register`].
@@ -9,10 +9,10 @@
 //! - chapter 2, `clac` and `lac`: Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time
 //!   model calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022)
 //!   108284;
-//! - chapter 3, `dirichlet_sac` and what it is compared with: Y. Tian, M. Han, C. Kulkarni and O. Fink, "A
+//! - chapter 3, `dirichlet_sac` and its baselines: Y. Tian, M. Han, C. Kulkarni and O. Fink, "A
 //!   prescriptive Dirichlet power allocation policy with deep reinforcement learning", Reliability
 //!   Engineering and System Safety 224 (2022) 108529;
-//! - chapter 4, `tdom_ac` and what it is compared with: Y. Tian, K.-R. Kladny, Q. Wang, Z. Huang and O. Fink,
+//! - chapter 4, `tdom_ac` and its baselines: Y. Tian, K.-R. Kladny, Q. Wang, Z. Huang and O. Fink,
 //!   "Multi-agent actor-critic with time dynamical opponent model", Neurocomputing 517 (2023) 165-172.
 //!
 //! Invariants
@@ -133,7 +133,7 @@ mod tests {
         }
     }
 
-    /// So that the list above is what can be used, and nothing among it is no agent.
+    /// Holds the list above to the modules: every module is an agent of its name, except the shared ones.
     #[test]
     fn every_module_beside_the_shared_ones_is_an_agent_of_its_name() {
         let registry = registry();

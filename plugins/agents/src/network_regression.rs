@@ -1,23 +1,24 @@
-//! A network that is fitted to what an environment knows: the surrogate of an engine (thesis, section 2.4: three
-//! hidden layers of 100 rectifiers, Adam), and the supervised baseline that the thesis calls `End-to-End`.
+//! A network that is fitted to the full state of an environment: the surrogate of an engine (thesis, section
+//! 2.4: three hidden layers of 100 rectifiers, Adam), and the supervised baseline that the thesis calls
+//! `End-to-End`.
 //!
-//! The input is what is observed, the target the environment's full state, entry by entry the answer that an action
-//! stands for: the typical value and deviation of a state channel are those of the action's channel in its units.
+//! The input is the observation. The target is the full state, entry by entry the answer for which an action
+//! stands: the typical value and deviation of a state channel are those of the action's channel in its units.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | x | chosen channels of what is observed, less their typical values, in parts of their typical deviations | `[batch, inputs]` |
+//! | x | chosen channels of the observation, less their typical values, in parts of their typical deviations | `[batch, inputs]` |
 //! | f(x) | the network's outputs | `[batch, n]` |
 //! | y | states, scaled in the same way | `[batch, n]` |
 //! | a | `center + spread f(x)` with those of the action's channels, inside their limits | `[batch, n]` |
 //!
-//! What is minimised is the mean of `(f(x) - y)^2` over batch and entries. With no input at all the network is one
-//! constant: the best that can be said without looking, a floor for what looks.
+//! The loss is the mean of `(f(x) - y)^2` over batch and entries. Without inputs the network is one constant:
+//! the best answer without observations, a floor for other agents.
 //!
-//! Departures: the step size is halved at a steady pace where `halved_every` is given, and examples are seen again
-//! where `updates_per_batch` says so; the thesis says nothing of either.
+//! Departures: the step size is halved at a steady pace where `halved_every` is set, and examples are reused
+//! where `updates_per_batch` is above 1; the thesis mentions neither.
 //!
-//! Metric, mean over the updates since the last measurement: `fit_loss`, what is minimised.
+//! Metric, mean over the updates since the last measurement: `fit_loss`, the loss above.
 
 use crate::shared::{
     checkpoint::{self, finite},
@@ -32,7 +33,7 @@ use contract::{
 };
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
@@ -50,23 +51,24 @@ pub struct Config {
     /// Step size of Adam.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub learning_rate: f64,
-    /// Updates after which the step size is half of what it was, little by little; null for a constant one.
+    /// Updates after which the step size has halved, little by little; null for a constant one.
     #[schemars(range(min = 1))]
     pub halved_every: Option<u64>,
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 2.4"))]
     pub width: usize,
-    /// Hidden layers.
+    /// Number of hidden layers.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 2.4"))]
     pub layers: usize,
-    /// Updates for each batch of examples: the first on the batch, the others on as many that were seen before,
+    /// Updates for each batch of examples: the first on the batch, the others on as many stored examples,
     /// drawn with replacement.
     #[schemars(range(min = 1, max = 1000))]
     pub updates_per_batch: u64,
-    /// Examples that are remembered for it, the last ones; 0 where each is seen once.
+    /// Number of the latest examples that are stored for it; 0 where each is used once.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub memory: usize,
-    /// What the names of the channels that it sees begin with; null for all, an empty list for none.
+    /// Beginnings of the names of the channels that the network sees; null for all channels, an empty list
+    /// for none.
     pub inputs: Option<Vec<String>>,
 }
 
@@ -86,19 +88,19 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Regression from observations to the full state.
 #[derive(Debug, Clone)]
 pub struct NetworkRegression {
     config: Config,
-    /// Places of the inputs in what is observed.
+    /// Positions of the inputs in the observation.
     places: Vec<usize>,
-    /// Their scaling.
+    /// Scaling of the inputs.
     inputs: Scaling,
     targets: Scaling,
     actions: Vec<Channel>,
-    network: Trained<Mlp>,
+    network: TrainedNetwork<Mlp>,
     n_updates: u64,
-    /// The remembered examples, inputs before targets.
+    /// Stored examples, inputs before targets.
     memory: Ring,
 }
 
@@ -117,12 +119,12 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the agent for one seat in boxes, in an environment whose state is the answer.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other environment and for inputs that are not there.
+/// [`Error::Mismatch`] for any other environment and for unknown inputs.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(NetworkRegression::new(config, interface, rng)?))
 }
 
-/// What [`NetworkRegression::learn`] records.
+/// Metrics that [`NetworkRegression::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![Metric::new("fit_loss", "", "what the regression minimises").lower_is_better()]
 }
@@ -141,7 +143,7 @@ impl NetworkRegression {
         let observed = seat::observed(NAME, seat)?;
         let places = places(config.inputs.as_deref(), observed)?;
         let chosen: Vec<Channel> = places.iter().map(|place| observed[*place].clone()).collect();
-        // A network without inputs sees one that is always 0.
+        // A network without inputs gets one that is always 0.
         let hidden = vec![config.width; config.layers];
         let sizes = [vec![chosen.len().max(1)], hidden, vec![actions.len()]].concat();
         let activations = vec![Activation::Relu; config.layers];
@@ -158,7 +160,7 @@ impl NetworkRegression {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
             actions: actions.clone(),
-            network: Trained::new(network, adam),
+            network: TrainedNetwork::new(network, adam),
             places,
             config,
             n_updates: 0,
@@ -166,7 +168,7 @@ impl NetworkRegression {
         })
     }
 
-    /// Rows of inputs as the network sees them.
+    /// Rows of scaled inputs.
     fn seen<'a>(&self, observations: impl Iterator<Item = &'a Observation>) -> Vec<f32> {
         let row = |observation: &Observation| {
             if self.places.is_empty() {
@@ -183,7 +185,7 @@ impl NetworkRegression {
         self.places.len().max(1)
     }
 
-    /// An action of scaled outputs.
+    /// Action from scaled outputs.
     fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
         let entry = |(output, channel): (&f32, &Channel)| {
             let number = finite("action", self.n_updates, *output)?;
@@ -220,18 +222,18 @@ impl NetworkRegression {
         }
     }
 
-    /// As many remembered examples, drawn with replacement.
+    /// Draws `n` stored examples with replacement.
     fn drawn(&self, n: usize, rng: &mut Rng) -> Vec<f32> {
         let n_remembered = self.memory.len() as u64;
         let mut drawn = Vec::with_capacity(n * self.memory.width());
         for _ in 0..n {
-            // Below the number of rows.
+            // The draw is below the number of rows.
             drawn.extend(self.memory.row(rng.random_range(0..n_remembered) as usize));
         }
         drawn
     }
 
-    /// One update on examples, row by row.
+    /// Updates once on examples, row by row.
     fn update(&mut self, rows: &[f32], record: &mut Recorder) -> Result<(), Error> {
         let (inputs, n) = (self.n_inputs(), self.actions.len());
         let both = matrix(rows.to_vec(), inputs + n);
@@ -251,7 +253,7 @@ impl NetworkRegression {
     }
 }
 
-/// Places of the channels whose names begin as wanted.
+/// Positions of the channels whose names begin with one of `wanted`; all positions for `None`.
 fn places(wanted: Option<&[String]>, observed: &[Channel]) -> Result<Vec<usize>, Error> {
     let Some(wanted) = wanted else {
         return Ok((0..observed.len()).collect());
@@ -343,7 +345,7 @@ mod tests {
     use super::*;
     use contract::{End, Seat, random::stream};
 
-    /// Two channels, of which one says twice the answer in other units.
+    /// Interface with two channels; one of them is twice the answer in other units.
     fn interface() -> Interface {
         let channel = |name: &str, center, spread| Channel::new(name, "").typical(center, spread);
         Interface {
@@ -408,7 +410,7 @@ mod tests {
         assert!(fitted(tiny(Some(&["signal_"])), 500).1 < 0.05);
         for blind in [&[] as &[&str], &["noise"]] {
             let (_, off) = fitted(tiny(Some(blind)), 500);
-            // Of a uniform answer around 0 the mean is off by a half.
+            // The mean is off by a half for a uniform answer around 0.
             assert!((0.4..0.6).contains(&off), "{off}");
         }
     }
@@ -447,7 +449,7 @@ mod tests {
     #[test]
     fn the_last_examples_are_remembered() {
         let (agent, _) = fitted(tiny(Some(&["signal_"])), 4);
-        // 128 examples of which 100 are kept: each is its signal and its answer, which are one.
+        // 128 examples, of which 100 are kept; the signal of each equals its answer.
         assert_eq!(agent.memory.len(), 100);
         assert!(agent.memory.rows().all(|row| (row[0] - row[1]).abs() < 1e-6));
         let all = fitted(tiny(Some(&["signal_"])), 3).0;
@@ -456,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let message = |config: Config, interface: &Interface| {
             let built = NetworkRegression::new(config, interface, &mut stream(&["x"]));
             built.unwrap_err().to_string()

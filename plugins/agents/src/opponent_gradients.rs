@@ -1,19 +1,18 @@
-//! How much of the gradient of TDOM-AC's opponent models comes from the critics: theorem 1 of the thesis,
-//! measured.
+//! Share of the critics in the gradient of TDOM-AC's opponent models: a measurement of theorem 1 of the
+//! thesis.
 //!
 //! TDOM-AC learns (preset `differential_game`) with one of its two objectives of the opponent models. After
-//! each update the gradient of that objective is taken apart on a fresh minibatch, for every opponent model
-//! of every seat:
+//! each update the gradient of that objective is split into its parts on a new minibatch, for every opponent
+//! model of every seat:
 //!
 //! | thesis, chapter 4 | here |
 //! |---|---|
 //! | gradient of `E sum Q` (4.17), of `E Q^j` (4.22) | `value_gradient`, Euclidean norm over the model's parameters |
 //! | gradient of `E log rho` | `entropy_gradient`, likewise |
 //!
-//! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that the entropy part
-//! alone is left. It holds for exact critics; those here are learnt, one for each player, and cancel as far
-//! as both have become exact. What the models learn from is not touched by the measurement: running moments
-//! are put back.
+//! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that only the entropy part
+//! is left. It holds for exact critics. The critics here are learned, one per player, and cancel as far as
+//! both have become exact. The measurement does not affect learning: running moments are restored.
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
@@ -34,11 +33,11 @@ const NAME: &str = "opponent_gradients";
 /// Hyper-parameters of the learning: a preset of `tdom_ac`.
 const PRESET: &str = "differential_game";
 
-/// What the opponent models learn by, and the size of the learner.
+/// Objective of the opponent models, and the size of the learner.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// What the opponent models climb, and whose gradient is taken apart.
+    /// Objective of the opponent models, whose gradient is split into its parts.
     #[schemars(extend("x-source" = "thesis, eq. 4.17 and 4.22"))]
     pub opponent_objective: OpponentObjective,
     /// Units of both hidden layers of every network.
@@ -79,7 +78,7 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-/// TDOM-AC with its gradients taken apart.
+/// TDOM-AC with a measurement of its gradients.
 #[derive(Debug, Clone)]
 pub struct OpponentGradients {
     learner: Learner<tdom_ac::Config>,
@@ -151,7 +150,7 @@ impl OpponentGradients {
         (mean(|norms| norms.0), mean(|norms| norms.1))
     }
 
-    /// Norms for the model `at` of a seat, which predicts the seat `other`.
+    /// Norms of both parts for the model `at` of a seat, which predicts the seat `other`.
     fn parts_of_model(
         &mut self,
         seat: usize,
@@ -279,7 +278,7 @@ mod tests {
         }
     }
 
-    /// Both parts together are the gradient that is descended.
+    /// The sum of both parts is the gradient that the model descends.
     #[test]
     fn the_parts_add_up() {
         for objective in [OpponentObjective::Aligned, OpponentObjective::Neutralised] {

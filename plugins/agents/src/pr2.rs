@@ -25,11 +25,11 @@
 //! subtracts from Q^i in the opponent models' loss an estimate of its mean, a constant without a gradient,
 //! which is left out here.
 //!
-//! Variants of the released code, all with Gaussian opponent models in the place of the paper's sampler
-//! trained by Stein gradients: `differential_game` is `pr2.py`, `released_code` is `pr2_comp.py` (what its
-//! tag script imports), `released_code_navigation` is `pr2_v1.py`, whose opponent models minimise the seat's
-//! own value and whose critic bootstraps from one mean over the whole batch. `original` leaves the entropy of
-//! the own policy out, as the paper does; the opponent models keep theirs, which makes them soft posteriors.
+//! Variants of the released code, all with Gaussian opponent models instead of the paper's sampler trained by
+//! Stein gradients: `differential_game` is `pr2.py`; `released_code` is `pr2_comp.py` (which its tag script
+//! imports); `released_code_navigation` is `pr2_v1.py`, where opponent models minimise the seat's own value
+//! and the critic bootstraps from one mean over the whole batch. `original` leaves the entropy of the own
+//! policy out, as the paper does; the opponent models keep theirs, which makes them soft posteriors.
 //! `joined_draws: log_mean_exp` is the paper's soft maximum over the draws.
 //!
 //! Departures from the thesis' text: those of [`crate::tdom_ac`].
@@ -49,29 +49,29 @@ use serde_json::json;
 
 const NAME: &str = "pr2";
 
-/// What follows a transition in the critic's target.
+/// Value after a transition in the critic's target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Bootstrap {
-    /// The value of its own next state.
+    /// The value of the transition's own next state.
     #[default]
     PerState,
     /// The mean value of the next states of the whole batch.
     BatchMean,
 }
 
-/// Which way the opponent models move the seat's own value.
+/// Direction in which the opponent models move the seat's own value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OpponentObjective {
-    /// Up: opponents that mean well.
+    /// Up: benevolent opponents.
     #[default]
     Maximise,
-    /// Down: the worst that could come.
+    /// Down: the worst case.
     Minimise,
 }
 
-/// How the values of several draws become one.
+/// Aggregation of the values of several draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JoinedDraws {
@@ -90,19 +90,19 @@ pub struct Config {
     #[schemars(range(min = 1, max = 1024), extend("x-source" = "released code: 1 in predator and prey, else \
                                                                 16"))]
     pub opponent_samples: usize,
-    /// What follows a transition in the critic's target.
+    /// Value after a transition in the critic's target.
     #[schemars(extend("x-source" = "released code: per_state in predator and prey, else batch_mean"))]
     pub bootstrap: Bootstrap,
-    /// Which way the opponent models move the seat's own value.
+    /// Direction in which the opponent models move the seat's own value.
     #[schemars(extend("x-source" = "Wen et al. 2019; released code: minimise in cooperative navigation"))]
     pub opponent_objective: OpponentObjective,
-    /// How the values of several draws become one.
+    /// Aggregation of the values of several draws.
     #[schemars(extend("x-source" = "released code; Wen et al. 2019: log_mean_exp"))]
     pub joined_draws: JoinedDraws,
     /// Weight alpha of the entropy in the critic's target.
     #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
     pub critic_entropy_weight: f64,
-    /// What all algorithms with opponent models share.
+    /// Settings that all algorithms with opponent models share.
     #[serde(flatten)]
     pub settings: Settings,
 }
@@ -181,7 +181,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
-/// What the agent records.
+/// Metrics of the agent.
 fn metrics() -> Vec<Metric> {
     shared_metrics()
 }
@@ -245,8 +245,8 @@ impl Algorithm for Config {
 }
 
 impl Config {
-    /// The value behind s': `Q_target - alpha log pi`, joined over the draws and, where asked for, over the
-    /// batch.
+    /// Value at s' in the target: `Q_target - alpha log pi`, aggregated over the draws and, for `batch_mean`,
+    /// over the batch.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
         let seen = game.seen(seat, following);
@@ -308,7 +308,7 @@ impl Config {
         ((own.log_density.clone() * weight - value).mean(), own.log_density)
     }
 
-    /// The opponents' answers to an action: per draw, one action of each. Gradients flow through them into
+    /// Answers of the opponents to an action: one action of each per draw. Gradients flow through them into
     /// the action alone.
     fn answers(
         &self,
@@ -336,7 +336,7 @@ impl Config {
             return values.mean_dim(1);
         }
         let scaled = values / entropy_weight;
-        // The greatest is subtracted so that no exponential overflows.
+        // The largest value is subtracted so that no exponential overflows.
         let greatest = scaled.clone().detach().max_dim(1);
         ((scaled - greatest.clone()).exp().sum_dim(1).log() + greatest - n.ln()) * entropy_weight
     }
@@ -526,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
 }

@@ -1,7 +1,7 @@
 //! Every seat acts uniformly at random in its space: the least informed policy, a floor for comparisons.
 //!
 //! An entry of a box is uniform between its limits, shares are uniform on the simplex (see
-//! [`random_allocation`]), one of several choices is as likely as another. It draws in both modes, learns
+//! [`random_allocation`]), and choices are uniform among their options. The agent draws in both modes, learns
 //! nothing and records nothing. Under the protocol `search` it is random search.
 //!
 //! [`random_allocation`]: crate::random_allocation
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "random_action";
 
-/// It has no parameters.
+/// No parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
@@ -73,7 +73,7 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
             .map(|channel| rng.random_range(channel.low..=channel.high))
             .collect(),
         Space::Simplex(names) => uniform_shares(names.len(), rng),
-        // Not `usize`, whose width would reach the stream.
+        // `u32`: the width of `usize` depends on the machine and would change the stream.
         #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
         Space::Discrete(names) => vec![f64::from(rng.random_range(0..names.len() as u32))],
         Space::Choices(choices) => choice::vector(choices, &random_design(choices, rng)),

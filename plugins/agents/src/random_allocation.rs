@@ -1,8 +1,8 @@
-//! Shares drawn anew at every decision, uniformly from the simplex: the least informed policy, a floor for
+//! Shares drawn uniformly from the simplex at every decision: the least informed policy, a floor for
 //! comparisons.
 //!
 //! Uniform on the simplex is `Dirichlet(1, ..., 1)`: `a_i = e_i / sum_j e_j` with `e_i = -ln(1 - u_i)`
-//! exponential, `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
+//! exponential, `u_i` uniform in `[0, 1)`. The agent draws in both modes, learns nothing and records nothing.
 
 use crate::shared::{allocation::uniform_shares, seat};
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "random_allocation";
 
-/// It has no parameters.
+/// No parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}

@@ -1,12 +1,12 @@
 //! Fixed shares by the rank of the observed voltage: the heuristic rules of the thesis (table 3.3).
 //!
 //! The asset with the lowest observed voltage gets `weights[0]`, the one with the highest the last weight.
-//! Equal voltages keep the order of the channels. The ranks are taken anew at every decision.
+//! Equal voltages keep the order of the channels. Every decision ranks anew.
 //!
 //! Table 3.3: rule I `[0.15, 0.25, 0.25, 0.35]`, II `[0.1, 0.2, 0.3, 0.4]`, III `[0.1, 0.2, 0.2, 0.5]`,
-//! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. They are applied as they are:
-//! so the rule lives 0.122 of an equal split in the battery environment (published: 0.120), divided by their
-//! sum 0.194.
+//! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. Applied as they are, the rule
+//! lives 0.122 of an equal split in the battery environment (published: 0.120); divided by their sum, it
+//! lives 0.194.
 
 use crate::shared::seat;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng};
@@ -15,10 +15,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 const NAME: &str = "rank_rule";
-/// How far shares may sum to less than 1; no environment takes less.
+/// Largest amount by which shares may sum to less than 1; no environment takes less.
 const SUM_TOLERANCE: f64 = 1e-6;
 
-/// The weights.
+/// Weights by rank.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -67,8 +67,8 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the rule for one seat that observes one `voltage_..` channel per share.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for other seats, [`Error::Config`] for weights that are no shares or do not fit in
-/// number.
+/// [`Error::Mismatch`] for other seats; [`Error::Config`] for weights that are no shares or differ in number
+/// from the assets.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seat = seat::only_seat(NAME, interface)?;
     let n_assets = seat::simplex(NAME, seat)?.len();
@@ -96,7 +96,7 @@ fn shares(weights: &[f64], n_assets: usize) -> Result<Vec<f64>, Error> {
             "weights are at least 0 and one is above 0",
         ));
     }
-    // What lies above 1 is for the environment to judge: as printed, one of the rules does.
+    // The environment judges sums above 1: one of the printed rules has such a sum.
     if total < 1.0 - SUM_TOLERANCE {
         let problem = format!("the weights sum to {total}; write shares that sum to 1");
         return Err(Error::config("weights", problem));

@@ -2,18 +2,19 @@
 //! oldest one dies.
 //!
 //! Real, Aggarwal, Huang and Le 2019, "Regularized evolution for image classifier architecture search", AAAI,
-//! algorithm 1. A population of random designs comes first. Then, again and again, `tournament` designs are drawn
-//! from the population with replacement, the best of them is the parent, its child takes another option of one choice
-//! of one step, drawn uniformly, and takes the place of the oldest design. Where it is scored it makes the best design
-//! that it has seen.
+//! algorithm 1. A population of random designs comes first. Then, again and again, `tournament` designs are
+//! drawn from the population with replacement; the best of them is the parent; its child takes another option
+//! of one choice of one step, drawn uniformly, and replaces the oldest design. In evaluation the agent makes
+//! the best design so far.
 //!
-//! Departure: the paper mutates a hidden state or an operation by turns, which its space has and others lack.
+//! Departure: the paper alternates between mutations of a hidden state and of an operation, which its space
+//! has and others lack.
 //!
 //! Metrics, means since the last design: `population_return` the mean return of the population.
 
 use crate::shared::{
-    designs::{Options, Tried, best, random_design},
-    proposer::{Known, Method, Proposer},
+    designs::{EvaluatedDesign, Options, best, random_design},
+    proposer::{Method, Proposer, SearchHistory},
 };
 use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
@@ -26,10 +27,10 @@ const NAME: &str = "regularised_evolution";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Designs that live.
+    /// Number of designs in the population.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "Real et al. 2019: 100, for thousands of designs"))]
     pub population: usize,
-    /// Designs that compete to be the parent.
+    /// Number of designs that compete to be the parent.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "Real et al. 2019: a quarter of the population"))]
     pub tournament: usize,
 }
@@ -45,10 +46,10 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// What changes while it searches.
+/// State of the search besides its history.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
-    /// The child under way; `None` while the first population is drawn.
+    /// Child whose steps are being made; `None` while the first population is drawn.
     child: Option<Options>,
     n_children: u64,
 }
@@ -75,19 +76,19 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
 }
 
 impl Config {
-    /// The designs that live: the youngest ones.
-    fn living<'a>(&self, tried: &'a [Tried]) -> &'a [Tried] {
+    /// Population: the youngest designs.
+    fn living<'a>(&self, tried: &'a [EvaluatedDesign]) -> &'a [EvaluatedDesign] {
         &tried[tried.len().saturating_sub(self.population)..]
     }
 
-    fn child(&self, known: &Known, rng: &mut Rng) -> Options {
-        let living = self.living(&known.tried);
-        let drawn: Vec<Tried> = (0..self.tournament)
+    fn child(&self, history: &SearchHistory, rng: &mut Rng) -> Options {
+        let living = self.living(&history.tried);
+        let drawn: Vec<EvaluatedDesign> = (0..self.tournament)
             .map(|_| living[index(living.len(), rng)].clone())
             .collect();
-        // The population is full where children are made, so somebody was drawn.
+        // The population is full when children are made, so at least one design was drawn.
         let mut child = best(&drawn).map_or_else(Options::new, |parent| parent.options.clone());
-        mutate(&mut child, &known.choices, rng);
+        mutate(&mut child, &history.choices, rng);
         child
     }
 }
@@ -96,22 +97,22 @@ impl Method for Config {
     const NAME: &'static str = NAME;
     type State = State;
 
-    fn propose(&self, known: &Known, state: &mut State, rng: &mut Rng) -> Vec<usize> {
-        let step = known.under_way.options.len();
+    fn propose(&self, history: &SearchHistory, state: &mut State, rng: &mut Rng) -> Vec<usize> {
+        let step = history.under_way.options.len();
         if step == 0 {
-            let full = known.tried.len() >= self.population;
-            state.child = full.then(|| self.child(known, rng));
+            let full = history.tried.len() >= self.population;
+            state.child = full.then(|| self.child(history, rng));
             state.n_children += u64::from(full);
         }
         let planned = state.child.as_ref().and_then(|child| child.get(step));
         planned
             .cloned()
-            .unwrap_or_else(|| random_design(&known.choices, rng))
+            .unwrap_or_else(|| random_design(&history.choices, rng))
     }
 
-    fn note(&self, known: &Known, _: &State, whole: bool, record: &mut Recorder) {
+    fn record_step(&self, history: &SearchHistory, _: &State, whole: bool, record: &mut Recorder) {
         if whole {
-            let living = self.living(&known.tried);
+            let living = self.living(&history.tried);
             #[allow(clippy::cast_precision_loss, reason = "few designs live")]
             let mean = living.iter().map(|one| one.value).sum::<f64>() / living.len() as f64;
             record.mean("population_return", mean);
@@ -126,7 +127,7 @@ impl Method for Config {
     }
 }
 
-/// Another option of one choice of one step; choices with a single option stay.
+/// Changes one choice of one step to another option; choices with a single option stay.
 fn mutate(design: &mut Options, choices: &[Choice], rng: &mut Rng) {
     let open: Vec<(usize, usize)> = (0..design.len())
         .flat_map(|step| (0..choices.len()).map(move |choice| (step, choice)))
@@ -140,7 +141,7 @@ fn mutate(design: &mut Options, choices: &[Choice], rng: &mut Rng) {
     design[step][choice] = (design[step][choice] + shift) % choices[choice].options.len();
 }
 
-/// Below `n`. Not drawn as `usize`, whose width would reach the stream.
+/// Draws an index below `n` as `u32`: the width of `usize` would change the stream.
 #[allow(clippy::cast_possible_truncation, reason = "nobody tries 2^32 designs")]
 fn index(n: usize, rng: &mut Rng) -> usize {
     rng.random_range(0..n as u32) as usize
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
+    fn it_finds_the_best_design_and_makes_it_in_evaluation() {
         let (mut agent, mut rng) = (agent(6), contract::random::stream(&["evolution"]));
         let values = search(&mut *agent, 80, &mut rng);
         assert!(values.contains(&BEST));
@@ -196,12 +197,12 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_die_whatever_they_were_worth() {
+    fn the_oldest_designs_die_for_any_value() {
         let config = Config {
             population: 2,
             tournament: 2,
         };
-        let tried = |value: f64| Tried {
+        let tried = |value: f64| EvaluatedDesign {
             options: vec![vec![0, 0]],
             value,
         };

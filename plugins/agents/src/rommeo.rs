@@ -1,4 +1,5 @@
-//! ROMMEO: actor-critic with an opponent model that is regularised towards what the others were seen to do.
+//! ROMMEO: actor-critic with an opponent model that is regularised towards the observed actions of the
+//! others.
 //!
 //! Tian et al. 2019, "A regularized opponent model with maximum entropy objective", IJCAI; thesis, section
 //! 4.5, as a baseline, in the form of its released code (github.com/Yuantian013/TDOM-AC).
@@ -45,7 +46,7 @@ const NAME: &str = "rommeo";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// What the policy is given as the others' actions when it explores.
+    /// Actions of the others that the policy is given when it explores.
     #[schemars(extend("x-source" = "released code; thesis, algorithm 2"))]
     pub acting_prediction: ActingPrediction,
     /// Weight k of the squares of the prior's mean and standard deviation in its loss.
@@ -54,7 +55,7 @@ pub struct Config {
     /// Weight alpha of the entropy in the critic's target.
     #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
     pub critic_entropy_weight: f64,
-    /// What all algorithms with opponent models share.
+    /// Settings that all algorithms with opponent models share.
     #[serde(flatten)]
     pub settings: Settings,
 }
@@ -104,7 +105,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
-/// What the agent records.
+/// Metrics of the agent.
 fn metrics() -> Vec<Metric> {
     let prior = Metric::new("prior_loss", "", "loss of the priors, mean over the seats").lower_is_better();
     [shared_metrics(), vec![prior]].concat()
@@ -156,9 +157,9 @@ impl Algorithm for Config {
     }
 }
 
-/// The prior of a seat.
+/// Prior of a seat.
 fn prior(game: &mut Game, seat: usize) -> &mut GaussianNetwork {
-    // This algorithm says that its seats have priors, so all of them do.
+    // This algorithm declares priors, so every seat has one.
     game.players[seat].prior.as_mut().expect("a prior per seat")
 }
 
@@ -172,7 +173,7 @@ impl Config {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         let loss = self.prior_loss(game, seat, batch);
-        game.note("prior_loss", &loss, record)?;
+        game.record_loss("prior_loss", &loss, record)?;
         prior(game, seat).descend(&loss);
         Ok(())
     }
@@ -185,7 +186,7 @@ impl Config {
         squares * self.prior_regularisation - log_density(head, candidate).mean()
     }
 
-    /// The value behind s': `Q_target - alpha log pi + sum_j (log P^j - log rho^j)`.
+    /// Value at s' in the target: `Q_target - alpha log pi + sum_j (log P^j - log rho^j)`.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
         let seen = game.seen(seat, following);
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn the_prior_learns_what_was_done() {
+    fn the_prior_learns_the_stored_actions() {
         let mut learner = trials::learner(Config {
             settings: Settings {
                 learning_rate: 0.01,
@@ -378,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
 }

@@ -1,7 +1,7 @@
-//! Soft actor-critic as an agent: [`SoftActorCritic`] with an update or more per step of the environment.
+//! Soft actor-critic as an agent: [`SoftActorCritic`] with updates at the steps of the environment.
 //!
-//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905. What it computes, its
-//! departures and its metrics stand with the algorithm, which other agents are made of too.
+//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905. Equations,
+//! departures and metrics stand with the algorithm, on which other agents are built, too.
 
 use crate::shared::soft_actor_critic::{Config, SoftActorCritic, metrics};
 use contract::{Agent, AgentTraits, Error, Interface, Registry, Rng, UseOfDatasets};
@@ -11,7 +11,7 @@ const NAME: &str = "soft_actor_critic";
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic for one seat that acts in a box";
-    // Off the policy: a replay buffer does not ask who decided.
+    // Off-policy: the replay buffer takes decisions of any policy.
     let datasets = UseOfDatasets::Also;
     let traits = AgentTraits {
         learns: true,

@@ -1,4 +1,4 @@
-//! TD3 with behaviour cloning: an actor-critic for datasets that stays close to what they show.
+//! TD3 with behaviour cloning: an actor-critic for datasets that stays close to their actions.
 //!
 //! Fujimoto and Gu 2021, "A minimalist approach to offline reinforcement learning", arXiv:2106.06860
 //! (equations are its), on Fujimoto et al. 2018, "Addressing function approximation error in actor-critic
@@ -23,13 +23,13 @@
 //!
 //! Departures from the paper
 //! - Simplex. The paper acts in boxes. Here shares are the softmax of the outputs, and the noise of the
-//!   target is added to the outputs before it, so that what is smoothed stays on the simplex. Critics and the
-//!   cloning term see `n a - 1`: squares of plain shares are so small that `alpha` would mean something else
+//!   target is added to the outputs before it, so that the smoothed action stays on the simplex. Critics and the
+//!   cloning term see `n a - 1`: squares of plain shares are so small that `alpha` would have another meaning
 //!   than in a box.
 //! - A deviation is enlarged by a thousandth of the typical one of its channel; the paper adds 0.001 to
 //!   states without units.
 //! - Half the squared error is descended by the critics: the same steps under Adam.
-//! - It acts alike while training and where it is scored; no training asks it to act.
+//! - The agent acts alike in training and evaluation; no training asks it to act.
 //!
 //! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error summed
 //! over both critics, `policy_loss` eq. 5, `clone_error` the mean over batch and entries of `|pi(s) - a|`,
@@ -37,7 +37,7 @@
 
 use crate::shared::{
     checkpoint::{self, finite},
-    dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy},
+    dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
     replay::Batch,
     targets::{bootstrapped, half_squared_error, mean},
 };
@@ -49,7 +49,7 @@ use contract::{
 use numerics::{
     gaussian::standard_normal,
     network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     tensor_file::TensorFile,
 };
@@ -63,7 +63,7 @@ const NAME: &str = "td3_bc";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Weight alpha of the critics against the cloning; 0 clones alone.
+    /// Weight alpha of the critics against the cloning; 0 for cloning alone.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub alpha: f64,
     /// Step size of Adam for the policy.
@@ -84,21 +84,21 @@ pub struct Config {
     /// Standard deviation of the noise on the target policy.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub target_noise: f64,
-    /// Largest size of that noise.
+    /// Largest absolute value of that noise.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub target_noise_limit: f64,
     /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub width: usize,
-    /// Hidden layers of policy and critics.
+    /// Number of hidden layers of policy and critics.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
     pub layers: usize,
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// By what observations are scaled.
+    /// Source of the moments by which observations are scaled.
     #[schemars(extend("x-source" = "Fujimoto and Gu 2021, eq. 6"))]
-    pub scale_by: ScaleBy,
+    pub scale_by: ScalingSource,
 }
 
 impl Default for Config {
@@ -115,22 +115,22 @@ impl Default for Config {
             width: 256,
             layers: 2,
             gradient_clip: None,
-            scale_by: ScaleBy::Dataset,
+            scale_by: ScalingSource::Dataset,
         }
     }
 }
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// TD3 with behaviour cloning for one seat.
 #[derive(Debug, Clone)]
 pub struct Td3Bc {
     config: Config,
     actor: DatasetActor,
-    critics: Trained<TwinMlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_policy: Mlp,
     target_critics: TwinMlp,
-    /// Updates of the critics.
+    /// Number of updates of the critics.
     n_updates: u64,
 }
 
@@ -155,7 +155,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Td3Bc::new(config, interface, rng)?))
 }
 
-/// What [`Td3Bc::learn`] records.
+/// Metrics that [`Td3Bc::learn`] records.
 #[must_use]
 fn metrics() -> Vec<Metric> {
     vec![
@@ -189,7 +189,7 @@ impl Td3Bc {
             scale_by,
             ..
         } = config;
-        let form = Form {
+        let form = ActorSettings {
             width,
             layers,
             learning_rate: config.actor_learning_rate,
@@ -205,7 +205,7 @@ impl Td3Bc {
         Ok(Self {
             target_policy: actor.network.network().valid(),
             target_critics: critics.valid(),
-            critics: Trained::new(critics, Adam::new(config.critic_learning_rate, gradient_clip)),
+            critics: TrainedNetwork::new(critics, Adam::new(config.critic_learning_rate, gradient_clip)),
             config,
             actor,
             n_updates: 0,
@@ -242,7 +242,8 @@ impl Td3Bc {
         )
     }
 
-    /// What the target policy does, with noise: in a box on the action, on a simplex before the softmax.
+    /// Noisy actions of the target policy: in a box the noise is added to the action, on a simplex before the
+    /// softmax.
     fn smoothed(&self, observations: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
         let outputs = self.target_policy.forward(observations.clone());
         let [rows, columns] = outputs.dims();
@@ -277,7 +278,7 @@ impl Td3Bc {
         Ok(())
     }
 
-    /// What a policy does and what the first critic says of it, without gradients.
+    /// Actions of a policy and their values by the first critic, without gradients.
     fn acted_and_valued(&self, policy: &Mlp, batch: &Batch) -> (Tensor<2>, Tensor<2>) {
         let acted = self
             .actor
@@ -292,19 +293,19 @@ impl Td3Bc {
         (acted, q)
     }
 
-    /// `alpha / mean |Q|`.
+    /// Weight `alpha / mean |Q|`.
     fn lambda(&self, q: &Tensor<2>) -> f64 {
         self.config.alpha / f64::from(mean(q.clone().abs()))
     }
 
-    /// Eq. 5, for a weight that passes no gradient.
+    /// Loss of eq. 5, with a weight without gradient.
     fn policy_loss(&self, policy: &Mlp, batch: &Batch, lambda: f64) -> Tensor<1> {
         let set = self.actor.actions;
         let acted = set.act(policy.forward(batch.observations.clone()));
         let cloning = (set.centred(acted.clone()) - set.centred(batch.actions.clone()))
             .powf_scalar(2.0)
             .mean();
-        // A plain critic: the gradient passes through it to the action, and none of its own is computed.
+        // An untracked critic: the gradient passes through it to the action alone.
         let q = self
             .critics
             .network()
@@ -314,7 +315,7 @@ impl Td3Bc {
         cloning - q.mean() * lambda
     }
 
-    /// What critics see.
+    /// Input of the critics: observations and centred actions.
     fn judged(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
         Tensor::cat(vec![observations.clone(), self.actor.actions.centred(actions)], 1)
     }
@@ -431,7 +432,7 @@ mod tests {
     }
 
     /// Shares drawn uniformly from the simplex.
-    fn anything(_: f64, rng: &mut Rng) -> Vec<f64> {
+    fn random_shares(_: f64, rng: &mut Rng) -> Vec<f64> {
         let draws: Vec<f64> = (0..3).map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
         draws
             .iter()
@@ -450,7 +451,7 @@ mod tests {
     fn batch_of(agent: &Td3Bc, n: usize) -> Batch {
         agent
             .actor
-            .batch(&decisions(n, &mut stream(&["batch"]), anything, reward))
+            .batch(&decisions(n, &mut stream(&["batch"]), random_shares, reward))
     }
 
     #[test]
@@ -561,7 +562,7 @@ mod tests {
             },
             &bandit::interface(),
         );
-        let data = decisions(8, &mut stream(&["delay"]), anything, reward);
+        let data = decisions(8, &mut stream(&["delay"]), random_shares, reward);
         let learn = |agent: &mut Td3Bc| {
             let before = (
                 parameters(agent.actor.network.network()),
@@ -586,16 +587,16 @@ mod tests {
     }
 
     #[test]
-    fn it_does_better_than_what_it_saw_and_cloning_does_not() {
+    fn it_does_better_than_the_dataset_and_cloning_does_not() {
         let mut rng = stream(&["better"]);
-        let data = decisions(2_000, &mut rng, anything, reward);
+        let data = decisions(2_000, &mut rng, random_shares, reward);
         let mut error = |config: Config| {
             let mut agent = agent(config, &bandit::interface());
             fit(&mut agent, &data, 1_200, &mut rng);
             bandit::error(&mut agent, &mut rng)
         };
         let (improved, cloned) = (error(tiny()), error(Config { alpha: 0.0, ..tiny() }));
-        // The mean of what was done is equal shares; (1/3 - best) adds up to 0.39 in the mean.
+        // Cloning yields the mean of the actions, equal shares; |1/3 - best| adds up to 0.39 on average.
         assert!(cloned > 0.3 && improved < 0.6 * cloned, "{improved} {cloned}");
     }
 
@@ -636,7 +637,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared_and_what_it_exports_acts() {
+    fn recorded_metrics_are_declared_and_the_exported_policy_acts() {
         bandit::assert_declared(&mut agent(tiny(), &bandit::interface()), &metrics());
         bandit::assert_exports(&mut agent(tiny(), &bandit::interface()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());

@@ -13,12 +13,12 @@
 //! Order of an update, per seat on a minibatch of its own: critic (4.13), opponent models (4.22), policy
 //! (4.16).
 //!
-//! Departures from the thesis. The defaults are what the published curves were made with (`preset:
+//! Departures from the thesis. The defaults are those of the published curves (`preset:
 //! released_code`); `preset: thesis` is the text.
-//! - Rectifiers in the place of leaky ones; inputs normalised by the batch; rewards standardised over the
-//!   buffer; gradients clipped at 0.5; 0.5 in the place of 1 as the entropy's weight in the critic's target;
-//!   a second step of the policy along its stale gradient after each critic update; acting on the mean of the
-//!   opponent model.
+//! - Rectifiers instead of leaky ones; inputs normalised by the batch; rewards standardised over the buffer;
+//!   gradients clipped at 0.5; 0.5 instead of 1 as the entropy's weight in the critic's target; a second step
+//!   of the policy along its stale gradient after each critic update; acting on the mean of the opponent
+//!   model.
 //! - Equation 4.12 is used without its factor of a half.
 //! - `neutralised` sums the critics of all seats. As printed, the sum of equation 4.17 runs over the others
 //!   alone and nothing would cancel between two players; the proof of theorem 1 adds `Q^1` and `Q^2`, and so
@@ -44,15 +44,15 @@ use serde_json::json;
 
 const NAME: &str = "tdom_ac";
 
-/// What the opponent models climb.
+/// Objective of the opponent models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OpponentObjective {
-    /// Eq. 4.22: each model the critic of the seat it models, the others' actions being those that were
-    /// taken.
+    /// Eq. 4.22: each model ascends the critic of the seat that it models, with the stored actions of the
+    /// others.
     #[default]
     Aligned,
-    /// Eq. 4.17 as theorem 1 has it: all models the sum of all critics, in which those of opposed seats
+    /// Eq. 4.17 as in theorem 1: all models ascend the sum of all critics, in which those of opposed seats
     /// cancel.
     Neutralised,
 }
@@ -61,16 +61,16 @@ pub enum OpponentObjective {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// What the opponent models climb.
+    /// Objective of the opponent models.
     #[schemars(extend("x-source" = "thesis, eq. 4.22"))]
     pub opponent_objective: OpponentObjective,
-    /// What the policy is given as the others' actions when it explores.
+    /// Actions of the others that the policy is given when it explores.
     #[schemars(extend("x-source" = "released code; thesis, algorithm 2: sample"))]
     pub acting_prediction: ActingPrediction,
     /// Weight alpha of the entropy in the critic's target.
     #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
     pub critic_entropy_weight: f64,
-    /// What all algorithms with opponent models share.
+    /// Settings that all algorithms with opponent models share.
     #[serde(flatten)]
     pub settings: Settings,
 }
@@ -123,7 +123,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
-/// What the agent records.
+/// Metrics of the agent.
 fn metrics() -> Vec<Metric> {
     shared_metrics()
 }
@@ -169,7 +169,7 @@ impl Algorithm for Config {
 }
 
 impl Config {
-    /// The value behind s' in eq. 4.13: `Q_target - alpha (log pi + sum log rho)`.
+    /// Value at s' in the target of eq. 4.13: `Q_target - alpha (log pi + sum log rho)`.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
         let seen = game.seen(seat, following);
@@ -204,7 +204,8 @@ impl Config {
         Ok(())
     }
 
-    /// Eq. 4.22 for one opponent as a loss: `mean(alpha log rho - Q^j)`, all seats but j doing what they did.
+    /// Eq. 4.22 for one opponent as a loss: `mean(alpha log rho - Q^j)`, with the stored actions of all seats
+    /// but j.
     pub(crate) fn aligned_loss(
         &self,
         game: &mut Game,
@@ -220,7 +221,8 @@ impl Config {
         (drawn.log_density * self.settings.opponent_entropy_weight - value).mean()
     }
 
-    /// Eq. 4.17 for one opponent as a loss: `mean(alpha log rho - sum of all Q)`, all others being predicted.
+    /// Eq. 4.17 for one opponent as a loss: `mean(alpha log rho - sum of all Q)`, with predicted actions of
+    /// all others.
     pub(crate) fn neutralised_loss(
         &self,
         game: &mut Game,
@@ -430,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_records_is_declared() {
+    fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
 }

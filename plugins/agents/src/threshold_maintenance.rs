@@ -1,16 +1,17 @@
-//! Maintain what is worn beyond a threshold, the most worn first, and never too many at once: a rule for a fleet.
+//! Maintenance beyond a threshold, the most worn seats first and a limited number at once: a rule for a
+//! fleet.
 //!
-//! Two thresholds on two channels of the full state that every seat has. A seat whose `all_channel` is at or above
-//! `all_from` takes the choice `all`; another one whose `worst_channel` is at or above `worst_from` takes the choice
-//! `worst`. Of these seats at most `at_once` are let, those that are furthest above their threshold in parts of it; the
-//! rest wait, and take `nothing`. On a counted charge this is maintenance at intervals, on a health it is
-//! condition-based; `at_once` is what keeps a fleet available.
+//! The rule has two thresholds on two channels of the full state that every seat has. A seat whose
+//! `all_channel` is at or above `all_from` takes the choice `all`; another one whose `worst_channel` is at or
+//! above `worst_from` takes the choice `worst`. At most `at_once` of these seats are maintained, those that
+//! exceed their threshold by the largest part of it; the others wait and take `nothing`. On a counted charge
+//! this is maintenance at intervals, on a health it is condition-based; `at_once` keeps a fleet available.
 //!
-//! It learns nothing and records nothing.
+//! The agent learns nothing and records nothing.
 
 use crate::shared::{
     choice_seat::{choice, state_of_seats},
-    state_rule::{Ruled, StateRule},
+    state_rule::{RuleAgent, StateRule},
 };
 use contract::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
@@ -18,23 +19,23 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "threshold_maintenance";
 
-/// The thresholds of the rule.
+/// Thresholds and choices of the rule.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// The channel `<seat>.<name>` of the full state that decides on all parts of a seat.
     pub all_channel: String,
-    /// From which value on the choice `all` is taken; never where absent.
+    /// Smallest value at which the choice `all` is taken; never if absent.
     pub all_from: Option<f64>,
-    /// The name of that choice.
+    /// Name of that choice.
     pub all: String,
     /// The channel `<seat>.<name>` of the full state that decides on the worst part of a seat.
     pub worst_channel: String,
-    /// From which value on the choice `worst` is taken; never where absent.
+    /// Smallest value at which the choice `worst` is taken; never if absent.
     pub worst_from: Option<f64>,
-    /// The name of that choice.
+    /// Name of that choice.
     pub worst: String,
-    /// Seats that are maintained in one step at most.
+    /// Largest number of seats that are maintained in one step.
     #[schemars(range(min = 1, max = 100_000))]
     pub at_once: usize,
 }
@@ -55,16 +56,16 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The rule.
+/// The rule for all seats.
 #[derive(Debug, Clone)]
 struct ThresholdMaintenance {
     at_once: usize,
-    seats: Vec<SeatOfRule>,
+    seats: Vec<RuleSeat>,
 }
 
-/// A seat's thresholds, the first that is reached holds, and what it does below them.
+/// Thresholds of a seat, of which the first that is reached applies, and its choice below all of them.
 #[derive(Debug, Clone)]
-struct SeatOfRule {
+struct RuleSeat {
     nothing: Vec<f64>,
     thresholds: Vec<Threshold>,
 }
@@ -85,15 +86,15 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the rule for seats with the choice `nothing` and those that it names.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where a choice or a channel of the full state is missing; [`Error::Config`] for a threshold that
-/// is not above 0 and for none let at once.
+/// [`Error::Mismatch`] where a choice or a channel of the full state is missing; [`Error::Config`] for a
+/// threshold that is not above 0 and for `at_once: 0`.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     if config.at_once == 0 {
         return Err(Error::config("at_once", "it is at least 1"));
     }
     let mut seats = Vec::new();
     for seat in &interface.seats {
-        seats.push(SeatOfRule {
+        seats.push(RuleSeat {
             nothing: choice(NAME, seat, "nothing")?,
             thresholds: Vec::new(),
         });
@@ -121,7 +122,7 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
             });
         }
     }
-    Ok(Box::new(Ruled(ThresholdMaintenance {
+    Ok(Box::new(RuleAgent(ThresholdMaintenance {
         at_once: config.at_once,
         seats,
     })))
@@ -144,8 +145,9 @@ impl StateRule for ThresholdMaintenance {
     }
 }
 
-impl SeatOfRule {
-    /// How far the first threshold that is reached lies below its value, in parts of it, and what it asks for.
+impl RuleSeat {
+    /// Excess of the value over the first threshold that is reached, in parts of the threshold, and its
+    /// choice.
     fn due(&self, state: &[f64]) -> Option<(f64, &[f64])> {
         let reached = self.thresholds.iter().find(|it| state[it.channel] >= it.from)?;
         Some((state[reached.channel] / reached.from, &reached.choice))
@@ -167,7 +169,7 @@ mod tests {
         build(config, &interface(3, choices, &CHANNELS), &mut stream(&[]))
     }
 
-    /// What is chosen, given means and worst values of three seats.
+    /// Choices for means and worst values of three seats.
     fn decided(values: serde_json::Value, mean: [f64; 3], worst: [f64; 3]) -> Vec<f64> {
         let of_seats = mean.iter().zip(worst).flat_map(|(mean, worst)| [*mean, worst]);
         let seen = Observation {
@@ -198,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn misfits_are_refused() {
         let refused = |values, choices: &[&str]| agent(values, choices).err().unwrap().to_string();
         assert!(refused(json!({ "at_once": 0 }), &CHOICES).contains("`at_once`"));
         assert!(refused(json!({ "all_from": 0.0 }), &CHOICES).contains("`all_from`: 0 is not above 0"));

@@ -7,17 +7,17 @@
 //! |---|---|
 //! | gamma | `good_share`: the best designs are the good ones, at most `most_good` of them |
 //! | l(x), g(x) | how often an option was taken among the good designs and among the others, each count raised by `prior` |
-//! | l(x) / g(x) | what a proposal is judged by: the largest of `n_candidates` drawn from l |
+//! | l(x) / g(x) | score of a proposal: the largest of `n_candidates` drawn from l |
 //!
 //! Every choice of every step has densities of its own (the form for independent parameters), except that a step is
-//! proposed as a whole: its candidates are judged by the product over its choices. The first `n_startup` designs are
-//! drawn uniformly. Where it is scored it makes the best design that it has seen.
+//! proposed as a whole: the score of a candidate is the product over its choices. The first `n_startup`
+//! designs are drawn uniformly. In evaluation the agent makes the best design so far.
 //!
-//! Metrics, means since the last design: `proposal_score`, ln(l / g) of what was proposed.
+//! Metrics, means since the last design: `proposal_score`, ln(l / g) of the proposal.
 
 use crate::shared::{
-    designs::{Tried, random_design},
-    proposer::{Known, Method, Proposer},
+    designs::{EvaluatedDesign, random_design},
+    proposer::{Method, Proposer, SearchHistory},
 };
 use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
@@ -30,19 +30,19 @@ const NAME: &str = "tree_parzen";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Designs that are drawn uniformly before any is proposed.
+    /// Number of designs that are drawn uniformly before any is proposed.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 10"))]
     pub n_startup: usize,
     /// Share of the designs that counts as good.
     #[schemars(range(min = 0.001, max = 0.999), extend("x-source" = "optuna 4: 0.1"))]
     pub good_share: f64,
-    /// At most so many designs count as good.
+    /// Largest number of designs that count as good.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 25"))]
     pub most_good: usize,
-    /// Candidates of which the best one is proposed.
+    /// Number of candidates, of which the best one is proposed.
     #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 24"))]
     pub n_candidates: usize,
-    /// What every option counts before it was taken.
+    /// Count of every option before it was taken.
     #[schemars(range(min = 1e-6, max = 1e6), extend("x-source" = "optuna 4: 1"))]
     pub prior: f64,
 }
@@ -61,11 +61,11 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// What changes while it searches.
+/// State of the search besides its history.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
     n_proposals: u64,
-    /// ln(l / g) of the last proposal.
+    /// Score ln(l / g) of the last proposal.
     score: f64,
 }
 
@@ -95,24 +95,24 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     Ok(Box::new(Proposer::new(config, interface)?))
 }
 
-/// How likely each option of each choice is, at one step.
+/// Probability of each option of each choice in one step.
 type Density = Vec<Vec<f64>>;
 
 impl Method for Config {
     const NAME: &'static str = NAME;
     type State = State;
 
-    fn propose(&self, known: &Known, state: &mut State, rng: &mut Rng) -> Vec<usize> {
-        if known.tried.len() < self.n_startup {
-            return random_design(&known.choices, rng);
+    fn propose(&self, history: &SearchHistory, state: &mut State, rng: &mut Rng) -> Vec<usize> {
+        if history.tried.len() < self.n_startup {
+            return random_design(&history.choices, rng);
         }
-        let (taken, score) = self.candidate(known, rng);
+        let (taken, score) = self.candidate(history, rng);
         state.n_proposals += 1;
         state.score = score;
         taken
     }
 
-    fn note(&self, _: &Known, state: &State, _: bool, record: &mut Recorder) {
+    fn record_step(&self, _: &SearchHistory, state: &State, _: bool, record: &mut Recorder) {
         record.mean("proposal_score", state.score);
     }
 
@@ -125,11 +125,11 @@ impl Method for Config {
 }
 
 impl Config {
-    /// The best of the candidates drawn for the next step, and its ln(l / g).
-    fn candidate(&self, known: &Known, rng: &mut Rng) -> (Vec<usize>, f64) {
-        let step = known.under_way.options.len();
-        let (good, others) = self.split(&known.tried);
-        let density = |designs: &[&Tried]| self.density(&known.choices, designs, step);
+    /// Best of the candidates for the next step, and its ln(l / g).
+    fn candidate(&self, history: &SearchHistory, rng: &mut Rng) -> (Vec<usize>, f64) {
+        let step = history.under_way.options.len();
+        let (good, others) = self.split(&history.tried);
+        let density = |designs: &[&EvaluatedDesign]| self.density(&history.choices, designs, step);
         let (likely, unlikely) = (density(&good), density(&others));
         let candidate = |_| {
             let taken: Vec<usize> = likely.iter().map(|of_choice| drawn(of_choice, rng)).collect();
@@ -145,9 +145,12 @@ impl Config {
             .unwrap_or_default()
     }
 
-    /// The good designs and the others; of equal ones the earlier one is the better.
-    fn split<'a>(&self, tried: &'a [Tried]) -> (Vec<&'a Tried>, Vec<&'a Tried>) {
-        let mut ranked: Vec<&Tried> = tried.iter().collect();
+    /// The good designs and the others; the earlier of equal designs ranks higher.
+    fn split<'a>(
+        &self,
+        tried: &'a [EvaluatedDesign],
+    ) -> (Vec<&'a EvaluatedDesign>, Vec<&'a EvaluatedDesign>) {
+        let mut ranked: Vec<&EvaluatedDesign> = tried.iter().collect();
         ranked.sort_by(|one, other| other.value.total_cmp(&one.value));
         #[allow(
             clippy::cast_precision_loss,
@@ -160,7 +163,7 @@ impl Config {
         (ranked, others)
     }
 
-    fn density(&self, choices: &[Choice], designs: &[&Tried], step: usize) -> Density {
+    fn density(&self, choices: &[Choice], designs: &[&EvaluatedDesign], step: usize) -> Density {
         let of_choice = |(at, choice): (usize, &Choice)| {
             let mut counts = vec![self.prior; choice.options.len()];
             for design in designs {
@@ -175,7 +178,7 @@ impl Config {
     }
 }
 
-/// One option, each as likely as its density says.
+/// Draws an option with the probabilities of `density`.
 fn drawn(density: &[f64], rng: &mut Rng) -> usize {
     let mut left: f64 = rng.random();
     let passed = |share: &f64| {
@@ -202,7 +205,7 @@ mod tests {
     };
 
     #[test]
-    fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
+    fn it_finds_the_best_design_and_makes_it_in_evaluation() {
         let startup = Config {
             n_startup: 20,
             ..Config::default()
@@ -218,7 +221,7 @@ mod tests {
         assert_eq!(agent.updates().unwrap().made, 160);
     }
 
-    /// Two of the four designs are good; `norm` 2 was taken by both and by none of the others.
+    /// Two of the four designs are good; both took `norm` 2, and none of the others did.
     #[test]
     fn densities_by_hand() {
         let config = Config {
@@ -226,7 +229,7 @@ mod tests {
             ..Config::default()
         };
         let choices = choices(NAME, &interface()).unwrap();
-        let tried = |conv: usize, norm: usize, value: f64| Tried {
+        let tried = |conv: usize, norm: usize, value: f64| EvaluatedDesign {
             options: vec![vec![conv, norm]],
             value,
         };
@@ -238,7 +241,7 @@ mod tests {
         ];
         let (good, others) = config.split(&all);
         assert_eq!(good.iter().map(|one| one.value).collect::<Vec<_>>(), [4.0, 3.0]);
-        let density = |designs: &[&Tried], step| config.density(&choices, designs, step);
+        let density = |designs: &[&EvaluatedDesign], step| config.density(&choices, designs, step);
         let close = |density: &Density, expected: &[&[f64]]| {
             for (found, expected) in density.iter().zip(expected) {
                 assert!(

@@ -1,17 +1,17 @@
-//! Water filling: load the assets so that all loaded ones end at one common terminal voltage.
+//! Water filling: loads the assets so that all loaded ones end at one common terminal voltage.
 //!
 //! Each cell is seen as a source of voltage `e_i` behind a resistance `R_i`. The allocation that keeps the
 //! lowest terminal voltage as high as possible brings all cells with `e_i > v` to one level `v`:
 //!
 //! `sum_i v max(e_i - v, 0) / R_i = P`,   `a_i = (max(e_i - v, 0) / R_i) / sum_j (max(e_j - v, 0) / R_j)`.
 //!
-//! Two agents share this rule. `water_filling` is a controller: it takes `e_i = V_i + R I_i` from what is
-//! observed (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance.
-//! `water_filling_true_state` knows more: it reads `effective_voltage_i` (equilibrium voltage less the
-//! surface overpotentials) and `resistance_ohm_i` from the full state.
+//! Two agents share this rule. `water_filling` is a controller: it takes `e_i = V_i + R I_i` from
+//! observations (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance.
+//! `water_filling_true_state` reads more: `effective_voltage_i` (equilibrium voltage less the surface
+//! overpotentials) and `resistance_ohm_i` from the full state.
 //!
-//! Both are reference controllers, not bounds: what they do is good at each decision, and a policy that looks
-//! ahead can live longer. What no controller can exceed is an environment's own metric, such as
+//! Both are reference controllers, not bounds: their shares are good for each decision alone, and a policy
+//! that looks ahead can live longer. The bound on all controllers is a metric of the environment, such as
 //! `cycle_length_bound`.
 //!
 //! | symbol | here | unit |
@@ -21,9 +21,9 @@
 //! | P | `power_w` | W |
 //! | v | `level_v` | V |
 //!
-//! Of two levels that meet `P` the higher one is taken, since it needs less current. Where no level meets
-//! `P`, the level of the greatest power is taken. The rule is myopic: it looks at the present decision only.
-//! It records nothing.
+//! If two levels meet `P`, the higher one is taken, since it needs less current. If no level meets `P`, the
+//! level of the greatest power is taken. The rule is myopic: it considers the present decision only. It
+//! records nothing.
 
 use crate::shared::{allocation::equal_shares, seat};
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 const OBSERVED: &str = "water_filling";
 const TRUE_STATE: &str = "water_filling_true_state";
 
-/// What the controller assumes of the cells.
+/// Assumptions of the controller about the cells.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -51,14 +51,14 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The controller on the full state has no parameters: it reads them there.
+/// No parameters: the controller reads them from the full state.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrueStateConfig {}
 
 impl contract::Config for TrueStateConfig {}
 
-/// The controller on observables.
+/// Controller from observed channels.
 #[derive(Debug, Clone)]
 pub struct WaterFilling {
     voltages: Vec<usize>,
@@ -67,7 +67,7 @@ pub struct WaterFilling {
     resistance_ohm: Vec<f64>,
 }
 
-/// The controller on the full state.
+/// Controller from the full state.
 #[derive(Debug, Clone)]
 pub struct WaterFillingTrueState {
     sources: Vec<usize>,
@@ -161,7 +161,7 @@ impl Agent for WaterFillingTrueState {
     }
 }
 
-/// Shares that bring all loaded cells to one terminal voltage; equal shares where nothing can or need be
+/// Shares that bring all loaded cells to one terminal voltage; equal shares where nothing can or needs to be
 /// delivered.
 #[must_use]
 pub fn shares(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> Vec<f64> {
@@ -179,7 +179,7 @@ pub fn shares(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> Vec<f64
     }
 }
 
-/// The highest level `v` with `sum_i v max(e_i - v, 0) / R_i = P`, or the level of the greatest power where
+/// The highest level `v` with `sum_i v max(e_i - v, 0) / R_i = P`, or the level of the greatest power if
 /// there is none.
 ///
 /// With the `k` cells of the highest `e_i` loaded, the power is the parabola `v (S - G v)` with `S = sum e_i

@@ -1,6 +1,6 @@
 //! Every seat does nothing: all entries of all actions are 0, a floor for comparisons.
 //!
-//! It observes nothing, learns nothing and records nothing.
+//! The agent observes nothing, learns nothing and records nothing.
 
 use crate::shared::seat::mismatch;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Seat, Space};
@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "zero_action";
 
-/// It has no parameters.
+/// No parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {}
 
 impl contract::Config for Config {}
 
-/// Zeros for every seat.
+/// Zero actions for every seat.
 #[derive(Debug, Clone)]
 pub struct ZeroAction {
     action: Action,
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_no_action_it_is_refused() {
+    fn a_seat_without_a_zero_action_is_refused() {
         assert!(
             agent(Channel::new("speed", "").within(0.5, 1.0))
                 .err()

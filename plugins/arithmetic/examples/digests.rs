@@ -1,8 +1,9 @@
-//! Prints the digests of this crate's results, one line each, as `fixtures/digests.txt` holds them. All cores are
-//! used; the sums are modulo 2^64, so that the division of work does not matter.
+//! Prints the digests of this crate's results, one line each, as in `fixtures/digests.txt`. It uses all
+//! cores; the sums are modulo 2^64, so that the division of work does not matter.
 //!
-//! `cargo run --release --example digests -p regimen-arithmetic [-- --fast] [--plain]`: with `--fast` over the kept
-//! classes alone, whose totals are then printed as 0; with `--plain` one `f32` at a time instead of slices.
+//! `cargo run --release --example digests -p regimen-arithmetic [-- --fast] [--plain]`. With `--fast` it
+//! computes the kept classes alone and prints totals of 0; with `--plain` it computes one `f32` at a time
+//! instead of slices.
 
 use arithmetic::digests::{
     CLASSES, DOUBLE, KEPT, SINGLE, double_summand, log_gamma_summand, mix, normal_summand, steps,
@@ -75,7 +76,7 @@ fn main() {
     }
 }
 
-/// The sums of each class over the inputs below `2^bits`.
+/// Sums of each class over the inputs below `2^bits`.
 fn classes(bits: u32, is_fast: bool, summand: &(dyn Fn(u64, &mut [u64]) + Sync)) -> Vec<u64> {
     let n_classes = if is_fast { KEPT } else { CLASSES as usize };
     let (next, total) = (AtomicU64::new(0), Mutex::new(vec![0_u64; n_classes]));

@@ -1,4 +1,4 @@
-//! Prints the figures that the modules state.
+//! Prints the figures stated in the modules' headers.
 //!
 //! - `figures errors [NAME]` the largest error of each function of `f32`, or of one, over all 2^32 arguments, against
 //!   `f64` of the C library;
@@ -85,7 +85,7 @@ fn double_errors(path: &str) {
     }
 }
 
-/// Nanoseconds per entry of a loop over `n` of them, the least of several runs.
+/// Nanoseconds per entry of a loop over `n` entries, the least of several runs.
 #[allow(clippy::disallowed_methods, reason = "the program measures time")]
 fn measured(n: usize, mut work: impl FnMut()) -> f64 {
     let run = |_| {
@@ -103,14 +103,14 @@ fn times() {
     time_of_product();
 }
 
-/// Entries of a timed slice.
+/// Number of entries of a timed slice.
 const N: usize = 4096;
 
 fn uniform(i: u64) -> f64 {
     draws::uniform(mix(i))
 }
 
-/// Nanoseconds of a function for each pair of arguments.
+/// Nanoseconds of a function per pair of arguments.
 fn time_of(function: impl Fn(f64, f64) -> f64) -> f64 {
     let inputs: Vec<[f64; 2]> = (0..N as u64)
         .map(|i| [16.0 * uniform(i), 8.0 * uniform(mix(i)) - 4.0])

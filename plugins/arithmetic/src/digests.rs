@@ -1,4 +1,4 @@
-//! Numbers that sum up every bit of this crate's results, for a comparison of processors and cards.
+//! Digests of every bit of this crate's results, for a comparison of processors and cards.
 //!
 //! `examples/digests.rs` prints them on a processor and `cuda/check.cu` on a card; `fixtures/digests.txt` holds
 //! them. They are equal over all inputs on a Xeon compiled for x86-64, v3 and v4 and on an NVIDIA H100, and over
@@ -16,10 +16,10 @@
 //! | `draw.normal` | `i < 2^24` | the word `mix(i)` | `mix(bits + i GOLDEN)` |
 //! | `draw.log_gamma` | `i < 2^24` | [`shape`], words of [`Stream`] from `i` on | `mix(bits + i GOLDEN)` |
 //!
-//! `steps.*` are digests over the entries of a few products, sums and steps ([`steps`]); entry `i` counts `mix(bits +
-//! i GOLDEN)`, and there are no classes.
+//! `steps.*` are digests over the entries of a few products, sums and steps ([`steps`]); entry `i` adds
+//! `mix(bits + i GOLDEN)`, and there are no classes.
 
-use crate::draws::{Words, log_gamma, normal, uniform};
+use crate::draws::{WordStream, log_gamma, normal, uniform};
 use crate::products::{Matrix, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
 use crate::{double, gamma, power, single, trigonometry};
@@ -27,10 +27,10 @@ use crate::{double, gamma, power, single, trigonometry};
 /// The odd number nearest to 2^64 divided by the golden ratio.
 pub const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Classes of inputs.
+/// Number of classes of inputs.
 pub const CLASSES: u64 = 4096;
 
-/// Classes with a digest of their own.
+/// Number of classes with a digest of their own.
 pub const KEPT: usize = 16;
 
 /// The last three lines of SplitMix64 (Steele, Lea and Flood 2014): a permutation of the 64-bit words.
@@ -49,21 +49,21 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// The stream of one counter.
+    /// Creates the stream of one counter.
     #[must_use]
     pub fn new(counter: u64) -> Self {
         Self { state: mix(counter) }
     }
 }
 
-impl Words for Stream {
+impl WordStream for Stream {
     fn word(&mut self) -> u64 {
         self.state = self.state.wrapping_add(GOLDEN);
         mix(self.state)
     }
 }
 
-/// The functions of one `f32`.
+/// Functions of one `f32` with their names.
 pub const SINGLE: [(&str, fn(f32) -> f32); 6] = [
     ("exp", single::exp),
     ("ln", single::ln),
@@ -73,11 +73,11 @@ pub const SINGLE: [(&str, fn(f32) -> f32); 6] = [
     ("softplus", single::softplus),
 ];
 
-/// A function of one or two `f64` and the range of its arguments for odd inputs.
-pub type Double = (&'static str, fn(f64, f64) -> f64, [f64; 2]);
+/// Name of a function of one or two `f64`, the function, and the range of its arguments for odd inputs.
+pub type DoubleFunction = (&'static str, fn(f64, f64) -> f64, [f64; 2]);
 
-/// The functions of `f64`; the second argument of [`power::pow`] is between -64 and 64 for odd inputs.
-pub const DOUBLE: [Double; 11] = [
+/// Functions of `f64`. The second argument of [`power::pow`] is between -64 and 64 for odd inputs.
+pub const DOUBLE: [DoubleFunction; 11] = [
     ("exp", |x, _| double::exp(x), [-750.0, 720.0]),
     ("exp_m1", |x, _| double::exp_m1(x), [-4.0, 4.0]),
     ("ln", |x, _| double::ln(x), [0.0, 4.0]),
@@ -102,35 +102,35 @@ pub fn argument(i: u64, word: u64, [low, high]: [f64; 2]) -> f64 {
     }
 }
 
-/// The shape of gamma draw `i`: `2^n (1 + uniform(mix(i)))` with `n = i mod 16 - 6`, between 1/64 and 1024.
+/// Shape of gamma draw `i`: `2^n (1 + uniform(mix(i)))` with `n = i mod 16 - 6`, between 1/64 and 1024.
 #[must_use]
 pub fn shape(i: u64) -> f64 {
     let power = f64::from_bits((i % 16 + 1017) << 52);
     power * (1.0 + uniform(mix(i)))
 }
 
-/// The summand of input `i` of a function of `f32`.
+/// Summand of input `i` of a function of `f32`.
 #[inline(always)]
 #[must_use]
 pub fn single_summand(function: impl Fn(f32) -> f32, i: u32) -> u64 {
     mix(u64::from(i) << 32 | u64::from(function(f32::from_bits(i)).to_bits()))
 }
 
-/// The summand of input `i` of a function of `f64`.
+/// Summand of input `i` of a function of `f64`.
 #[must_use]
-pub fn double_summand((_, function, range): &Double, i: u64) -> u64 {
+pub fn double_summand((_, function, range): &DoubleFunction, i: u64) -> u64 {
     let word = mix(i);
     let y = function(argument(i, word, *range), argument(i, mix(word), [-64.0, 64.0]));
     summand(i, y.to_bits())
 }
 
-/// The summand of normal draw `i`.
+/// Summand of normal draw `i`.
 #[must_use]
 pub fn normal_summand(i: u64) -> u64 {
     summand(i, normal(mix(i)).to_bits())
 }
 
-/// The summand of gamma draw `i`.
+/// Summand of gamma draw `i`.
 #[must_use]
 pub fn log_gamma_summand(i: u64) -> u64 {
     summand(i, log_gamma(shape(i), &mut Stream::new(i)).to_bits())
@@ -140,7 +140,7 @@ fn summand(i: u64, bits: u64) -> u64 {
     mix(bits.wrapping_add(i.wrapping_mul(GOLDEN)))
 }
 
-/// The digest of entries in order.
+/// Digest of entries in order.
 fn of_entries(bits: impl Iterator<Item = u64>) -> u64 {
     bits.zip(0..)
         .fold(0, |sum, (bits, i)| sum.wrapping_add(summand(i, bits)))
@@ -150,7 +150,7 @@ fn of_singles(values: &[f32]) -> u64 {
     of_entries(values.iter().map(|value| u64::from(value.to_bits())))
 }
 
-/// `n` numbers of `f32` from the counter `seed` on: `normal(mix(seed + i))`, rounded.
+/// `n` numbers `normal(mix(seed + i))`, rounded to `f32`, from the counter `seed` on.
 fn numbers(seed: u64, n: usize) -> Vec<f32> {
     #[allow(clippy::cast_possible_truncation, reason = "the factors are f32")]
     (seed..).take(n).map(|i| normal(mix(i)) as f32).collect()
@@ -158,10 +158,10 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
 
 /// Digests of products, sums and steps.
 ///
-/// Products of `[17, K]` and `[K, 33]` for `K = 24, 512, 513, 1300`, with the factors as they are, the second one and
-/// the first one transposed in memory; sums of 100,000 numbers; 200 steps of Adam over 4096 parameters, whose
-/// gradients are scaled to a norm of 50 and end after 60 steps for all but every third, with a moving average beside
-/// it.
+/// Products of `[17, K]` and `[K, 33]` for `K = 24, 512, 513, 1300`, with the factors as they are, the second
+/// one and the first one transposed in memory; sums of 100,000 numbers; 200 steps of Adam over 4096
+/// parameters with a moving average. The gradients are scaled to a norm of 50; after 60 steps only every
+/// third entry has one.
 #[must_use]
 pub fn steps() -> Vec<(&'static str, u64)> {
     let mut products = [0_u64; 4];

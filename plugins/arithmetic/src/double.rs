@@ -8,25 +8,27 @@
 //! | [`ln_1p`] | 0.79 |
 //! | [`tanh`] | 2.49 |
 //!
-//! Errors are against values with 40 digits, at 59,000 to 99,000 arguments each (`fixtures/values.py`): spread
-//! evenly over their logarithms, over the range where results are finite, and densely around zeros. A denormal result
-//! is rounded once more. Infinities, signed zeros and arguments outside
-//! the domain give what the mathematical limit gives; a NaN gives [`NAN`].
+//! Errors are against values with 40 digits, at 59,000 to 99,000 arguments each (`fixtures/values.py`):
+//! spread evenly over their logarithms, over the range where results are finite, and densely around zeros. A
+//! denormal result is rounded once more. Infinities, signed zeros and arguments outside the domain have the
+//! mathematical limit as their result; a NaN gives [`NAN`].
 //!
-//! Plain operations of `f64` alone. Methods as in [`crate::single`], with two differences: the rounding error of the
-//! reduced argument of exp is carried on, and `ln(1 + f) = f - f^2 / 2 + s (f^2 / 2 + R(s^2))` with `s = f / (2 + f)`
+//! Plain operations of `f64` alone. The methods are those of [`crate::single`] with two differences: exp
+//! carries the rounding error of its reduced argument, and `ln(1 + f) = f - f^2 / 2 + s (f^2 / 2 + R(s^2))`
+//! with `s = f / (2 + f)`
 //! (the form of the C library of BSD, K. C. Ng 1993), `R` from the series of the area tangent. The polynomials are
 //! interpolations at Chebyshev nodes computed with 60 digits.
 
 /// The NaN of every function of `f64` in this crate.
 pub const NAN: f64 = f64::from_bits(0x7ff8_0000_0000_0000);
 
-/// `1.5 2^52`: a number below 2^51 that is added to it is rounded to an integer, which stands in its lowest bits.
+/// Constant `1.5 2^52`: adding it to a number below 2^51 rounds the number to an integer, held in the lowest
+/// bits of the sum.
 pub(crate) const ROUNDING: f64 = 6_755_399_441_055_744.0;
 
 /// The first 41 bits of ln 2; a product with an integer below 2^12 is exact.
 pub(crate) const LN_2_HIGH: f64 = 0.693_147_180_559_663;
-/// The rest of ln 2 below [`LN_2_HIGH`].
+/// Remainder of ln 2 beyond [`LN_2_HIGH`].
 pub(crate) const LN_2_LOW: f64 = 2.823_529_056_303_157_7e-13;
 
 /// `(e^r - 1 - r) / r^2` for `|r| <= ln 2 / 2`, lowest power first; relative error of `e^r` below 2^-61.
@@ -56,14 +58,14 @@ const LN: [f64; 8] = [
     0.1308723619665962,
 ];
 
-/// `e^x`.
+/// Exponential function `e^x`.
 #[must_use]
 pub fn exp(x: f64) -> f64 {
     let (rest, n) = exp_parts(held(x, -746.0, 710.0), 0.0);
     known(x, scaled(1.0 + rest, n))
 }
 
-/// `e^x - 1`.
+/// Exponential function less one, `e^x - 1`.
 #[must_use]
 pub fn exp_m1(x: f64) -> f64 {
     let (rest, n) = exp_parts(held(x, -40.0, 710.0), 0.0);
@@ -79,7 +81,7 @@ pub fn exp_m1(x: f64) -> f64 {
     known(x, value)
 }
 
-/// The natural logarithm.
+/// Natural logarithm.
 #[must_use]
 pub fn ln(x: f64) -> f64 {
     if !(x > 0.0 && x < f64::INFINITY) {
@@ -89,7 +91,7 @@ pub fn ln(x: f64) -> f64 {
     ln_parts(k as f64, f, 0.0)
 }
 
-/// `ln(1 + x)`.
+/// Logarithm `ln(1 + x)`.
 #[must_use]
 pub fn ln_1p(x: f64) -> f64 {
     if !(x > -1.0 && x < f64::INFINITY) || x == 0.0 {
@@ -130,12 +132,12 @@ pub(crate) fn scaled(y: f64, n: i32) -> f64 {
     y * power_of_two(half) * power_of_two(n.wrapping_sub(half))
 }
 
-/// `2^n`, for `-1022 <= n <= 1023`.
+/// Power `2^n`, for `-1022 <= n <= 1023`.
 fn power_of_two(n: i32) -> f64 {
     f64::from_bits(i64::from(n).wrapping_add(1023).cast_unsigned() << 52)
 }
 
-/// `k ln 2 + ln(1 + f) + correction`.
+/// Sum `k ln 2 + ln(1 + f) + correction`.
 fn ln_parts(k: f64, f: f64, correction: f64) -> f64 {
     let s = f / (2.0 + f);
     let (z, half) = (s * s, 0.5 * f * f);
@@ -145,7 +147,7 @@ fn ln_parts(k: f64, f: f64, correction: f64) -> f64 {
 
 /// `(k, f)` with `x = 2^k (1 + f)` and `1 + f` between the roots of 1/2 and 2, for a positive finite `x`.
 pub(crate) fn split(x: f64) -> (i64, f64) {
-    /// The bits of the root of 1/2.
+    /// Bits of the square root of 1/2.
     const ROOT: u64 = 0x3fe6_a09e_667f_3bcd;
     /// 2^54, which makes denormals normal.
     const SCALE: f64 = 18_014_398_509_481_984.0;
@@ -159,7 +161,7 @@ pub(crate) fn split(x: f64) -> (i64, f64) {
     (k, f64::from_bits((bits & 0x000f_ffff_ffff_ffff) + ROOT) - 1.0)
 }
 
-/// The logarithm of zero, of infinity, and of what has none.
+/// Logarithm of zero, of infinity, and of numbers outside the domain.
 fn logarithm_outside(x: f64) -> f64 {
     if x == 0.0 {
         f64::NEG_INFINITY
@@ -170,18 +172,18 @@ fn logarithm_outside(x: f64) -> f64 {
     }
 }
 
-/// `x` between two limits; a NaN stays one.
+/// `x` clamped to two limits; a NaN stays one.
 fn held(x: f64, low: f64, high: f64) -> f64 {
     let x = if x < low { low } else { x };
     if x > high { high } else { x }
 }
 
-/// `y`, and [`NAN`] where `x` is one.
+/// `y`, or [`NAN`] if `x` is a NaN.
 fn known(x: f64, y: f64) -> f64 {
     if x.is_nan() { NAN } else { y }
 }
 
-/// `c[0] + c[1] x + ...` by Horner's rule, from the last coefficient on.
+/// Polynomial `c[0] + c[1] x + ...` by Horner's rule, from the last coefficient on.
 pub(crate) fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
     let mut sum = coefficients[N - 1];
     for c in coefficients[..N - 1].iter().rev() {

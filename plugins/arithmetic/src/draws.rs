@@ -20,13 +20,13 @@
 
 use crate::double::{NAN, ln, polynomial};
 
-/// A stream of 64-bit words.
-pub trait Words {
-    /// The next word.
+/// A stream of random 64-bit words.
+pub trait WordStream {
+    /// Next word of the stream.
     fn word(&mut self) -> u64;
 }
 
-impl<F: FnMut() -> u64> Words for F {
+impl<F: FnMut() -> u64> WordStream for F {
     fn word(&mut self) -> u64 {
         self()
     }
@@ -57,7 +57,8 @@ const CENTRE: [[f64; 8]; 2] = [
     ],
 ];
 
-/// The same by `s - 1.6` with `s = sqrt(-ln p)` up to 5, `p` being the smaller of the two tails' probabilities.
+/// Coefficients as in [`CENTRE`], by `s - 1.6` with `s = sqrt(-ln p)` up to 5, where `p` is the smaller tail
+/// probability.
 const FLANK: [[f64; 8]; 2] = [
     [
         1.4234371107496835,
@@ -81,7 +82,7 @@ const FLANK: [[f64; 8]; 2] = [
     ],
 ];
 
-/// The same by `s - 5` above.
+/// Coefficients as in [`FLANK`], by `s - 5` for larger `s`.
 const TAIL: [[f64; 8]; 2] = [
     [
         6.657904643501103,
@@ -105,14 +106,14 @@ const TAIL: [[f64; 8]; 2] = [
     ],
 ];
 
-/// A number strictly between 0 and 1 from one word.
+/// Uniform number strictly between 0 and 1 from one word.
 #[must_use]
 pub fn uniform(word: u64) -> f64 {
     const SPACING: f64 = 1.0 / (1_u64 << 52) as f64;
     ((word >> 12) as f64 + 0.5) * SPACING
 }
 
-/// A standard normal number from one word, which rises with the word.
+/// Standard normal number from one word; it rises with the word.
 #[must_use]
 pub fn normal(word: u64) -> f64 {
     let probability = uniform(word);
@@ -134,8 +135,9 @@ fn quotient([numerator, denominator]: &[[f64; 8]; 2], x: f64) -> f64 {
     polynomial(numerator, x) / polynomial(denominator, x)
 }
 
-/// `ln x` of `x ~ Gamma(shape, 1)`, for a finite `shape > 0`; [`NAN`] without a word taken for any other.
-pub fn log_gamma(shape: f64, words: &mut impl Words) -> f64 {
+/// `ln x` of `x ~ Gamma(shape, 1)`, for a finite `shape > 0`. Any other shape gives [`NAN`] and takes no
+/// word.
+pub fn log_gamma(shape: f64, words: &mut impl WordStream) -> f64 {
     if !(shape > 0.0 && shape < f64::INFINITY) {
         return NAN;
     }
@@ -148,7 +150,7 @@ pub fn log_gamma(shape: f64, words: &mut impl Words) -> f64 {
 }
 
 /// [`log_gamma`] for `shape >= 1`.
-fn log_gamma_from_one(shape: f64, words: &mut impl Words) -> f64 {
+fn log_gamma_from_one(shape: f64, words: &mut impl WordStream) -> f64 {
     let d = shape - 1.0 / 3.0;
     let c = 1.0 / (9.0 * d).sqrt();
     loop {

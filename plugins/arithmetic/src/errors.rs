@@ -1,6 +1,7 @@
 //! Errors in units in the last place: the spacing of numbers at the exact value, denormal ones included.
 
-/// That of an `f32` against an exact value in `f64`; zero where both are infinite of one sign or not a number.
+/// Error of an `f32` against an exact value in `f64`; zero where both are infinite of one sign or both are
+/// NaN.
 #[must_use]
 pub fn of_single(got: f32, exact: f64) -> f64 {
     let (largest, limit) = (
@@ -23,11 +24,12 @@ pub fn of_single(got: f32, exact: f64) -> f64 {
     (f64::from(got) - exact).abs() / unit
 }
 
-/// That of an `f64` against the sum of two numbers, the first of which is the nearest `f64`.
+/// Error of an `f64` against the sum `high + low`, where `high` is the `f64` nearest to it.
 #[must_use]
 pub fn of_double(got: f64, high: f64, low: f64) -> f64 {
     let exponent = high.to_bits() >> 52 & 0x7ff;
-    // The unit times 2^1000 for small values, so that it can be held; 2^-1074 is that of a denormal number.
+    // The unit times 2^1000 for small values, so that it is representable; 2^-1074 is the unit of denormal
+    // numbers.
     let scale = if exponent < 100 {
         f64::from_bits(2023 << 52)
     } else {

@@ -10,22 +10,23 @@
 //! from 1e-300 to 1e300, densely from 0.01 to 20, and next to the zeros. For `x <= 0` and NaN the result is [`NAN`]:
 //! the reflection to negative arguments is left out.
 //!
-//! Plain operations of `f64` and [`ln`]. From 10 on the asymptotic series in `1/x` (Abramowitz and Stegun 6.1.40,
-//! 6.3.18, 6.4.12). Below, the recurrences lead to the interval from 1 to 2 (digamma), from 1 to 2.5 (ln Gamma) or
-//! from 10 on (trigamma); their terms are added as one fraction, so that one division is done for all of them. There
+//! Plain operations of `f64` and [`ln`]. From 10 on the asymptotic series in `1/x` (Abramowitz and Stegun
+//! 6.1.40, 6.3.18, 6.4.12). Below 10 the recurrences lead to the interval from 1 to 2 (digamma), from 1 to
+//! 2.5 (ln Gamma) or from 10 on (trigamma); their terms are added as one fraction, so that all of them take
+//! one division. There
 //! `ln Gamma(1 + z) = z U(z - 1/4)`, `ln Gamma(2 + z) = z (1 - gamma + z P(z))` and `digamma(x) = (x - x0) Q(x -
 //! 3/2)` with the zero `x0` in two parts, so that both functions keep their relative accuracy at their zeros. `U`,
 //! `P` and `Q` are interpolations at Chebyshev nodes computed with 60 digits.
 
 use crate::double::{NAN, ln, polynomial};
 
-/// From here on the asymptotic series, cut after the last coefficient below, are exact to the last bit.
+/// Argument from which the asymptotic series, cut after the last coefficient below, are exact to the last bit.
 const ASYMPTOTIC_FROM: f64 = 10.0;
 
-/// `1 - gamma`, gamma being Euler's constant.
+/// Constant `1 - gamma`, where gamma is Euler's constant.
 const ONE_MINUS_EULER: f64 = 0.42278433509846713;
 
-/// `(ln(2 pi) - 1) / 2`.
+/// Constant `(ln(2 pi) - 1) / 2`.
 const STIRLING_CONSTANT: f64 = 0.4189385332046727;
 
 /// `(ln Gamma(2 + z) - z (1 - gamma)) / z^2` for `|z| <= 1/2`, lowest power first.
@@ -71,7 +72,7 @@ const LN_GAMMA_ABOVE_ONE: [f64; 16] = [
     0.002504762399546448,
 ];
 
-/// The zero of digamma less one, as a sum of two numbers.
+/// Zero of digamma less one, as a sum of two numbers.
 const ZERO_LESS_ONE: [f64; 2] = [0.46163214496836236, -1.5522348162858677e-17];
 
 /// `digamma(x) / (x - x0)` in powers of `x - 3/2` for `1 <= x <= 2`, lowest first.
@@ -138,7 +139,7 @@ const TRIGAMMA: [f64; 9] = [
     43_867.0 / 798.0,
 ];
 
-/// The logarithm of the gamma function, for `x > 0`.
+/// Logarithm of the gamma function, for `x > 0`.
 #[must_use]
 pub fn ln_gamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
@@ -172,7 +173,7 @@ fn ln_gamma_around_two(z: f64) -> f64 {
     z * (ONE_MINUS_EULER + z * polynomial(&LN_GAMMA_AT_TWO, z))
 }
 
-/// The derivative of ln Gamma, for `x > 0`.
+/// Derivative of ln Gamma, for `x > 0`.
 #[must_use]
 pub fn digamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
@@ -199,13 +200,13 @@ fn digamma_above_one(y: f64) -> f64 {
     ((y - ZERO_LESS_ONE[0]) - ZERO_LESS_ONE[1]) * polynomial(&DIGAMMA_AT_ZERO, y - 0.5)
 }
 
-/// The second derivative of ln Gamma, for `x > 0`.
+/// Second derivative of ln Gamma, for `x > 0`.
 #[must_use]
 pub fn trigamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
         return NAN;
     }
-    // The first term by itself, since the square of a small number is none of the fraction's.
+    // The first term stays by itself: the fraction cannot hold the square of a small number.
     let (mut argument, mut below) = (x, 0.0);
     if x < ASYMPTOTIC_FROM {
         below = 1.0 / x;

@@ -1,7 +1,7 @@
 //! Arithmetic with the same bits on every processor and card.
 //!
-//! A result depends on the arguments alone: not on the width of vectors, the C library, the number of threads, or on
-//! how many trials are computed together. This holds because everything here is made of
+//! A result depends on the arguments alone: not on the width of vectors, the C library, the number of
+//! threads, or the number of trials that are computed in parallel. Everything here consists of
 //!
 //! - sums, differences, products, quotients and square roots, each rounded to the nearest number as IEEE 754 has it,
 //! - fused multiply-adds, and only where this crate says so (the chains of [`products`]),
@@ -22,12 +22,12 @@
 //! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
 //! | [`products`] | products of matrices and sums over rows as chains, sums in blocks |
 //! | [`steps`] | a step of Adam, a largest norm, a moving average |
-//! | [`digests`] | numbers that sum up all of the above, for a comparison of processors and cards |
+//! | [`digests`] | digests of all of the above, for a comparison of processors and cards |
 //! | [`errors`] | errors in units in the last place |
 //!
-//! A result that is not a number is always the one with the bits `0x7fc00000` or `0x7ff8000000000000` in the
-//! functions of [`single`], [`double`], [`trigonometry`], [`power`], [`gamma`] and [`draws`]; elsewhere its bits are
-//! left open, since processors differ in them.
+//! A NaN result always has the bits `0x7fc00000` or `0x7ff8000000000000` in the functions of [`single`],
+//! [`double`], [`trigonometry`], [`power`], [`gamma`] and [`draws`]. Elsewhere its bits are unspecified,
+//! since processors differ in them.
 
 pub mod digests;
 pub mod double;
@@ -41,7 +41,7 @@ pub mod slices;
 pub mod steps;
 pub mod trigonometry;
 
-/// Raised whenever a change in this crate changes a bit of a result.
+/// Version of the results, raised whenever a change in this crate changes a bit of one.
 pub const VERSION: u32 = 0;
 
 #[cfg(test)]

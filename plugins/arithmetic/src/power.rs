@@ -1,9 +1,9 @@
-//! Powers of `f64`: real exponents ([`pow`]) and whole ones ([`powi`]).
+//! Powers of `f64` with real exponents ([`pow`]) and integer exponents ([`powi`]).
 //!
 //! Largest error found of [`pow`]: 0.82 units in the last place, against values with 40 digits at 78,000 arguments:
-//! bases over the whole range, exponents for which the power is finite, and bases next to one. Special cases are
-//! those of IEEE 754 (`pow`): anything to the power zero and one to any power are one, a negative base has whole
-//! powers only. A NaN is [`NAN`].
+//! bases over the whole range, exponents for which the power is finite, and bases next to one. Special cases
+//! are those of IEEE 754 (`pow`): anything to the power zero and one to any power are one; a negative base
+//! has integer powers only. A NaN is [`NAN`].
 //!
 //! Plain operations of `f64`. The logarithm is a sum of two numbers with a relative error of 2^-65: `x = 2^k m`, `J`
 //! the integer nearest to `64 / m`, `ln x = k ln 2 + ln(64 / J) + ln(1 + r)` with `r = m J / 64 - 1` exact, below
@@ -13,7 +13,7 @@
 use crate::double::{LN_2_HIGH, LN_2_LOW, NAN, ROUNDING, exp_parts, polynomial, scaled, split};
 use crate::trigonometry::{two_product, two_sum};
 
-/// 2^64: from here on every power of a number other than one is zero or infinite.
+/// Constant 2^64: from this exponent on every power of a number other than one is zero or infinite.
 const LARGEST: f64 = 18_446_744_073_709_551_616.0;
 
 /// `ln(1 + r) = r - r^2 / 2 + r^3 (1/3 - r/4 + ...)`: the series in brackets.
@@ -70,7 +70,7 @@ const TABLE: [[f64; 2]; 47] = [
     [-0.3519764231571782, 1.2953893030191963e-17],
 ];
 
-/// `x` to the power `y`.
+/// Power `x^y`.
 #[must_use]
 pub fn pow(x: f64, y: f64) -> f64 {
     if y == 0.0 || x == 1.0 {
@@ -80,8 +80,8 @@ pub fn pow(x: f64, y: f64) -> f64 {
         return NAN;
     }
     let magnitude = x.abs();
-    let whole = Whole::of(y);
-    let sign = if x.is_sign_negative() && whole == Whole::Odd {
+    let parity = Parity::of(y);
+    let sign = if x.is_sign_negative() && parity == Parity::Odd {
         -1.0
     } else {
         1.0
@@ -93,7 +93,7 @@ pub fn pow(x: f64, y: f64) -> f64 {
         let grows = (magnitude > 1.0) == (y > 0.0);
         return sign * if grows { f64::INFINITY } else { 0.0 };
     }
-    if x < 0.0 && whole == Whole::Not {
+    if x < 0.0 && parity == Parity::NonInteger {
         return NAN;
     }
     let y = if y > LARGEST { LARGEST } else { y };
@@ -111,8 +111,8 @@ pub fn pow(x: f64, y: f64) -> f64 {
     sign * scaled(1.0 + rest, n)
 }
 
-/// `x` to a whole power: for `n >= 0` the product of the factors `x^(2^i)` for the bits `i` of `n` that are set, from
-/// the lowest on, each factor the square of the one before; for `n < 0` one divided by that.
+/// Power `x^n` of an integer. For `n >= 0` it is the product of the factors `x^(2^i)` for the set bits `i` of
+/// `n`, from the lowest on, each factor the square of the one before; for `n < 0` it is one divided by that.
 #[must_use]
 pub fn powi(x: f64, n: i32) -> f64 {
     let (mut bits, mut factor, mut product) = (n.unsigned_abs(), x, 1.0);
@@ -127,20 +127,20 @@ pub fn powi(x: f64, n: i32) -> f64 {
     if power.is_nan() { NAN } else { power }
 }
 
-/// Whether a number is whole, and then whether it is odd.
+/// Parity of an integer, or that a number is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Whole {
-    Not,
+enum Parity {
+    NonInteger,
     Even,
     Odd,
 }
 
-impl Whole {
+impl Parity {
     fn of(y: f64) -> Self {
         let magnitude = y.abs();
-        // From 2^53 on all are even.
+        // From 2^53 on all numbers are even.
         if magnitude >= 9_007_199_254_740_992.0 {
-            return Whole::Even;
+            return Parity::Even;
         }
         #[allow(
             clippy::cast_possible_truncation,
@@ -149,16 +149,16 @@ impl Whole {
         )]
         let integer = magnitude as u64;
         if integer as f64 != magnitude {
-            Whole::Not
+            Parity::NonInteger
         } else if integer & 1 == 1 {
-            Whole::Odd
+            Parity::Odd
         } else {
-            Whole::Even
+            Parity::Even
         }
     }
 }
 
-/// The logarithm of a positive finite number, as a sum of two numbers.
+/// Logarithm of a positive finite number, as a sum of two numbers.
 fn logarithm(x: f64) -> (f64, f64) {
     let (k, f) = split(x);
     let m = 1.0 + f;
@@ -175,7 +175,7 @@ fn logarithm(x: f64) -> (f64, f64) {
     let (sum, lost_1) = two_sum(k * LN_2_HIGH, table);
     let (sum, lost_2) = two_sum(sum, r);
     let (sum, lost_3) = two_sum(sum, -0.5 * square);
-    // The large ones last.
+    // The large terms are added last.
     let tail = table_low + k * LN_2_LOW + (r_low - (0.5 * square_low + r * r_low));
     let tail = series + (tail + ((lost_1 + lost_2) + lost_3));
     let high = sum + tail;

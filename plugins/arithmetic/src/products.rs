@@ -1,4 +1,4 @@
-//! Products of matrices, sums over rows and sums of many numbers: the order of every sum.
+//! Products of matrices, sums over rows and sums of many numbers, with the order of every sum.
 //!
 //! **Chains.** An entry of a product over `k = 0, 1, ... K - 1` is cut into blocks of [`BLOCK`] values of `k`. Within
 //! a block it is one chain of fused multiply-adds that begins at +0, `c <- fma(a_k, b_k, c)`, in the order of `k`.
@@ -11,17 +11,17 @@
 //! 32, l + 64, ...` of the block to +0, in this order. Then lane `l` takes lane `l + 16`'s sum, for `l` below 16,
 //! then that of `l + 8` below 8, and so on with 4, 2, 1; lane 0 has the sum of the block. The sums of the blocks are
 //! numbers that are summed the same way, until one is left. Missing entries of a block are +0, which changes no bit.
-//! The sum of nothing is +0.
+//! The sum of no numbers is +0.
 //!
 //! The loops are the definition, not a fast product: a processor with fused multiply-adds takes about 0.07 ns for
 //! each multiply-add on one core, and one without calls the C library (exact, some ten times slower).
 
 use crate::slices::widest;
 
-/// Values of `k` in one chain.
+/// Number of values of `k` in one chain.
 pub const BLOCK: usize = 512;
 
-/// Numbers in one block of a sum.
+/// Number of summands in one block of a sum.
 pub const SUM_BLOCK: usize = LANES * LANES;
 
 const LANES: usize = 32;
@@ -36,10 +36,10 @@ pub struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// `[rows, columns]`, row by row.
+    /// Matrix `[rows, columns]` from values row by row.
     ///
     /// # Panics
-    /// Where the number of values is another.
+    /// Where the number of values is not `rows * columns`.
     #[must_use]
     pub fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
         assert_eq!(
@@ -56,7 +56,7 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// The transposed matrix; nothing is copied.
+    /// Transposed matrix without a copy.
     #[must_use]
     pub fn transposed(self) -> Self {
         Self {
@@ -76,17 +76,17 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// The values row by row.
+    /// Values row by row.
     fn by_rows(self) -> Vec<f32> {
         let entries = |row| (0..self.columns).map(move |column| self.at(row, column));
         (0..self.rows).flat_map(entries).collect()
     }
 }
 
-/// The product `[a.rows, b.columns]`, row by row.
+/// Product `[a.rows, b.columns]`, row by row.
 ///
 /// # Panics
-/// Where `a` has another number of columns than `b` has rows.
+/// Where the number of `a`'s columns is not the number of `b`'s rows.
 #[must_use]
 pub fn product(a: Matrix, b: Matrix) -> Vec<f32> {
     assert_eq!(
@@ -130,26 +130,26 @@ pub fn product(a: Matrix, b: Matrix) -> Vec<f32> {
     c
 }
 
-/// The sum over the rows of each column.
+/// Sum of each column over the rows.
 #[must_use]
 pub fn row_sums(rows: Matrix) -> Vec<f32> {
     let ones = vec![1.0; rows.rows];
     product(Matrix::new(&ones, 1, rows.rows), rows)
 }
 
-/// The sum of numbers.
+/// Sum of numbers.
 #[must_use]
 pub fn sum(values: &[f32]) -> f32 {
     in_blocks(values, |value| value)
 }
 
-/// The sum of numbers in `f64`.
+/// Sum of numbers in `f64`.
 #[must_use]
 pub fn sum_f64(values: &[f64]) -> f64 {
     in_blocks(values, |value| value)
 }
 
-/// The sum of squares in `f64`, where each square is exact.
+/// Sum of squares in `f64`, where each square is exact.
 #[must_use]
 pub fn sum_of_squares(values: &[f32]) -> f64 {
     in_blocks(values, |value| f64::from(value) * f64::from(value))

@@ -9,8 +9,8 @@
 //! | [`sigmoid`] | 2.41 |
 //! | [`softplus`] | 1.65 |
 //!
-//! The unit is the spacing of `f32` at the exact value, denormal results included. Infinities, signed zeros and
-//! arguments outside the domain give what the mathematical limit gives; a NaN gives [`NAN`].
+//! The unit is the spacing of `f32` at the exact value, denormal results included. Infinities, signed zeros
+//! and arguments outside the domain have the mathematical limit as their result; a NaN gives [`NAN`].
 //!
 //! Plain operations of `f32` alone, without fused multiply-adds. A loop over these functions is vectorised with any
 //! instruction set, while a processor without fused multiply-adds calls a library for each (`f32::mul_add` stays
@@ -19,19 +19,21 @@
 //! is between two computed values.
 //!
 //! Methods. `e^x = 2^n e^r` with `n` the nearest integer to `x / ln 2` and `ln 2` in two parts (Cody and Waite
-//! 1980). `ln(2^k (1 + f)) = k ln 2 + f - f^2 / 2 + f^3 P(f)` with `1 + f` between the roots of 1/2 and 2. `ln_1p`
-//! adds what `1 + x` lost, divided by it (Kahan; as in the C library of BSD). The polynomials are interpolations at
-//! Chebyshev nodes computed with 60 digits, their coefficients rounded to `f32`.
+//! 1980). `ln(2^k (1 + f)) = k ln 2 + f - f^2 / 2 + f^3 P(f)` with `1 + f` between the roots of 1/2 and 2.
+//! `ln_1p` adds the rounding error of `1 + x`, divided by it (Kahan; as in the C library of BSD). The
+//! polynomials are interpolations at Chebyshev nodes computed with 60 digits, their coefficients rounded to
+//! `f32`.
 
-/// The NaN of every function of this module.
+/// NaN that every function of this module returns.
 pub const NAN: f32 = f32::from_bits(0x7fc0_0000);
 
-/// `1.5 2^23`: a number below 2^22 that is added to it is rounded to an integer, which stands in its lowest bits.
+/// Constant `1.5 2^23`: adding it to a number below 2^22 rounds the number to an integer, held in the lowest
+/// bits of the sum.
 const ROUNDING: f32 = 12_582_912.0;
 
 /// The first bits of ln 2; a product with an integer below 2^15 is exact.
 const LN_2_HIGH: f32 = 355.0 / 512.0;
-/// The rest of ln 2 below [`LN_2_HIGH`].
+/// Remainder of ln 2 beyond [`LN_2_HIGH`].
 const LN_2_LOW: f32 = -0.000_212_194_44;
 
 /// `(e^r - 1 - r) / r^2` for `|r| <= ln 2 / 2`, lowest power first; relative error of `e^r` below 2^-30.
@@ -68,17 +70,17 @@ const TANH: [f32; 6] = [
     0.002_292_744_8,
 ];
 
-/// `e^x`.
+/// Exponential function `e^x`.
 #[inline(always)]
 #[must_use]
 pub fn exp(x: f32) -> f32 {
     let (factor, n) = exp_parts(held(x, -104.0, 89.0));
-    // In two steps, so that a denormal result is rounded once and 2^128 is not needed.
+    // The scaling takes two steps, so that a denormal result is rounded once and 2^128 is not needed.
     let half = n >> 1;
     known(x, factor * power_of_two(half) * power_of_two(n - half))
 }
 
-/// The natural logarithm.
+/// Natural logarithm.
 #[inline(always)]
 #[must_use]
 pub fn ln(x: f32) -> f32 {
@@ -93,7 +95,7 @@ pub fn ln(x: f32) -> f32 {
     if x > 0.0 { inside } else { at_most_zero }
 }
 
-/// `ln(1 + x)`.
+/// Logarithm `ln(1 + x)`.
 #[inline(always)]
 #[must_use]
 pub fn ln_1p(x: f32) -> f32 {
@@ -112,7 +114,7 @@ pub fn ln_1p(x: f32) -> f32 {
 #[inline(always)]
 #[must_use]
 pub fn tanh(x: f32) -> f32 {
-    // 9.1 and above give 1.
+    // The result is 1 from 9.1 on.
     let magnitude = held(x.abs(), 0.0, 9.1);
     let (factor, n) = exp_parts(2.0 * magnitude);
     let large = 1.0 - 2.0 / (factor * power_of_two(n) + 1.0);
@@ -121,7 +123,7 @@ pub fn tanh(x: f32) -> f32 {
     known(x, (if magnitude < 0.625 { small } else { large }).copysign(x))
 }
 
-/// The logistic function `1 / (1 + e^-x)`.
+/// Logistic function `1 / (1 + e^-x)`.
 #[inline(always)]
 #[must_use]
 pub fn sigmoid(x: f32) -> f32 {
@@ -129,7 +131,7 @@ pub fn sigmoid(x: f32) -> f32 {
     known(x, (if x < 0.0 { tail } else { 1.0 }) / (1.0 + tail))
 }
 
-/// `ln(1 + e^x)`, computed as `max(x, 0) + ln(1 + e^-|x|)`.
+/// Softplus `ln(1 + e^x)`, computed as `max(x, 0) + ln(1 + e^-|x|)`.
 #[inline(always)]
 #[must_use]
 pub fn softplus(x: f32) -> f32 {
@@ -157,7 +159,7 @@ fn exp_parts(x: f32) -> (f32, i32) {
     )
 }
 
-/// `k ln 2 + ln(1 + f) + correction`.
+/// Sum `k ln 2 + ln(1 + f) + correction`.
 #[inline(always)]
 fn ln_parts(k: f32, f: f32, correction: f32) -> f32 {
     let square = f * f;
@@ -169,33 +171,33 @@ fn ln_parts(k: f32, f: f32, correction: f32) -> f32 {
 /// `(k, f)` with `x = 2^k (1 + f)` and `1 + f` between the roots of 1/2 and 2, for a positive normal `x`.
 #[inline(always)]
 fn split(x: f32) -> (i32, f32) {
-    /// The bits of the root of 1/2.
+    /// Bits of the square root of 1/2.
     const ROOT: u32 = 0x3f35_04f3;
     let bits = x.to_bits().wrapping_add(1.0f32.to_bits() - ROOT);
     let k = (bits >> 23).cast_signed() - 127;
     (k, f32::from_bits((bits & 0x007f_ffff) + ROOT) - 1.0)
 }
 
-/// `2^n`, for `-126 <= n <= 127`.
+/// Power `2^n`, for `-126 <= n <= 127`.
 #[inline(always)]
 fn power_of_two(n: i32) -> f32 {
     f32::from_bits(n.wrapping_add(127).cast_unsigned() << 23)
 }
 
-/// `x` between two limits; a NaN stays one.
+/// `x` clamped to two limits; a NaN stays one.
 #[inline(always)]
 fn held(x: f32, low: f32, high: f32) -> f32 {
     let x = if x < low { low } else { x };
     if x > high { high } else { x }
 }
 
-/// `y`, and [`NAN`] where `x` is one.
+/// `y`, or [`NAN`] if `x` is a NaN.
 #[inline(always)]
 fn known(x: f32, y: f32) -> f32 {
     if x.is_nan() { NAN } else { y }
 }
 
-/// `c[0] + c[1] x + ...` by Horner's rule, from the last coefficient on.
+/// Polynomial `c[0] + c[1] x + ...` by Horner's rule, from the last coefficient on.
 #[inline(always)]
 fn polynomial<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
     let mut sum = coefficients[N - 1];

@@ -1,42 +1,42 @@
 //! The functions of [`crate::single`] over slices, in place, with the widest vectors that the processor has.
 //!
-//! Each entry becomes the bits that the function for one number gives: the loops are compiled several times from one
-//! source without fused multiply-adds, and the widest version that the processor runs is chosen when called.
+//! Each entry has the bits of the function of one number. The loops are compiled several times from one
+//! source without fused multiply-adds, and a call takes the widest version that the processor runs.
 
 use crate::single;
 
-/// Runs loops compiled for the widest vectors that the processor has. Functions that it calls are to be inlined.
+/// Runs loops compiled for the processor's widest vectors. The functions that they call have to be inlined.
 #[inline(always)]
 pub(crate) fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)
 }
 
-/// `e^x` of each entry.
+/// Replaces each entry `x` by `e^x`.
 pub fn exp(values: &mut [f32]) {
     each(values, single::exp);
 }
 
-/// The natural logarithm of each entry.
+/// Replaces each entry by its natural logarithm.
 pub fn ln(values: &mut [f32]) {
     each(values, single::ln);
 }
 
-/// `ln(1 + x)` of each entry.
+/// Replaces each entry `x` by `ln(1 + x)`.
 pub fn ln_1p(values: &mut [f32]) {
     each(values, single::ln_1p);
 }
 
-/// The hyperbolic tangent of each entry.
+/// Replaces each entry by its hyperbolic tangent.
 pub fn tanh(values: &mut [f32]) {
     each(values, single::tanh);
 }
 
-/// The logistic function of each entry.
+/// Replaces each entry by its logistic function.
 pub fn sigmoid(values: &mut [f32]) {
     each(values, single::sigmoid);
 }
 
-/// `ln(1 + e^x)` of each entry.
+/// Replaces each entry `x` by `ln(1 + e^x)`.
 pub fn softplus(values: &mut [f32]) {
     each(values, single::softplus);
 }
@@ -46,7 +46,7 @@ fn each(values: &mut [f32], function: impl Fn(f32) -> f32) {
     widest(
         #[inline(always)]
         || {
-            // A loop, since the library's own functions are not always inlined.
+            // The library's own functions are not always inlined.
             for value in values.iter_mut() {
                 *value = function(*value);
             }

@@ -1,4 +1,4 @@
-//! Steps of optimisers over slices of `f32`: Adam, a largest norm of gradients, a moving average of parameters.
+//! Steps of optimisers over slices of `f32`: Adam, clipping of gradients, a moving average of parameters.
 //!
 //! Adam (Kingma and Ba 2015, algorithm 1), entry by entry, each operation rounded to `f32`, products before sums and
 //! without fused multiply-adds:
@@ -20,10 +20,10 @@ use crate::power::pow;
 use crate::products::sum_of_squares;
 use crate::slices::widest;
 
-/// The denominator's summand, as in the paper.
+/// Summand epsilon of the denominator, as in the paper.
 pub const EPSILON: f64 = 1e-8;
 
-/// The numbers of one step that all entries share.
+/// Constants of one step, which all entries share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
     step: f32,
@@ -33,7 +33,7 @@ pub struct Rates {
 
 #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
 impl Rates {
-    /// Those of step `t = 1, 2, ...`.
+    /// Constants of step `t = 1, 2, ...`.
     #[must_use]
     pub fn at(t: u64, learning_rate: f64, betas: [f64; 2]) -> Self {
         let [bias_1, bias_2] = betas.map(|beta| 1.0 - pow(beta, t as f64));
@@ -44,14 +44,14 @@ impl Rates {
         }
     }
 
-    /// The step size and the factor of the second moment's root.
+    /// Step size, and the factor of the second moment's root.
     #[must_use]
     pub fn parts(&self) -> [f32; 2] {
         [self.step, self.root]
     }
 
-    /// One step of parameters `x` against `gradient`, with the moments `first` and `second`. All slices have one
-    /// length.
+    /// Steps parameters `x` once against `gradient`, with the moments `first` and `second`. All slices have
+    /// the same length.
     pub fn descend(&self, x: &mut [f32], gradient: &[f32], first: &mut [f32], second: &mut [f32]) {
         let ([b1, b2], epsilon) = (self.betas, EPSILON as f32);
         let (c1, c2) = (1.0 - b1, 1.0 - b2);
@@ -68,7 +68,7 @@ impl Rates {
     }
 }
 
-/// Scales gradients down so that their Euclidean norm is at most `largest`; returns the norm before. Each entry is
+/// Scales gradients down to a Euclidean norm of at most `largest`; returns their norm. Each entry is
 /// multiplied by `largest / norm`, rounded to `f32`.
 #[allow(clippy::cast_possible_truncation, reason = "gradients are f32")]
 pub fn clip(gradients: &mut [&mut [f32]], largest: f64) -> f64 {
@@ -85,7 +85,7 @@ pub fn clip(gradients: &mut [&mut [f32]], largest: f64) -> f64 {
     norm
 }
 
-/// The moving average `target <- target + tau (source - target)`, entry by entry.
+/// Moves the average `target <- target + tau (source - target)`, entry by entry.
 pub fn follow(target: &mut [f32], source: &[f32], tau: f32) {
     target
         .iter_mut()
@@ -93,8 +93,8 @@ pub fn follow(target: &mut [f32], source: &[f32], tau: f32) {
         .for_each(|(t, s)| *t += tau * (s - *t));
 }
 
-/// Zero for a number below the smallest normal one. The moments of a unit that is never active again would fade to
-/// denormals and stay there, where a processor takes some thirty times as long for each.
+/// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive would fade to
+/// denormals and stay there, and a processor takes some thirty times as long for each.
 #[inline(always)]
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {

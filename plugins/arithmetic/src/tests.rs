@@ -1,7 +1,7 @@
 //! Errors and special values of the functions, the distribution of the draws, the order of sums, and the digests.
 
 use crate::digests::{self, DOUBLE, KEPT, SINGLE, Stream, mix};
-use crate::draws::{Words, log_gamma, normal, uniform};
+use crate::draws::{WordStream, log_gamma, normal, uniform};
 use crate::products::{BLOCK, Matrix, SUM_BLOCK, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
 use crate::{double, errors, gamma, power, single, slices, trigonometry};
@@ -11,7 +11,7 @@ mod of_draws;
 mod of_functions;
 mod of_sums;
 
-/// The kept digests (`digests.rs`): those of all inputs, and of the first 16 classes of them.
+/// Stored digests (`digests.rs`) of all inputs, and of the first 16 classes of them.
 const DIGESTS: &str = include_str!("../fixtures/digests.txt");
 
 fn kept(name: &str) -> Vec<u64> {
@@ -30,7 +30,7 @@ fn class(bits: u32, class: u64, summand: impl Fn(u64) -> u64) -> u64 {
     inputs.fold(0, |sum, i| sum.wrapping_add(summand(i)))
 }
 
-/// Two classes of a function of `f32`: 2^21 of its inputs, spread over all of them.
+/// Tests two classes of a function of `f32`: 2^21 of its inputs, spread over all of them.
 #[test]
 #[allow(clippy::cast_possible_truncation, reason = "inputs are below 2^32")]
 fn digests_of_single_functions_are_the_kept_ones() {
@@ -44,7 +44,7 @@ fn digests_of_single_functions_are_the_kept_ones() {
     }
 }
 
-/// Classes 0 to 3 of 2^28 inputs: two of bit patterns and two of a range.
+/// Tests classes 0 to 3 of 2^28 inputs: two of bit patterns and two of a range.
 #[test]
 fn digests_of_double_functions_are_the_kept_ones() {
     for function in &DOUBLE {
@@ -76,7 +76,8 @@ fn digests_of_steps_are_the_kept_ones() {
     }
 }
 
-/// The words of the streams that digests draw from: the published first words of SplitMix64 with the state 0.
+/// Tests the words of the streams of digests against the published first words of SplitMix64 with the state
+/// 0.
 #[test]
 fn streams_are_split_mix() {
     let mut state = 0_u64;

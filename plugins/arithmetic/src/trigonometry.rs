@@ -15,7 +15,7 @@
 
 use crate::double::{NAN, ROUNDING, polynomial};
 
-/// From here on the argument is reduced in integers.
+/// Start of the reduction in integers; smaller arguments are reduced by parts.
 const LARGE: f64 = 1024.0;
 
 /// pi/2 in three parts, the first two of 43 bits: a product with an integer below 2^10 is exact.
@@ -73,19 +73,19 @@ const COS: [f64; 6] = [
     -1.1382623647474604e-11,
 ];
 
-/// Sine.
+/// Sine of `x` in radians.
 #[must_use]
 pub fn sin(x: f64) -> f64 {
     quarter_turned(x, 0)
 }
 
-/// Cosine.
+/// Cosine of `x` in radians.
 #[must_use]
 pub fn cos(x: f64) -> f64 {
     quarter_turned(x, 1)
 }
 
-/// `sin(x + turns pi/2)`.
+/// Sine `sin(x + turns pi/2)`.
 fn quarter_turned(x: f64, turns: u64) -> f64 {
     if !x.is_finite() {
         return NAN;
@@ -104,7 +104,7 @@ fn quarter_turned(x: f64, turns: u64) -> f64 {
     if quadrant & 2 == 0 { value } else { -value }
 }
 
-/// `sin(high + low)` for `|high| <= pi/4`.
+/// Sine `sin(high + low)` for `|high| <= pi/4`.
 fn sin_inside(high: f64, low: f64) -> f64 {
     if high == 0.0 {
         return high;
@@ -116,7 +116,7 @@ fn sin_inside(high: f64, low: f64) -> f64 {
     high - ((z * (0.5 * low - cube * series) - low) - cube * first)
 }
 
-/// `cos(high + low)` for `|high| <= pi/4`.
+/// Cosine `cos(high + low)` for `|high| <= pi/4`.
 fn cos_inside(high: f64, low: f64) -> f64 {
     let z = high * high;
     let half = 0.5 * z;
@@ -133,7 +133,8 @@ fn reduced_by_parts(x: f64) -> (u64, f64, f64) {
         // A zero keeps its sign.
         return (0, x, 0.0);
     }
-    // Exact, as is the product in the next line; the sum of two numbers and its rounding error (Knuth).
+    // This difference and the product in the next line are exact; then the sum of two numbers with its
+    // rounding error (Knuth).
     let first = x - n * HALF_PI[0];
     let second = n * HALF_PI[1];
     let (sum, lost) = two_sum(first, -second);
@@ -142,16 +143,16 @@ fn reduced_by_parts(x: f64) -> (u64, f64, f64) {
     (quadrant, high, (sum - high) + tail)
 }
 
-/// As [`reduced_by_parts`], for any finite `|x| >= 1024`.
+/// Reduction as in [`reduced_by_parts`], for any finite `|x| >= 1024`.
 fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
     let bits = x.abs().to_bits();
     let mantissa = (bits & 0x000f_ffff_ffff_ffff) | 0x0010_0000_0000_0000;
-    // |x| = mantissa 2^e with e = (bits >> 52) - 1075. Bits of 2/pi whose product with |x| is a multiple of 4 are left
-    // out; the first that counts has the weight 2 after the shift by e. 192 of them are taken.
+    // |x| = mantissa 2^e with e = (bits >> 52) - 1075. Bits of 2/pi whose product with |x| is a multiple of 4 are
+    // left out; the first that counts has the weight 2 after the shift by e. The product uses 192 of them.
     let start = (bits >> 52) - 1013;
     let word = |at: u64| {
         let (index, shift) = ((start / 64 + at) as usize, start % 64);
-        // In two steps, since a shift by 64 has no meaning.
+        // The shift takes two steps, since a shift by 64 is not defined.
         (TWO_OVER_PI[index] << shift) | (TWO_OVER_PI[index + 1] >> 1 >> (63 - shift))
     };
     // The product modulo 4, in units of 2^-190.
@@ -162,7 +163,7 @@ fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
     let high = mantissa
         .wrapping_mul(high)
         .wrapping_add((middle_product >> 64) as u64);
-    // Its whole part, and what is behind the point; from one half on, the negative distance to the next integer.
+    // Integer part, and the fraction; from one half on, the negative distance to the next integer.
     let is_above = high >> 61 & 1 == 1;
     let quadrant = (high >> 62).wrapping_add(u64::from(is_above));
     let mut digits = [high << 2 | middle >> 62, middle << 2 | low >> 62, low << 2];
@@ -174,8 +175,8 @@ fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
             digits[2].wrapping_neg(),
         ];
     }
-    // The first 106 digits from the first one on, as a sum of two numbers. No f64 is so near a multiple of pi/2 that
-    // both of the first words are zero.
+    // The leading 106 digits as a sum of two numbers. No f64 is so near a multiple of pi/2 that both of the
+    // first words are zero.
     let mut shift = 0;
     if digits[0] == 0 {
         digits = [digits[1], digits[2], 0];
@@ -203,7 +204,7 @@ fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
     }
 }
 
-/// The product of two numbers, and what its rounding lost, to a relative 2^-106 of the product. `b` is of moderate
+/// Product of two numbers with its rounding error, to a relative 2^-106 of the product. `b` is of moderate
 /// size, so that no partial product leaves the range.
 pub(crate) fn two_product(a: f64, b: f64) -> (f64, f64) {
     let upper = |x: f64| f64::from_bits(x.to_bits() & !0x07ff_ffff);
@@ -214,7 +215,7 @@ pub(crate) fn two_product(a: f64, b: f64) -> (f64, f64) {
     (product, lost)
 }
 
-/// The sum of two numbers, and what its rounding lost.
+/// Sum of two numbers with its rounding error.
 pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let of_b = sum - a;

@@ -1,10 +1,10 @@
-//! The extended Kalman filter of health parameters that walk at random: the engine is taken to be linear around the
+//! Extended Kalman filter of health parameters that follow a random walk: the engine is linearised around the
 //! belief (R. E. Kalman 1960; A. H. Jazwinski 1970, "Stochastic processes and filtering theory").
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
 //! | x, P | `mean`, `covariance` | `[d]`, `[d, d]` |
-//! | H | slopes of the sensors by the parameters, in units of the sensors' errors | `[m, d]` |
+//! | H | derivatives of the sensors in the parameters, in units of the sensors' errors | `[m, d]` |
 //! | K = P H' (H P H' + 1)^-1 | `gain` | `[d, m]` |
 
 use crate::Plant;
@@ -16,24 +16,24 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "extended_kalman_filter";
 
-/// What the filter assumes.
+/// Assumptions of the filter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine.
+    /// Engine whose health is estimated.
     pub engine: EngineName,
-    /// What stands for it.
+    /// Model of the engine.
     pub model: Model,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    /// Factor of all outputs of the model, for a biased model.
     #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
     pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    /// Standard deviation of the noise factor of each output of the model.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
     pub model_noise: f64,
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
-    /// Standard deviation of a sensor, in parts of what it reads.
+    /// Standard deviation of a sensor, in parts of its reading.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub noise: f64,
     /// Standard deviation of a parameter before the first sample, around a healthy engine.
@@ -57,7 +57,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Filter with its belief about one engine.
 #[derive(Debug, Clone)]
 pub struct ExtendedKalmanFilter {
     config: Config,
@@ -109,7 +109,7 @@ impl Agent for ExtendedKalmanFilter {
         let off = DVector::from_vec(reading.measured) - expected;
         self.mean = DVector::from_vec(theta) + &gain * off;
         let covariance = &predicted - &gain * slopes * &predicted;
-        // Rounding leaves a covariance that is symmetric nearly.
+        // Rounding leaves the covariance slightly asymmetric.
         self.covariance = (&covariance + covariance.transpose()) * 0.5;
         Ok(self.plant.action(self.mean.as_slice()))
     }

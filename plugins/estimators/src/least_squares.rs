@@ -1,8 +1,9 @@
-//! Health parameters by least squares over the last samples: moving-horizon estimation with a window of several
-//! samples, and of one sample alone the most that this sample says.
+//! Health parameters by least squares over the latest samples: moving-horizon estimation with a window of
+//! several samples, or the best fit of one sample alone.
 //!
-//! Minimised is `sum_k |y_k - F(w_k, theta)|^2 + |theta - theta_before|^2 / prior_sd^2`, with sensors in units of their
-//! errors, by the Levenberg-Marquardt method (J. J. Moré 1978) of a library, from the last estimate.
+//! The objective is `sum_k |y_k - F(w_k, theta)|^2 + |theta - theta_before|^2 / prior_sd^2`, with sensors in
+//! units of their errors. A library minimises it by the Levenberg-Marquardt method (J. J. Moré 1978), from
+//! the last estimate.
 
 use crate::{Plant, Reading};
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -15,27 +16,27 @@ use std::{cell::RefCell, collections::VecDeque};
 
 const NAME: &str = "least_squares";
 
-/// What is fitted.
+/// Model, window and prior of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine.
+    /// Engine whose health is estimated.
     pub engine: EngineName,
-    /// What stands for it.
+    /// Model of the engine.
     pub model: Model,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    /// Factor of all outputs of the model, for a biased model.
     #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
     pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    /// Standard deviation of the noise factor of each output of the model.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
     pub model_noise: f64,
-    /// Samples that are fitted together, the last ones.
+    /// Number of the latest samples that are fitted jointly.
     #[schemars(range(min = 1, max = 1000))]
     pub window: usize,
-    /// Standard deviation of a parameter around the last estimate; null for no memory of it.
+    /// Standard deviation of a parameter around the last estimate; null for no prior.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub prior_sd: Option<f64>,
-    /// Standard deviation of a sensor, in parts of what it reads.
+    /// Standard deviation of a sensor, in parts of its reading.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub noise: f64,
 }
@@ -56,7 +57,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Estimator with its window of samples.
 #[derive(Debug, Clone)]
 pub struct LeastSquares {
     config: Config,
@@ -82,10 +83,10 @@ fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dy
     }))
 }
 
-/// The sum of squares as the library asks for it. A failure of the engine ends the search, and is kept.
-struct Fit<'a> {
+/// Sum of squares in the form of the library. An error of the engine ends the minimisation and is kept.
+struct FitProblem<'a> {
     plant: RefCell<&'a mut Plant>,
-    /// Of the model's noise, where it has any.
+    /// Random stream of the model's noise.
     rng: RefCell<&'a mut Rng>,
     window: &'a VecDeque<Reading>,
     prior: Option<(&'a [f64], f64)>,
@@ -93,7 +94,7 @@ struct Fit<'a> {
     failed: RefCell<Option<Error>>,
 }
 
-impl Fit<'_> {
+impl FitProblem<'_> {
     fn kept<T>(&self, result: Result<T, Error>) -> Option<T> {
         result
             .map_err(|error| *self.failed.borrow_mut() = Some(error))
@@ -101,7 +102,7 @@ impl Fit<'_> {
     }
 }
 
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
+impl LeastSquaresProblem<f64, Dyn, Dyn> for FitProblem<'_> {
     type ResidualStorage = Owned<f64, Dyn>;
     type JacobianStorage = Owned<f64, Dyn, Dyn>;
     type ParameterStorage = Owned<f64, Dyn>;
@@ -168,7 +169,7 @@ impl Agent for LeastSquares {
         }
         self.window.push_back(reading);
         let before = self.estimate.clone();
-        let fit = Fit {
+        let fit = FitProblem {
             plant: RefCell::new(&mut self.plant),
             rng: RefCell::new(rng),
             window: &self.window,

@@ -1,12 +1,13 @@
-//! Estimators: agents that carry a model of the plant they watch. Agents that learn know no environment; these
-//! know the simulator behind one, which is why they are a crate of their own.
+//! Estimators: agents that carry a model of the observed plant. Agents that learn know no environment; these
+//! know the simulator behind one, and therefore have a crate of their own.
 //!
 //! Health parameters of turbofans (Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time model
 //! calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022) 108284):
 //! filters and least squares.
-//! They read `target_<sensor>` and the flight condition from what is observed, and choose the health parameters that
-//! the action stands for; their model is the engine itself or a surrogate of it, as of the environment
-//! `turbofan_calibration`. All of them remember, and begin anew with every episode from a healthy engine.
+//! They read `target_<sensor>` and the flight condition from the observation, and choose the health
+//! parameters that correspond to the action. Their model is the engine itself or a surrogate of it, as of the
+//! environment `turbofan_calibration`. All of them have memory, and start over with every episode from a
+//! healthy engine.
 
 mod extended_kalman_filter;
 mod least_squares;
@@ -26,34 +27,34 @@ pub fn register(registry: &mut Registry) {
     least_squares::register(registry, 1);
 }
 
-/// A model and where its inputs stand in an observation.
+/// A model, and the positions of its inputs in an observation.
 #[derive(Debug, Clone)]
 struct Plant {
     model: SensorModel,
-    /// Places of the sensors and of the four numbers of the flight condition in what is observed.
+    /// Positions of the sensors and of the four numbers of the flight condition in the observation.
     sensors: Vec<usize>,
     condition: [usize; 4],
     /// Smallest and largest value of each parameter.
     limits: Vec<(f64, f64)>,
-    /// The sensors' errors, in parts of what they read.
+    /// Standard deviations of the sensors, in parts of their readings.
     noise: f64,
-    /// How the model is wrong.
+    /// Bias and noise of the model.
     distortion: Distortion,
 }
 
-/// One sample as an estimator takes it.
+/// One sample in the form of the estimators.
 #[derive(Debug, Clone, PartialEq)]
 struct Reading {
     condition: FlightCondition,
-    /// What the sensors read, in units of their errors.
+    /// Readings of the sensors, in units of their errors.
     measured: Vec<f64>,
-    /// One over the errors, SI.
+    /// Inverse standard deviations of the sensors, SI.
     per_error: Vec<f64>,
 }
 
 const NO_LIMITS: &str = "the state has no channel `true_<parameter>` whose limits say what actions stand for";
 
-/// What actions of -1 and 1 stand for: the limits of the true parameters.
+/// Parameters for actions of -1 and 1: the limits of the true parameters.
 fn limits(interface: &Interface, names: &[String]) -> Option<Vec<(f64, f64)>> {
     let of_name = |name: &String| {
         let channel = interface
@@ -66,7 +67,8 @@ fn limits(interface: &Interface, names: &[String]) -> Option<Vec<(f64, f64)>> {
 }
 
 impl Plant {
-    /// The engine `engine` behind the seat of an interface; sensors err by `noise`, in parts of what they read.
+    /// Builds the plant with the engine `engine` behind the seat of an interface; sensors have errors of
+    /// `noise`, in parts of their readings.
     fn new(
         agent: &'static str,
         engine: EngineName,
@@ -114,7 +116,7 @@ impl Plant {
         })
     }
 
-    /// The same plant with a model that is wrong.
+    /// The same plant with a biased and noisy model.
     fn distorted(self, bias: f64, noise: f64) -> Self {
         Self {
             distortion: Distortion { bias, noise },
@@ -126,7 +128,7 @@ impl Plant {
         self.limits.len()
     }
 
-    /// The one row that an agent that remembers is shown.
+    /// The reading in a batch of one observation, the only size for an agent with memory.
     fn reading(&self, agent: &'static str, observations: &[Observation]) -> Result<Reading, Error> {
         let [observation] = observations else {
             let problem = format!(
@@ -152,7 +154,7 @@ impl Plant {
         })
     }
 
-    /// What the model says of a reading, in units of the sensors' errors.
+    /// Outputs of the model for the condition of a reading, in units of the sensors' errors.
     fn expected(&mut self, reading: &Reading, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let held = self.within(theta);
         let mut said = self.model.read(&reading.condition, &held)?;
@@ -163,7 +165,7 @@ impl Plant {
         Ok(said)
     }
 
-    /// Derivatives of what the model says by each parameter, by central differences.
+    /// Derivatives of the model's outputs in each parameter, by central differences.
     fn slopes(&mut self, reading: &Reading, theta: &[f64], rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         let step = 1e-5;
         let moved = |entry: usize, by: f64| {
@@ -184,7 +186,7 @@ impl Plant {
             .collect()
     }
 
-    /// Parameters inside their limits.
+    /// Parameters clamped to their limits.
     fn within(&self, theta: &[f64]) -> Vec<f64> {
         theta
             .iter()
@@ -193,7 +195,7 @@ impl Plant {
             .collect()
     }
 
-    /// The action that stands for parameters: -1 and 1 are the limits.
+    /// Action for parameters: -1 and 1 are the limits.
     fn action(&self, theta: &[f64]) -> Vec<Action> {
         let unit = |(value, (low, high)): (f64, &(f64, f64))| (2.0 * value - low - high) / (high - low);
         vec![vec![

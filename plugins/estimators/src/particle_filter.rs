@@ -1,5 +1,5 @@
-//! A particle filter of health parameters that walk at random (N. J. Gordon, D. J. Salmond and A. F. M. Smith 1993;
-//! systematic resampling where the effective number of particles falls below half).
+//! Particle filter of health parameters that follow a random walk (N. J. Gordon, D. J. Salmond and A. F. M.
+//! Smith 1993; systematic resampling where the effective number of particles falls below half).
 
 use crate::Plant;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -11,18 +11,18 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "particle_filter";
 
-/// What the filter assumes.
+/// Assumptions of the filter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine.
+    /// Engine whose health is estimated.
     pub engine: EngineName,
-    /// What stands for it.
+    /// Model of the engine.
     pub model: Model,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    /// Factor of all outputs of the model, for a biased model.
     #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
     pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    /// Standard deviation of the noise factor of each output of the model.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
     pub model_noise: f64,
     /// Number of particles, each a run of the engine per sample.
@@ -31,7 +31,7 @@ pub struct Config {
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
-    /// Standard deviation of a sensor, in parts of what it reads.
+    /// Standard deviation of a sensor, in parts of its reading.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub noise: f64,
     /// Standard deviation of a parameter before the first sample, around a healthy engine.
@@ -56,12 +56,12 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Filter with its particles.
 #[derive(Debug, Clone)]
 pub struct ParticleFilter {
     config: Config,
     plant: Plant,
-    /// Parameters and weights; none before the first sample.
+    /// Parameters and weights of the particles; empty before the first sample.
     particles: Vec<(Vec<f64>, f64)>,
 }
 
@@ -82,7 +82,7 @@ fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dy
 }
 
 impl ParticleFilter {
-    /// Particles of a healthy engine, or those of the last sample after a step of their walk.
+    /// Moves particles by one step of their walk; creates those of a healthy engine before the first sample.
     fn walk(&mut self, rng: &mut Rng) {
         let Config {
             particles,
@@ -104,7 +104,7 @@ impl ParticleFilter {
         }
     }
 
-    /// Weighs particles by the likelihood of a reading.
+    /// Weights particles by the likelihood of a reading.
     fn weigh(&mut self, reading: &crate::Reading, rng: &mut Rng) -> Result<(), Error> {
         let mut logs = Vec::with_capacity(self.particles.len());
         for (theta, weight) in &self.particles {
@@ -134,7 +134,7 @@ impl ParticleFilter {
         (0..self.plant.n_parameters()).map(sum).collect()
     }
 
-    /// Draws particles anew by their weights where few carry them.
+    /// Resamples particles by their weights where few of them carry the weight.
     fn resample(&mut self, rng: &mut Rng) {
         let n = self.particles.len();
         let squares: f64 = self.particles.iter().map(|(_, weight)| weight * weight).sum();

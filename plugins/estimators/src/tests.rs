@@ -1,4 +1,4 @@
-//! Every estimator finds the health of an engine that it can see well.
+//! Tests that every estimator finds the health of an engine with good sensors.
 
 use super::*;
 use contract::{Agent, Environment as _, Mode, random::stream};
@@ -22,7 +22,7 @@ fn problem(config: serde_json::Value) -> TurbofanCalibration {
     TurbofanCalibration::new(config).unwrap()
 }
 
-/// Root of the mean squared error over the second half of a unit's life.
+/// Root mean squared error over the second half of a unit's life.
 fn error_of(agent: &mut dyn Agent, problem: &mut TurbofanCalibration, unit: u64) -> f64 {
     let (mut rng, mut agent_rng) = (stream(&["life"]), stream(&["agent"]));
     let mut seen = problem.reset_to(unit, &mut rng).unwrap();
@@ -82,9 +82,9 @@ fn estimators_find_the_health_of_an_engine_with_good_sensors() {
         let mut agent = built(name, &config, &problem);
         let error = error_of(&mut *agent, &mut problem, 1);
         assert!(error < most, "{name}: {error}");
-        // A healthy guess is wrong by far more.
+        // The error of a healthy guess is far larger.
         assert!(error < 0.2 * 5e-3, "{name}: {error}");
-        // What was seen is forgotten: the same life gives the same errors.
+        // The filter starts over: the same life gives the same errors.
         let (again, other) = (
             error_of(&mut *agent, &mut problem, 1),
             error_of(&mut *agent, &mut problem, 0),
@@ -97,7 +97,7 @@ fn estimators_find_the_health_of_an_engine_with_good_sensors() {
 }
 
 #[test]
-fn one_exact_sample_says_all() {
+fn one_exact_sample_is_enough() {
     let mut problem = problem(json!({
         "engine": "agtf30", "trajectory": "units", "theta_range": [-0.06, 0.06],
         "calibrated": ["hpt_efficiency", "hpt_flow", "lpt_efficiency", "lpt_flow"],
@@ -135,7 +135,7 @@ fn other_environments_are_refused() {
 }
 
 #[test]
-fn a_model_that_is_wrong_leads_astray() {
+fn a_biased_or_noisy_model_misleads_the_filter() {
     let config = json!({
         "trajectory": "units",
         "fleet": { "units": 1, "degradation": { "life": { "cycles": 10, "samples": 5 } } },

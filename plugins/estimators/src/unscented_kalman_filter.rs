@@ -1,8 +1,9 @@
-//! The unscented Kalman filter of health parameters that walk at random and are seen through the engine.
+//! Unscented Kalman filter of health parameters that follow a random walk and are observed through the
+//! engine.
 //!
-//! Thesis, section 2.5 (its `UKF`); the filter itself is in [`numerics::unscented`]. The thesis states neither the
-//! variances nor the sigma points; it runs the engine for `2 (2 d + 1)` points a sample, those of the prediction too.
-//! A random walk predicts without an engine, so that `2 d + 1` runs are needed here.
+//! Thesis, section 2.5 (its `UKF`); the filter itself is in [`numerics::unscented`]. The thesis states
+//! neither the variances nor the sigma points. It runs the engine for `2 (2 d + 1)` points a sample, those of
+//! the prediction included. A random walk predicts without an engine, so `2 d + 1` runs are enough here.
 
 use crate::Plant;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -13,36 +14,37 @@ use serde::{Deserialize, Serialize};
 
 const NAME: &str = "unscented_kalman_filter";
 
-/// What the filter assumes.
+/// Assumptions of the filter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine.
+    /// Engine whose health is estimated.
     pub engine: EngineName,
-    /// What stands for it.
+    /// Model of the engine.
     pub model: Model,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    /// Factor of all outputs of the model, for a biased model.
     #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
     pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    /// Standard deviation of the noise factor of each output of the model.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
     pub model_noise: f64,
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
-    /// Standard deviation of a sensor, in parts of what it reads.
+    /// Standard deviation of a sensor, in parts of its reading.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub noise: f64,
     /// Standard deviation of a parameter before the first sample, around a healthy engine.
     #[schemars(range(min = 1e-9, max = 1.0))]
     pub first_sd: f64,
-    /// Spread of the sigma points. Far below 0.1 the weights cancel beyond what the engine is solved to.
+    /// Spread of the sigma points. Far below 0.1 the weights cancel beyond the accuracy of the engine's
+    /// solution.
     #[schemars(range(min = 1e-3, max = 10.0))]
     pub alpha: f64,
-    /// 2 is best for normal beliefs.
+    /// Weight of the middle point in the covariance; 2 is best for normal beliefs.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub beta: f64,
-    /// A second spread of the sigma points.
+    /// Second spread of the sigma points.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub kappa: f64,
     /// Draw the sigma points again between prediction and update.
@@ -69,7 +71,7 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The estimator.
+/// Filter with its belief about one engine.
 #[derive(Debug, Clone)]
 pub struct UnscentedKalmanFilter {
     config: Config,
@@ -94,7 +96,7 @@ fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dy
     }))
 }
 
-/// The belief before the first sample.
+/// Belief before the first sample.
 fn healthy(config: &Config, n_parameters: usize) -> UnscentedFilter {
     let Config {
         alpha, beta, kappa, ..

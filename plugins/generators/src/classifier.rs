@@ -16,7 +16,7 @@ use contract::{
 };
 use numerics::{
     network::{device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     tensor_file::{TensorFile, TensorFileError},
 };
 use schemars::JsonSchema;
@@ -54,7 +54,7 @@ impl contract::Config for Config {}
 #[derive(Debug, Clone)]
 pub struct ImageClassifier {
     form: Form,
-    network: Trained<FeatureNetwork>,
+    network: TrainedNetwork<FeatureNetwork>,
     n_updates: u64,
 }
 
@@ -84,7 +84,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     let form = form(&config, interface)?;
     Ok(Box::new(ImageClassifier {
         form,
-        network: Trained::new(
+        network: TrainedNetwork::new(
             FeatureNetwork::new(form, rng),
             Adam::new(config.learning_rate, None),
         ),
@@ -313,7 +313,7 @@ mod tests {
         let network = FeatureNetwork::new(form, &mut rng);
         let agent = ImageClassifier {
             form,
-            network: Trained::new(network.clone(), Adam::new(1e-3, None)),
+            network: TrainedNetwork::new(network.clone(), Adam::new(1e-3, None)),
             n_updates: 0,
         };
         let example = example(&mut *shows, &mut rng);

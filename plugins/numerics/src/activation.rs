@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Slope of the leaky rectifier below zero (Maas et al. 2013).
 pub const LEAKY_SLOPE: f64 = 0.01;
 
-/// The activation after a hidden layer.
+/// Activation after a hidden layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Activation {
@@ -24,7 +24,7 @@ pub enum Activation {
 }
 
 impl Activation {
-    /// What keeps the variance of a layer's output at that of its input.
+    /// Gain of the weights at which a layer's output has the variance of its input.
     #[must_use]
     pub fn gain(self) -> f64 {
         match self {
@@ -34,7 +34,7 @@ impl Activation {
         }
     }
 
-    /// Turns one row `z` into `f(z + bias)`.
+    /// Replaces one row `z` by `f(z + bias)`.
     pub(crate) fn forward(self, row: &mut [f32], bias: &[f32]) {
         let pairs = row.iter_mut().zip(bias);
         match self {
@@ -55,11 +55,11 @@ impl Activation {
     }
 }
 
-/// [`LEAKY_SLOPE`] as networks compute with it.
+/// [`LEAKY_SLOPE`] in the precision of networks.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 pub(crate) const LEAKY: f32 = LEAKY_SLOPE as f32;
 
-/// Written so that a NaN stays one.
+/// Rectifier with slope `below` for negative numbers; the comparison keeps a NaN.
 fn rectified(x: f32, below: f32) -> f32 {
     if x <= 0.0 { below * x } else { x }
 }
@@ -74,12 +74,12 @@ fn slope(y: f32, below: f32) -> f32 {
 /// of Cephes 2.2 (Moshier 1992, `tanhf`). The exponential is `2^n 2^f` with `n` the nearest integer of `t = 2
 /// |x| / ln 2`.
 pub(crate) fn tanh(x: f32) -> f32 {
-    /// 9.1 and above give 1 in `f32`.
+    /// From here on the tangent is 1 in `f32`.
     const LARGEST: f32 = 9.1;
-    /// `1.5 2^23`: what is added to it is rounded to an integer, which stands in its lowest bits.
+    /// Constant `1.5 2^23`: adding it rounds a number to an integer, held in the lowest bits of the sum.
     const ROUNDING: f32 = 12_582_912.0;
     let magnitude = x.abs();
-    // A comparison that is false for a NaN, so that it stays one.
+    // The comparison is false for a NaN, which thus stays one.
     let magnitude = if magnitude > LARGEST { LARGEST } else { magnitude };
     let t = magnitude * (2.0 * std::f32::consts::LOG2_E);
     let rounded = t + ROUNDING;
@@ -119,7 +119,7 @@ fn polynomial<const N: usize>(coefficients: [f32; N], x: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// Distance in units in the last place of the exact value.
+    /// Error in units in the last place of the exact value.
     fn error_in_ulps(x: f32) -> f64 {
         let exact = f64::from(x).tanh();
         #[allow(
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tangent_is_odd_and_keeps_what_is_not_a_number() {
+    fn the_tangent_is_odd_and_keeps_a_nan() {
         for x in [1e-30, 0.3, 0.624_999, 0.625, 2.0, 9.1, 1e30, f32::INFINITY] {
             assert_eq!(tanh(-x), -tanh(x));
         }
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_stays_one() {
+    fn a_nan_stays_one() {
         for activation in [Activation::Relu, Activation::LeakyRelu, Activation::Tanh] {
             let mut row = [f32::NAN];
             activation.forward(&mut row, &[0.0]);

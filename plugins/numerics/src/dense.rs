@@ -10,9 +10,9 @@
 //! Forward: one matrix product, then bias and activation in one pass over its result. Backward, from the
 //! gradient `dy`: `dz = dy f'(z)`, with the slope taken from `y`, and `db`, its sum over the rows, in one
 //! pass; then `dx = dz W^T` and `dW = x^T dz`, whose transposed factors are read with other strides instead
-//! of being copied. Only what some parent asks for is computed, and rows without a gradient take no part in
-//! `dx`: of two critics, the gradient of the lower value reaches each in about half of the rows. Sums run
-//! over the rows in their order, and a row of the output depends on its row of the input alone.
+//! of being copied. Only the gradients of tracked parents are computed, and rows without a gradient are left
+//! out of `dx`: of two critics, the gradient of the lower value reaches each in about half of the rows. Sums
+//! run over the rows in their order, and a row of the output depends on its row of the input alone.
 
 use crate::activation::Activation;
 use burn::Tensor;
@@ -59,7 +59,7 @@ pub fn dense(
 /// The operation on the tensors of one backend.
 #[backend_extension(Flex, Autodiff)]
 trait DenseOperation: Backend {
-    /// See the free function of this name.
+    /// The free function of this name on tensors of the backend.
     fn dense(
         input: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -68,10 +68,10 @@ trait DenseOperation: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What the layer with an activation kept of its output.
+/// Output that the layer keeps for the slope of its activation.
 type Output<B> = Option<(FloatTensor<B>, Activation)>;
 
-/// The passes over plain tensors. A further backend implements them and is named as a selector above.
+/// Passes over plain tensors. A further backend implements them and is named as a selector above.
 trait DensePasses: Backend {
     /// `f(z + b)` from the product `z`.
     fn add_bias(
@@ -80,7 +80,7 @@ trait DensePasses: Backend {
         activation: Option<Activation>,
     ) -> FloatTensor<Self>;
 
-    /// `dz` from `y` and `dy`, and, where it is asked for, `db`.
+    /// `dz` from `y` and `dy`, and `db` where its parent is tracked.
     fn gradients(
         output: Output<Self>,
         upstream: FloatTensor<Self>,
@@ -91,14 +91,13 @@ trait DensePasses: Backend {
     fn input_gradient(gradient: FloatTensor<Self>, weight: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// The tensor with its rows one after the other, filling their buffer. No copy where it already is so: the
-/// second handle to the buffer that `to_contiguous` returns then outlives the first, and what is written goes
-/// to its place.
+/// Tensor whose rows fill its buffer in order. There is no copy where they already do: the second handle to
+/// the buffer that `to_contiguous` returns then outlives the first, and writes go to the same place.
 pub(crate) fn row_by_row(tensor: FloatTensor<Flex>) -> FloatTensor<Flex> {
     tensor.to_contiguous()
 }
 
-/// The sum over the rows of each column.
+/// Sum of each column over the rows.
 pub(crate) fn add_rows(rows: &[f32], n_columns: usize) -> Vec<f32> {
     let mut sums = vec![0.0; n_columns];
     for row in rows.chunks_exact(n_columns) {
@@ -152,7 +151,7 @@ impl DensePasses for Flex {
             .filter(|(_, row)| !all_zero(row))
             .map(|(at, _)| at)
             .collect();
-        // Moving rows costs less than a quarter of the product.
+        // Moving the rows costs less than a quarter of the product.
         if reached.len() * 4 > n_rows * 3 {
             return Self::float_matmul(gradient, transposed);
         }
@@ -173,7 +172,8 @@ impl DensePasses for Flex {
     }
 }
 
-/// One pass without an early end, which is vectorised; the shift drops the sign of a zero.
+/// Whether all entries are zero, in one pass without an early end, which is vectorised; the shift drops the
+/// sign of a zero.
 fn all_zero(row: &[f32]) -> bool {
     row.iter().fold(0, |bits, entry| bits | entry.to_bits() << 1) == 0
 }
@@ -244,7 +244,7 @@ impl<B: DensePasses, C: CheckpointStrategy> DenseOperation for Autodiff<B, C> {
 #[derive(Debug)]
 struct DenseBackward<B>(PhantomData<fn() -> B>);
 
-/// What the backward step needs of the forward one.
+/// State that the backward step takes from the forward pass.
 #[derive(Debug, Clone)]
 struct State<B: Backend> {
     input: Option<FloatTensor<B>>,
@@ -296,7 +296,7 @@ mod tests {
         (0..count).map(|i| ((i as f32 + seed) * 12.9898).sin()).collect()
     }
 
-    /// Input, weight and bias, of which the named ones are tracked.
+    /// Input, weight and bias, tracked as `tracked` says.
     fn parents(tracked: [bool; 3]) -> (Tensor<2>, Tensor<2>, Tensor<1>) {
         let [rows, inputs, outputs] = SHAPE;
         let place = |x: Tensor<2>, tracked| {
@@ -318,7 +318,7 @@ mod tests {
         )
     }
 
-    /// The same layer of the tensor library's own operations, all on the tape.
+    /// The same layer composed of the tensor library's own operations.
     fn composed((x, w, b): (Tensor<2>, Tensor<2>, Tensor<1>), f: Option<Activation>) -> Tensor<2> {
         let z = x.matmul(w) + b.unsqueeze();
         match f {
@@ -329,7 +329,7 @@ mod tests {
         }
     }
 
-    /// A weighted sum, so that every entry has another upstream gradient.
+    /// Gradients of a weighted sum, so that every entry has a different upstream gradient.
     fn gradients(output: Tensor<2>) -> Gradients {
         let upstream = matrix(numbers(SHAPE[0] * SHAPE[2], 0.9), SHAPE[2]);
         (output * Tensor::from_inner(upstream)).sum().backward()
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_composed_layer_whatever_is_tracked() {
+    fn agrees_with_the_composed_layer_for_all_tracked_parents() {
         for f in ACTIVATIONS {
             let all = parents([true; 3]);
             let reference = composed(all.clone(), f);
@@ -420,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn parents_that_are_used_again_stay_as_they_were() {
+    fn parents_that_are_used_again_are_unchanged() {
         let (x, w, b) = parents([false; 3]);
         let before = [values(x.clone()), values(w.clone())];
         let first = values(dense(x.clone(), w.clone(), b.clone(), Some(Activation::Tanh)));
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn views_are_read_as_they_are_seen() {
+    fn views_are_read_in_their_order() {
         let (x, w, b) = parents([true; 3]);
         let transposed =
             |x: &Tensor<2>| Tensor::from_inner(matrix(values(x.clone().transpose()), x.dims()[0]));
@@ -439,7 +439,7 @@ mod tests {
             b.clone(),
             Some(Activation::Tanh),
         );
-        // An upstream gradient that is a transposed view, and an output that is sliced.
+        // The upstream gradient is a transposed view, and the output is sliced.
         let loss = |y: Tensor<2>| (y.clone().transpose() * 2.0).sum() + y.slice([1..3, 0..2]).sum();
         let plain = dense(x.clone(), w, b.clone(), Some(Activation::Tanh));
         assert_eq!(values(view), values(plain.clone()));

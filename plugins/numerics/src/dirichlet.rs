@@ -9,20 +9,20 @@
 //! `ln pi(a) = ln Gamma(A) - sum ln Gamma(alpha_i) + sum (alpha_i - 1) ln a_i` (thesis, equation 3.12), a
 //! density with respect to the first `n - 1` coordinates. Points are passed as logarithms: with
 //! concentrations below one, coordinates far below the smallest float are ordinary, and the density needs
-//! their logarithm, not them.
+//! their logarithms.
 
 use rand::RngCore;
 
 use crate::gamma::{log_gamma_slope, sample_log_gamma};
 use crate::special::{digamma, ln_gamma, log_sum_exp, trigamma};
 
-/// The smallest logarithm of a coordinate of a draw. Its exponential, 1.6e-38, is still an ordinary `f32`.
+/// Smallest logarithm of a coordinate of a draw. Its exponential, 1.6e-38, is still a normal `f32`.
 ///
 /// A coordinate below it is set to it and then counts as a constant: its derivative in the concentration is
 /// zero. With concentrations of at least one a draw reaches this floor with a probability below 1e-37.
 pub const LOG_ACTION_FLOOR: f64 = -87.0;
 
-/// A draw and what its reparameterised gradient needs.
+/// A draw with the derivative for its reparameterised gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw {
     /// `ln a` `[n]`, floored at [`LOG_ACTION_FLOOR`].
@@ -33,13 +33,13 @@ pub struct Draw {
 }
 
 impl Draw {
-    /// `a`, the point of the simplex `[n]`.
+    /// Action `a`, the point of the simplex `[n]`.
     #[must_use]
     pub fn action(&self) -> Vec<f64> {
         self.log_action.iter().map(|log| log.exp()).collect()
     }
 
-    /// The gradient in the concentration `[n]` of a function whose gradient in `ln a` is `upstream` `[n]`.
+    /// Gradient in the concentration `[n]` of a function whose gradient in `ln a` is `upstream` `[n]`.
     ///
     /// `d ln a_i / d alpha_j = (delta_ij - a_j) slope_j`. PyTorch moves a draw along its Beta marginals
     /// instead: another path with the same mean gradient, so the two agree in expectation only.
@@ -65,7 +65,7 @@ pub fn sample(concentration: &[f64], rng: &mut impl RngCore) -> Vec<f64> {
         .map(|&shape| sample_log_gamma(shape, rng))
         .collect();
     let log_sum = log_sum_exp(&log_gammas);
-    // Not `max`, which would turn a NaN into the floor.
+    // `max` would turn a NaN into the floor.
     let floored = |log: f64| {
         if log < LOG_ACTION_FLOOR {
             LOG_ACTION_FLOOR
@@ -76,7 +76,7 @@ pub fn sample(concentration: &[f64], rng: &mut impl RngCore) -> Vec<f64> {
     log_gammas.iter().map(|log| floored(log - log_sum)).collect()
 }
 
-/// Draws what [`sample`] draws from the same stream, with the derivative of the draw (implicit
+/// Draws the point that [`sample`] draws from the same stream, with the derivative of the draw (implicit
 /// reparameterisation).
 ///
 /// All coordinates are NaN if a concentration is not positive and finite.
@@ -88,7 +88,7 @@ pub fn sample_with_gradient(concentration: &[f64], rng: &mut impl RngCore) -> Dr
     draw_of(concentration, &log_gammas)
 }
 
-/// The draw that the gamma draws `log_gammas` normalise to.
+/// Draw from the logarithms of its gamma draws, by normalisation.
 fn draw_of(concentration: &[f64], log_gammas: &[f64]) -> Draw {
     let log_sum = log_sum_exp(log_gammas);
     let coordinate = |(&shape, &log_gamma): (&f64, &f64)| {
@@ -120,8 +120,8 @@ pub fn log_density(concentration: &[f64], log_action: &[f64]) -> f64 {
     kernel - log_beta(concentration)
 }
 
-/// The gradient of [`log_density`] in the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i`
-/// (thesis, equation 3.13).
+/// Gradient of [`log_density`] in the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i` (thesis,
+/// equation 3.13).
 #[must_use]
 pub fn log_density_gradient(concentration: &[f64], log_action: &[f64]) -> Vec<f64> {
     let total = digamma(concentration.iter().sum());
@@ -132,7 +132,7 @@ pub fn log_density_gradient(concentration: &[f64], log_action: &[f64]) -> Vec<f6
         .collect()
 }
 
-/// The differential entropy `ln B(alpha) + (A - n) digamma(A) - sum (alpha_i - 1) digamma(alpha_i)`.
+/// Differential entropy `ln B(alpha) + (A - n) digamma(A) - sum (alpha_i - 1) digamma(alpha_i)`.
 #[must_use]
 pub fn entropy(concentration: &[f64]) -> f64 {
     let excess: f64 = concentration.iter().map(|alpha| alpha - 1.0).sum();

@@ -16,10 +16,10 @@ use crate::linearised::linearised;
 /// A reparameterised draw of a batch.
 #[derive(Debug, Clone)]
 pub struct DirichletSample {
-    /// The allocation `[batch, n]`, each row a point of the simplex.
+    /// Allocation `[batch, n]`, each row a point of the simplex.
     pub action: Tensor<2>,
-    /// Its logarithm `[batch, n]`, floored at [`dirichlet::LOG_ACTION_FLOOR`]; exact where `action` has
-    /// underflowed to little.
+    /// Logarithm of the action `[batch, n]`, floored at [`dirichlet::LOG_ACTION_FLOOR`]; exact where `action`
+    /// has underflowed.
     pub log_action: Tensor<2>,
 }
 
@@ -41,7 +41,7 @@ pub fn sample(alpha: Tensor<2>, rng: &mut impl RngCore) -> DirichletSample {
             &device,
         );
         let slope = tensor(draws.iter().flat_map(|draw| &draw.slope), rows.shape(), &device);
-        // The value is normalised already; softmax leaves it as it is and adds the derivative of the
+        // The value is normalised already; softmax leaves it unchanged and adds the derivative of the
         // normalisation.
         log_softmax(linearised(alpha, value, slope), 1)
     } else {
@@ -54,7 +54,7 @@ pub fn sample(alpha: Tensor<2>, rng: &mut impl RngCore) -> DirichletSample {
     }
 }
 
-/// The log density `[batch, 1]` of `log_action` `[batch, n]` under `Dirichlet(alpha)`, `alpha` `[batch, n]`.
+/// Log density `[batch, 1]` of `log_action` `[batch, n]` under `Dirichlet(alpha)`, `alpha` `[batch, n]`.
 ///
 /// Gradients flow to both (thesis, equation 3.13, and `alpha - 1`).
 ///
@@ -92,8 +92,7 @@ pub fn log_density(alpha: Tensor<2>, log_action: Tensor<2>) -> Tensor<2> {
     result
 }
 
-/// The differential entropy `[batch, 1]` of `Dirichlet(alpha)`, `alpha` `[batch, n]`; gradients flow to
-/// `alpha`.
+/// Differential entropy `[batch, 1]` of `Dirichlet(alpha)`, `alpha` `[batch, n]`; gradients flow to `alpha`.
 #[must_use]
 pub fn entropy(alpha: Tensor<2>) -> Tensor<2> {
     let device = alpha.device();
@@ -107,7 +106,7 @@ pub fn entropy(alpha: Tensor<2>) -> Tensor<2> {
     linearised(alpha, value, tensor(&gradients, rows.shape(), &device))
 }
 
-/// A tensor's rows on the host.
+/// Rows of a tensor on the host.
 struct HostRows {
     values: Vec<f64>,
     columns: usize,
@@ -134,7 +133,7 @@ impl HostRows {
     }
 }
 
-/// The numbers, rounded to `f32`, as a constant of `device`.
+/// Constant tensor of `device` from numbers rounded to `f32`.
 fn tensor<'a>(values: impl IntoIterator<Item = &'a f64>, shape: [usize; 2], device: &Device) -> Tensor<2> {
     let values: Vec<f32> = values.into_iter().map(|&value| value as f32).collect();
     Tensor::from_data(TensorData::new(values, shape), device)

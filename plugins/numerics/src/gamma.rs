@@ -18,11 +18,11 @@ use rand::RngCore;
 use crate::gaussian::{standard_normal, standard_uniform};
 use crate::special::{digamma, is_upper_tail, upper_fraction};
 
-/// Above this shape the derivative comes from the expansion around the normal distribution.
+/// Shape above which the derivative comes from the expansion around the normal distribution.
 const LARGE_SHAPE: f64 = 1e6;
 
 /// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any finite `shape > 0`; NaN otherwise, so that a diverged
-/// network is seen as such.
+/// network is detected.
 ///
 /// Below one the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here a sum of logarithms that cannot
 /// underflow.
@@ -49,7 +49,7 @@ pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
     }
 }
 
-/// The derivative of `ln x` in `shape` at a fixed probability: what the implicit reparameterisation of a draw
+/// Derivative of `ln x` in `shape` at a fixed probability, which the implicit reparameterisation of a draw
 /// propagates.
 ///
 /// Relative error below 1e-10 for shapes from 1e-2 to 1e6 and 1e-7 above, at any probability, measured
@@ -83,7 +83,7 @@ fn slope_by_series(shape: f64, draw: f64, log_draw: f64) -> f64 {
         excess += inverse;
         let term = weight * excess;
         sum += term;
-        // Past the largest term the rest is a geometric series whose ratio is draw / argument.
+        // Past the largest term the remainder is a geometric series with the ratio draw / argument.
         if argument > draw && term.abs() < 1e-13 * sum.abs() * (1.0 - draw * inverse) {
             return sum;
         }
@@ -140,8 +140,8 @@ mod tests {
         for row in rows(PEERS) {
             let (shape, draw, want) = (row[0], row[1], row[4]);
             let got = draw * log_gamma_slope(shape, draw.ln());
-            // Below 1e-15 the differences themselves are wrong by up to 2e-5; there PyTorch's series is the
-            // exact one.
+            // Below 1e-15 the differences themselves are wrong by up to 2e-5; PyTorch's series is exact
+            // there.
             let (want, tolerance) = if draw < 1e-15 {
                 (row[3], 1e-12)
             } else {
@@ -187,7 +187,7 @@ mod tests {
         assert!((log_gamma_slope(shape, log_draw) / want - 1.0).abs() < 1e-14);
     }
 
-    /// The Kolmogorov-Smirnov distance of `n` draws from the distribution function.
+    /// Kolmogorov-Smirnov distance of `n` draws from the distribution function.
     fn distance(shape: f64, n: u32) -> f64 {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let mut draws: Vec<f64> = (0..n).map(|_| sample_log_gamma(shape, &mut rng)).collect();
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn draws_follow_the_distribution_function() {
         for shape in [0.3, 0.9, 1.0, 2.5, 40.0, 1000.0] {
-            // 1.95 / sqrt(n) is exceeded by chance once in a thousand.
+            // By chance the distance is above 1.95 / sqrt(n) once in a thousand.
             assert!(
                 distance(shape, 20_000) < 1.95 / 20_000_f64.sqrt(),
                 "shape {shape}"

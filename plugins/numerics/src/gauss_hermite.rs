@@ -5,14 +5,14 @@
 //! | symbol | here |
 //! |---|---|
 //! | h_k | orthonormal Hermite polynomials, `sqrt(k + 1) h_(k+1)(z) = z h_k(z) - sqrt(k) h_(k-1)(z)`, `h_0 = 1` |
-//! | J | the matrix of that recurrence: symmetric, `sqrt(1), ..., sqrt(n - 1)` beside a diagonal of zeros |
+//! | J | matrix of that recurrence: symmetric, `sqrt(1), ..., sqrt(n - 1)` beside a diagonal of zeros |
 //! | z_i | nodes, the eigenvalues of J |
-//! | w_i | weights, `1 / sum_(k<n) h_k(z_i)^2`, which are exact relative to their size however small they are |
+//! | w_i | weights, `1 / sum_(k<n) h_k(z_i)^2`, with a small relative error even where they are tiny |
 
 use nalgebra::DMatrix;
 
-/// `n` nodes in rising order, each with its weight: `E f(z)` is `sum_i w_i f(z_i)`, exact for polynomials of
-/// a degree below `2 n`.
+/// Nodes in rising order with their weights: `E f(z)` is `sum_i w_i f(z_i)`, exact for polynomials of a
+/// degree below `2 n`.
 #[must_use]
 pub fn gauss_hermite(n: usize) -> Vec<(f64, f64)> {
     let recurrence = DMatrix::from_fn(n, n, |row, column| {
@@ -45,7 +45,7 @@ fn root(k: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// Closed forms: of three nodes, and of five (the roots of `z^5 - 10 z^3 + 15 z`).
+    /// Compares with closed forms for three nodes, and for five (the roots of `z^5 - 10 z^3 + 15 z`).
     #[test]
     fn small_rules_are_the_known_ones() {
         let wide = |sign: f64| (5.0 + sign * 10f64.sqrt()).sqrt();
@@ -72,7 +72,8 @@ mod tests {
         }
     }
 
-    /// Abramowitz and Stegun, table 25.10, whose nodes are ours divided by the square root of 2.
+    /// Compares with Abramowitz and Stegun, table 25.10, whose nodes are these divided by the square root of
+    /// 2.
     #[test]
     fn twenty_nodes_are_the_tabulated_ones() {
         let rule = gauss_hermite(20);
@@ -89,7 +90,7 @@ mod tests {
         }
     }
 
-    /// The degrees below twice the number of nodes, as far as a rounded sum can show them.
+    /// Tests the degrees below twice the number of nodes, as far as a rounded sum can show them.
     #[test]
     fn moments_are_those_of_a_normal_number() {
         let rule = gauss_hermite(40);

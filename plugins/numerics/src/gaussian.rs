@@ -16,9 +16,9 @@
 //!   does not depend on the parameters, so gradients are as printed. [`softmax_log_density`] includes it and
 //!   integrates to one.
 //! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`.
-//!   A critic that sees the action alone thus leaves the mean of estimator (3.7) correct and adds variance;
-//!   what does differ is the entropy that a maximum-entropy algorithm rewards: that of the candidate counts
-//!   the shift `c`, which no environment sees.
+//!   A critic of the action alone thus leaves the mean of estimator (3.7) correct and adds variance; the
+//!   difference is in the entropy that a maximum-entropy algorithm rewards: that of the candidate includes the
+//!   shift `c`, which no environment observes.
 
 use rand::RngCore;
 
@@ -27,15 +27,15 @@ use crate::special::log_sum_exp;
 /// `ln(2 pi) / 2`.
 pub const HALF_LN_TWO_PI: f64 = 0.9189385332046728;
 
-/// A uniform number strictly between 0 and 1, a multiple of 2^-54, from one 64-bit word.
+/// Draws a uniform number strictly between 0 and 1, a multiple of 2^-54, from one 64-bit word.
 pub fn standard_uniform(rng: &mut impl RngCore) -> f64 {
     const SPACING: f64 = 1.0 / (1_u64 << 53) as f64;
     ((rng.next_u64() >> 11) as f64 + 0.5) * SPACING
 }
 
-/// A standard normal number by Marsaglia's polar method (SIAM Review 6, 1964).
+/// Draws a standard normal number by Marsaglia's polar method (SIAM Review 6, 1964).
 ///
-/// The second number of each pair is thrown away, so that what is drawn depends on the stream alone.
+/// The second number of each pair is discarded, so that a draw depends on the stream alone.
 pub fn standard_normal(rng: &mut impl RngCore) -> f64 {
     loop {
         let (x, y) = (
@@ -57,7 +57,7 @@ pub fn sample(mean: &[f64], log_sd: &[f64], rng: &mut impl RngCore) -> Vec<f64> 
         .collect()
 }
 
-/// `ln N(x; mean, diag exp(2 log_sd))`.
+/// Log density `ln N(x; mean, diag exp(2 log_sd))`.
 #[must_use]
 pub fn log_density(mean: &[f64], log_sd: &[f64], x: &[f64]) -> f64 {
     let coordinate = |((mean, log_sd), x): ((&f64, &f64), &f64)| {
@@ -67,13 +67,13 @@ pub fn log_density(mean: &[f64], log_sd: &[f64], x: &[f64]) -> f64 {
     mean.iter().zip(log_sd).zip(x).map(coordinate).sum()
 }
 
-/// The differential entropy `sum (ln sigma_i + ln(2 pi e) / 2)`.
+/// Differential entropy `sum (ln sigma_i + ln(2 pi e) / 2)`.
 #[must_use]
 pub fn entropy(log_sd: &[f64]) -> f64 {
     log_sd.iter().map(|log_sd| log_sd + HALF_LN_TWO_PI + 0.5).sum()
 }
 
-/// `KL(N(p) || N(q))` of two diagonal Gaussians, each given as `(mean, log_sd)`.
+/// Divergence `KL(N(p) || N(q))` of two diagonal Gaussians, each given as `(mean, log_sd)`.
 #[must_use]
 pub fn kl_divergence(p: (&[f64], &[f64]), q: (&[f64], &[f64])) -> f64 {
     let coordinate = |((p_mean, p_log_sd), (q_mean, q_log_sd)): ((&f64, &f64), (&f64, &f64))| {
@@ -87,11 +87,11 @@ pub fn kl_divergence(p: (&[f64], &[f64]), q: (&[f64], &[f64])) -> f64 {
 /// `ln(1 - tanh(x)^2) = 2 (ln 2 - x - ln(1 + exp(-2 x)))`, finite for any `x` where `tanh(x)` rounds to one.
 #[must_use]
 pub fn log_tanh_derivative(x: f64) -> f64 {
-    // Even in x, and with |x| the exponential cannot overflow.
+    // The function is even, and the exponential of -2 |x| cannot overflow.
     2.0 * (std::f64::consts::LN_2 - x.abs() - (-2.0 * x.abs()).exp().ln_1p())
 }
 
-/// The log density of `tanh(candidate)` on the cube `(-1, 1)^n`, given the candidate.
+/// Log density of `tanh(candidate)` on the cube `(-1, 1)^n`, given the candidate.
 #[must_use]
 pub fn squashed_log_density(mean: &[f64], log_sd: &[f64], candidate: &[f64]) -> f64 {
     log_density(mean, log_sd, candidate) - candidate.iter().map(|&x| log_tanh_derivative(x)).sum::<f64>()
@@ -104,8 +104,8 @@ pub fn log_softmax(candidate: &[f64]) -> Vec<f64> {
     candidate.iter().map(|x| x - log_sum).collect()
 }
 
-/// The true log density of `softmax(x)`, `x ~ N(mean, sigma)`, on the simplex with respect to its first `n -
-/// 1` coordinates.
+/// True log density of `softmax(x)`, `x ~ N(mean, sigma)`, on the simplex with respect to its first `n - 1`
+/// coordinates.
 ///
 /// The integral of equation 3.5 in closed form: with `w_i = 1 / sigma_i^2`, `W = sum w_i`, `r_i = ln a_i -
 /// mu_i` and the weighted mean `r = sum w_i r_i / W`, the exponent is Gaussian in `c` with precision `W`
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn density_at_hand_worked_points() {
-        // One standard deviation away in one coordinate, at the mean in the other.
+        // The point is one standard deviation away in one coordinate, at the mean in the other.
         let got = log_density(&[1.0, -2.0], &[2_f64.ln(), 0.0], &[3.0, -2.0]);
         assert!((got - (-0.5 - 2_f64.ln() - 2.0 * HALF_LN_TWO_PI)).abs() < 1e-15);
         assert!((entropy(&[0.0]) - 1.4189385332046727).abs() < 1e-15);

@@ -1,11 +1,11 @@
-//! The head of a Gaussian policy: one output of a network that holds its mean and the logarithm of its
-//! standard deviation.
+//! The head of a Gaussian policy: outputs of a network with the mean and the logarithm of the standard
+//! deviation.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | mu, ln sigma | the two halves of `head`; ln sigma is held in [-20, 2] | `[rows, n]` each |
+//! | mu, ln sigma | the two halves of `head`; ln sigma is clamped to [-20, 2] | `[rows, n]` each |
 //! | epsilon | standard normal noise from the caller's stream, drawn on the host | `[rows, n]` |
-//! | x = mu + sigma epsilon | the candidate, which [`crate::squashed`] and [`crate::gaussian_softmax`] make an action of | `[rows, n]` |
+//! | x = mu + sigma epsilon | the candidate, from which [`crate::squashed`] and [`crate::gaussian_softmax`] compute an action | `[rows, n]` |
 //!
 //! The limits of ln sigma are those of public code of soft actor-critic (Haarnoja et al. 2018,
 //! arXiv:1812.05905).
@@ -19,14 +19,14 @@ use crate::gaussian::{HALF_LN_TWO_PI, standard_normal};
 /// Limits of ln sigma.
 pub const LOG_SD_LIMITS: [f32; 2] = [-20.0, 2.0];
 
-/// The half `mu` `[rows, n]` of a head `[rows, 2 n]`.
+/// Half `mu` `[rows, n]` of a head `[rows, 2 n]`.
 #[must_use]
 pub fn mean(head: Tensor<2>) -> Tensor<2> {
     let [n_rows, n_columns] = head.dims();
     head.slice([0..n_rows, 0..n_columns / 2])
 }
 
-/// `ln sigma` `[rows, n]` of a head `[rows, 2 n]`, within its limits.
+/// Half `ln sigma` `[rows, n]` of a head `[rows, 2 n]`, clamped to its limits.
 #[must_use]
 pub fn log_sd(head: Tensor<2>) -> Tensor<2> {
     let [n_rows, n_columns] = head.dims();
@@ -34,20 +34,20 @@ pub fn log_sd(head: Tensor<2>) -> Tensor<2> {
         .clamp(LOG_SD_LIMITS[0], LOG_SD_LIMITS[1])
 }
 
-/// Both halves of a head.
+/// Both halves of a head, `[rows, n]` each.
 #[must_use]
 pub fn mean_and_log_sd(head: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
     (mean(head.clone()), log_sd(head))
 }
 
-/// `sigma` `[rows, n]` of a head.
+/// Standard deviation `sigma` `[rows, n]` of a head.
 #[must_use]
 pub fn standard_deviation(head: Tensor<2>) -> Tensor<2> {
     log_sd(head).exp()
 }
 
-/// `x = mean + sd noise` `[rows, n]` and its log density `[rows, 1]`, which along the draw depends on
-/// `log_sd` alone.
+/// Candidate `x = mean + sd noise` `[rows, n]` and its log density `[rows, 1]`, which depends on `log_sd`
+/// alone along the draw.
 pub(crate) fn candidate(
     mean: Tensor<2>,
     log_sd: Tensor<2>,

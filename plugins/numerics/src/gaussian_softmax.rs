@@ -1,8 +1,8 @@
 //! Gaussian policies mapped to the simplex by softmax, on burn tensors; differentiable in mean and `log_sd`,
-//! as [`crate::gaussian_head`] makes them of the output of a network.
+//! which [`crate::gaussian_head`] computes from the output of a network.
 //!
-//! [`crate::gaussian`] holds the same densities in `f64` and says what separates the density of a candidate
-//! from that of its softmax.
+//! [`crate::gaussian`] has the same densities in `f64` and explains the difference between the density of a
+//! candidate and that of its softmax.
 
 use burn::Tensor;
 use burn::tensor::activation::{log_softmax, softmax};
@@ -14,11 +14,11 @@ use crate::gaussian_head::candidate;
 /// A reparameterised draw of a Gaussian-softmax policy.
 #[derive(Debug, Clone)]
 pub struct GaussianSoftmaxSample {
-    /// The point before the softmax `[batch, n]`.
+    /// Point before the softmax `[batch, n]`.
     pub candidate: Tensor<2>,
-    /// `softmax(candidate)` `[batch, n]`.
+    /// Action `softmax(candidate)` `[batch, n]`.
     pub action: Tensor<2>,
-    /// The log density of the **candidate** `[batch, 1]`, which ordinary code takes for that of the action.
+    /// Log density of the **candidate** `[batch, 1]`, which ordinary code takes for that of the action.
     pub log_density: Tensor<2>,
 }
 
@@ -39,8 +39,7 @@ pub fn gaussian_softmax_sample(
     }
 }
 
-/// The true log density `[batch, 1]` of `softmax(candidate)` on the simplex: the common shift is integrated
-/// out.
+/// True log density `[batch, 1]` of `softmax(candidate)` on the simplex: the common shift is integrated out.
 ///
 /// See [`crate::gaussian::softmax_log_density`] for the equation; all three arguments are `[batch, n]` and
 /// differentiable.
@@ -85,7 +84,7 @@ mod tests {
         }
     }
 
-    /// The density of each row by the host's function, at the candidates that the stream draws.
+    /// Density of each row by the host's function, at the candidates that the stream draws.
     fn host(density: fn(&[f64], &[f64], &[f64]) -> f64) -> Vec<f64> {
         let mut rng = rng();
         let row = |(mean, log_sd): (&[f32; 3], &[f32; 3])| {
@@ -100,12 +99,13 @@ mod tests {
         (Tensor::from_data(MEAN, device), Tensor::from_data(LOG_SD, device))
     }
 
-    /// The gradient of the summed loss in mean and `log_sd`, and central differences on plain tensors.
+    /// Compares the gradient of the summed loss in mean and `log_sd` with central differences on plain
+    /// tensors.
     fn check_gradient(loss: impl Fn(Tensor<2>, Tensor<2>) -> Tensor<2>) {
         let (mean, log_sd) = inputs(&Device::default().autodiff());
         let (mean, log_sd) = (mean.require_grad(), log_sd.require_grad());
         let gradients = loss(mean.clone(), log_sd.clone()).sum().backward();
-        // The density of a drawn candidate does not depend on the mean: there burn has no gradient to give.
+        // The density of a drawn candidate does not depend on the mean: burn has no gradient there.
         let of = |input: Tensor<2>| input.grad(&gradients).map_or_else(|| vec![0.0; 6], doubles);
         let got = [of(mean), of(log_sd)].concat();
         let at = |index: usize, step: f32| {

@@ -1,7 +1,7 @@
-//! Batch normalisation of a network's inputs, forward and backward as one autodiff operation.
+//! Batch normalisation of a network's inputs; forward and backward are one autodiff operation.
 //!
 //! Ioffe and Szegedy 2015, "Batch normalization", arXiv:1502.03167, algorithm 1, on the inputs alone; scale
-//! and shift are learnt.
+//! and shift are learned.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -14,8 +14,7 @@
 //! standardised input: `dgamma = sum(dy h)`, `dbeta = sum(dy)`, `dx = gamma (n dy - dbeta - h dgamma) / (n
 //! sqrt(sigma_B^2 + epsilon))`.
 //!
-//! Where single rows are to be evaluated (a policy that acts), [`RunningMoments`] take the place of the
-//! batch's own.
+//! Where single rows are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch.
 
 use crate::dense::{add_rows, row_by_row};
 use crate::network::{Activation, Mlp, device, values};
@@ -31,19 +30,19 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, TensorData};
 use std::marker::PhantomData;
 
-/// What keeps a constant column from being divided by zero (PyTorch's default).
+/// Summand that prevents division by zero for a constant column (PyTorch's default).
 pub const EPSILON: f32 = 1e-5;
 /// Weight of a new batch in the running moments (PyTorch's default).
 pub const MOMENTUM: f32 = 0.1;
 
-/// Learnt scale and shift of each input.
+/// Learned scale and shift of each input.
 #[derive(Module, Debug)]
 pub struct InputNorm {
     weight: Param<Tensor<1>>,
     bias: Param<Tensor<1>>,
 }
 
-/// A fully connected network whose inputs are normalised, or not. The default only holds a place.
+/// A fully connected network whose inputs may be normalised. A default one is a placeholder.
 #[derive(Module, Debug, Default)]
 pub struct NormalisedMlp {
     norm: Option<InputNorm>,
@@ -58,7 +57,7 @@ pub struct RunningMoments {
 }
 
 impl InputNorm {
-    /// Scale 1 and shift 0 for each of `n_inputs`.
+    /// Creates scale 1 and shift 0 for each of `n_inputs`.
     #[must_use]
     pub fn new(n_inputs: usize, device: &Device) -> Self {
         let parameter = |value| {
@@ -73,7 +72,7 @@ impl InputNorm {
         }
     }
 
-    /// The inputs `[rows, inputs]` normalised by their own moments.
+    /// Inputs `[rows, inputs]` normalised by their own moments.
     #[must_use]
     pub fn by_batch(&self, input: Tensor<2>) -> Tensor<2> {
         let parts = (
@@ -84,7 +83,7 @@ impl InputNorm {
         Tensor::from_dispatch(<Dispatch as NormOperation>::normalised(parts.0, parts.1, parts.2))
     }
 
-    /// The inputs `[rows, inputs]` normalised by running moments.
+    /// Inputs `[rows, inputs]` normalised by running moments.
     #[must_use]
     pub fn by_moments(&self, input: Tensor<2>, moments: &RunningMoments) -> Tensor<2> {
         let row = |numbers: Vec<f32>| {
@@ -101,7 +100,7 @@ impl InputNorm {
 }
 
 impl NormalisedMlp {
-    /// A network that sees its inputs normalised where `norm` is given.
+    /// Creates a network; its inputs are normalised where `norm` is given.
     #[must_use]
     pub fn new(norm: Option<InputNorm>, mlp: Mlp) -> Self {
         Self { norm, mlp }
@@ -137,7 +136,7 @@ impl NormalisedMlp {
         self.mlp.sizes()
     }
 
-    /// The activation of each hidden layer.
+    /// Activation of each hidden layer.
     #[must_use]
     pub fn activations(&self) -> &[Activation] {
         self.mlp.activations()
@@ -145,7 +144,7 @@ impl NormalisedMlp {
 }
 
 impl RunningMoments {
-    /// Mean 0 and variance 1, before the first batch.
+    /// Moments with mean 0 and variance 1, before the first batch.
     #[must_use]
     pub fn new(n_inputs: usize) -> Self {
         Self {
@@ -154,7 +153,7 @@ impl RunningMoments {
         }
     }
 
-    /// Moves towards the moments of a batch `[rows, inputs]`; the variance that counts is the unbiased one.
+    /// Moves towards the moments of a batch `[rows, inputs]`, with its unbiased variance.
     #[allow(clippy::cast_precision_loss, reason = "a batch has far fewer than 2^24 rows")]
     pub fn absorb(&mut self, batch: &Tensor<2>) {
         let [n_rows, n_inputs] = batch.dims();
@@ -171,13 +170,13 @@ impl RunningMoments {
             .for_each(|(running, new)| follow(running, new * unbiased));
     }
 
-    /// Puts the moments under `prefix` into a file.
+    /// Stores the moments under `prefix` in a file.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         file.insert_vector(format!("{prefix}.running_mean"), self.mean.clone());
         file.insert_vector(format!("{prefix}.running_variance"), self.variance.clone());
     }
 
-    /// The moments that [`RunningMoments::store`] put under `prefix`.
+    /// Restores the moments that [`RunningMoments::store`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where they are missing or of another number of inputs.
@@ -218,7 +217,7 @@ fn moments(rows: &[f32], n_columns: usize) -> (Vec<f32>, Vec<f32>) {
 /// The operation on the tensors of one backend.
 #[backend_extension(Flex, Autodiff)]
 trait NormOperation: Backend {
-    /// `y` from `x`, `gamma` and `beta`.
+    /// Output `y` from `x`, `gamma` and `beta`.
     fn normalised(
         input: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -226,7 +225,7 @@ trait NormOperation: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What the backward step needs: the standardised input, `gamma` and `1 / sqrt(sigma_B^2 + epsilon)`.
+/// State that the backward step needs: the standardised input, `gamma` and `1 / sqrt(sigma_B^2 + epsilon)`.
 #[derive(Debug, Clone)]
 struct State<B: Backend> {
     standardised: FloatTensor<B>,
@@ -234,16 +233,16 @@ struct State<B: Backend> {
     inverse_sd: Vec<f32>,
 }
 
-/// The passes over plain tensors. A further backend implements them and is named as a selector above.
+/// Passes over plain tensors. A further backend implements them and is named as a selector above.
 trait NormPasses: Backend {
-    /// `y`, and what the backward step needs.
+    /// Output `y` with the state that the backward step needs.
     fn forward(
         input: FloatTensor<Self>,
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
     ) -> (FloatTensor<Self>, State<Self>);
 
-    /// `dgamma` and `dbeta`, and `dx` where it is asked for.
+    /// Gradients `dgamma` and `dbeta`, and `dx` where its parent is tracked.
     fn gradients(
         state: State<Self>,
         upstream: FloatTensor<Self>,
@@ -333,7 +332,7 @@ impl NormPasses for Flex {
     }
 }
 
-/// Turns one row of `dy` into one of `dx`.
+/// Replaces one row of `dy` by one of `dx`.
 #[allow(clippy::cast_precision_loss, reason = "a batch has far fewer than 2^24 rows")]
 fn input_gradient(dy: &mut [f32], standardised: &[f32], [factor, shift, scale]: [&[f32]; 3], n_rows: usize) {
     let share = 1.0 / n_rows as f32;
@@ -419,7 +418,7 @@ mod tests {
         with_parameters(norm, &numbers).unwrap()
     }
 
-    /// A weighted sum of squares, so that no gradient is zero by the symmetry of the normalisation.
+    /// Weighted sum of squares, so that no gradient is zero by the symmetry of the normalisation.
     fn loss(norm: &InputNorm, input: Tensor<2>) -> Tensor<1> {
         let weights = matrix((0..12u8).map(|i| f32::from(i * 5 % 7) - 2.0).collect(), 3);
         (norm.by_batch(input).powf_scalar(2.0) * weights).sum()
@@ -427,7 +426,8 @@ mod tests {
 
     #[test]
     fn a_column_by_hand() {
-        // Column (1, 3): mean 2, variance 1; the constant column is centred and divided by sqrt(epsilon).
+        // The column (1, 3) has mean 2 and variance 1; the constant column is centred and divided by
+        // sqrt(epsilon).
         let y = values(InputNorm::new(2, &device()).by_batch(matrix(vec![1.0, 4.0, 3.0, 4.0], 2)));
         assert!(
             (y[0] + 1.0).abs() < 1e-4 && (y[2] - 1.0).abs() < 1e-4 && y[1] == 0.0 && y[3] == 0.0,
@@ -486,7 +486,7 @@ mod tests {
         let (batch, norm) = (matrix(ROWS.to_vec(), 3), norm(&device()));
         let mut running = RunningMoments::new(3);
         running.absorb(&batch);
-        // First column (0.5, 1.5, 0, -0.5): mean 0.375, unbiased variance 2.1875 / 3.
+        // The first column (0.5, 1.5, 0, -0.5) has mean 0.375 and unbiased variance 2.1875 / 3.
         assert!((running.mean[0] - 0.0375).abs() < 1e-6);
         assert!(
             (running.variance[0] - (0.9 + 0.1 * 2.1875 / 3.0)).abs() < 1e-6,

@@ -1,5 +1,5 @@
-//! Numerics that agents share, and that know neither the engine nor reinforcement learning: special
-//! functions, distributions, networks, optimisers, files of parameters.
+//! Numerics that agents share: special functions, distributions, networks, optimisers, files of parameters.
+//! They depend neither on the engine nor on reinforcement learning.
 
 pub mod activation;
 pub mod dense;
@@ -24,6 +24,6 @@ pub mod stein;
 pub mod tensor_file;
 pub mod unscented;
 
-/// Raised whenever a change in this crate changes the numbers of a trial. Together with the engine's own it
-/// is part of every trial's id.
+/// Version of the numbers, raised whenever a change in this crate changes those of a trial. Together with the
+/// engine's version it is part of every trial's id.
 pub const VERSION: u32 = 0;

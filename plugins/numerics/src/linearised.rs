@@ -1,9 +1,9 @@
 //! A custom autodiff operation: a value computed outside the tensor library, with a known derivative.
 //!
 //! Densities and draws of the Dirichlet distribution need ln Gamma, digamma, trigamma and the implicit
-//! derivative of a gamma draw. burn has none of them, and `f32` is too coarse for the sums they enter, so
-//! they are computed on the host in `f64` and enter the graph here as one node: forward it returns the given
-//! value, backward it multiplies by the given derivative.
+//! derivative of a gamma draw. burn has none of them, and `f32` is too coarse for their sums. They are
+//! computed on the host in `f64` and enter the graph here as one node: forward it returns the given value,
+//! backward it multiplies by the given derivative.
 //!
 //! The operation is registered for the Flex backend; on a device of another backend it panics. A further
 //! backend is one more selector in `backend_extension` and one empty `impl`.
@@ -16,7 +16,7 @@ use burn::backend::autodiff::ops::{Backward, Ops, OpsKind, unary};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 
-/// The tensor `value` `[batch, m]`, whose gradient in `input` `[batch, n]` is the upstream one times
+/// The tensor `value` `[batch, m]` with a gradient in `input` `[batch, n]`: the upstream gradient times
 /// `derivative` `[batch, n]`.
 ///
 /// `m` is `n` (an element-wise function) or 1 (a function of each row). `value` and `derivative` are
@@ -31,10 +31,10 @@ pub fn linearised(input: Tensor<2>, value: Tensor<2>, derivative: Tensor<2>) -> 
     Tensor::from_dispatch(output)
 }
 
-/// The operation on the tensors of one backend; without autodiff it is the value alone.
+/// Operation on the tensors of one backend; without autodiff it returns the value.
 #[backend_extension(Flex, Autodiff)]
 trait LinearisedOperation: Backend {
-    /// See the free function of this name.
+    /// The free function of this name on tensors of the backend.
     fn linearised(
         input: FloatTensor<Self>,
         value: FloatTensor<Self>,

@@ -1,4 +1,4 @@
-//! Fully connected networks on `burn`, initialised from a random stream of our own.
+//! Fully connected networks on `burn`, initialised from a given random stream.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -8,10 +8,9 @@
 //! Weights follow He et al. 2015 ("Delving deep into rectifiers", eq. 10 and 14) in the uniform form: bound
 //! `gain sqrt(3 / inputs)` with the gain of the activation that follows; biases start at 0.
 //!
-//! A network on a device with autodiff (`device().autodiff()`) is trained; `burn`'s `valid()` gives a plain
-//! copy of it that shares the numbers. A plain network applied to a tracked input still passes gradients to
-//! that input, and no gradient of its own weights is computed: this is how a policy is improved through a
-//! critic.
+//! A network on a device with autodiff (`device().autodiff()`) is trained; `burn`'s `valid()` returns a plain
+//! copy of it that shares the numbers. A plain network applied to a tracked input passes gradients to that
+//! input and has none in its own weights: a policy is thus improved through a critic.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
@@ -20,22 +19,22 @@ pub use crate::activation::Activation;
 use crate::dense::dense;
 use rand::{Rng, RngCore};
 
-/// The processor, without gradients. Every tensor that carries data starts here.
+/// Processor without gradients. Every tensor with data starts on this device.
 #[must_use]
 pub fn device() -> Device {
     Device::flex()
 }
 
-/// `ln(1 + e^x)`, without overflow for any `x`.
+/// Softplus `ln(1 + e^x)`, without overflow for any `x`.
 #[must_use]
 pub fn softplus(x: Tensor<2>) -> Tensor<2> {
     activation::log_sigmoid(x.neg()).neg()
 }
 
-/// Rows of one length as a plain tensor `[rows, columns]`.
+/// Plain tensor `[rows, columns]` from values row by row.
 ///
 /// # Panics
-/// Where `values` does not hold whole rows.
+/// Where the number of values is no multiple of `columns`.
 #[must_use]
 pub fn matrix(values: Vec<f32>, columns: usize) -> Tensor<2> {
     assert_eq!(
@@ -48,7 +47,7 @@ pub fn matrix(values: Vec<f32>, columns: usize) -> Tensor<2> {
     Tensor::from_data(TensorData::new(values, [rows, columns]), &device())
 }
 
-/// The entries of a tensor on the host, row by row.
+/// Entries of a tensor on the host, row by row.
 ///
 /// # Panics
 /// Never for tensors of this crate: they are all `f32` and in the processor's memory.
@@ -66,14 +65,14 @@ pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
         .expect("f32 in the processor's memory")
 }
 
-/// `x W + b`.
+/// A layer `x W + b`.
 #[derive(Module, Debug)]
 struct Linear {
     weight: Param<Tensor<2>>,
     bias: Param<Tensor<1>>,
 }
 
-/// A fully connected network. The default is one without layers, which only holds a place.
+/// A fully connected network. A default one has no layers and is a placeholder.
 #[derive(Module, Debug, Default)]
 pub struct Mlp {
     layers: Vec<Linear>,
@@ -82,7 +81,8 @@ pub struct Mlp {
 }
 
 impl Mlp {
-    /// A network with layer sizes `sizes` (input first, output last) and one activation per hidden layer.
+    /// Creates a network with layer sizes `sizes` (input first, output last) and one activation per hidden
+    /// layer.
     ///
     /// `output_gain` scales the weights of the last layer: 1 keeps the variance, a small value starts near
     /// zero.
@@ -116,10 +116,9 @@ impl Mlp {
         }
     }
 
-    /// A network whose weights are uniform in `+-sqrt(6 / (inputs + outputs))` (Glorot and Bengio 2010,
-    /// "Understanding the difficulty of training deep feedforward neural networks", eq. 16) and whose biases
-    /// start at 0. With one activation per layer the last layer has one too: the outputs are those of a
-    /// hidden layer.
+    /// Creates a network with weights uniform in `+-sqrt(6 / (inputs + outputs))` (Glorot and Bengio 2010,
+    /// "Understanding the difficulty of training deep feedforward neural networks", eq. 16) and biases of 0.
+    /// With one activation per layer the last layer has one too: the outputs are those of a hidden layer.
     ///
     /// # Panics
     /// Where the number of activations is neither that of the layers nor that of the hidden ones.
@@ -146,8 +145,8 @@ impl Mlp {
         }
     }
 
-    /// A network whose weights and biases are uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its linear
-    /// layers.
+    /// Creates a network with weights and biases uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its
+    /// linear layers.
     ///
     /// # Panics
     /// Where the number of activations is not the number of hidden layers.
@@ -197,7 +196,7 @@ impl Mlp {
             .collect()
     }
 
-    /// The activation of each hidden layer, and of the last one where it has one.
+    /// Activation of each hidden layer, and of the last layer where it has one.
     #[must_use]
     pub fn activations(&self) -> &[Activation] {
         &self.activations
@@ -239,14 +238,14 @@ fn linear(weight: Vec<f32>, bias: Vec<f32>, inputs: usize, device: &Device) -> L
 /// on one thread at 256 units, batch 256).
 #[derive(Module, Debug, Default)]
 pub struct TwinMlp {
-    /// The first network.
+    /// First network.
     pub first: Mlp,
-    /// The second network.
+    /// Second network.
     pub second: Mlp,
 }
 
 impl TwinMlp {
-    /// Two networks as [`Mlp::new`] makes them.
+    /// Creates both networks by [`Mlp::new`].
     pub fn new(
         sizes: &[usize],
         activations: &[Activation],
@@ -261,7 +260,7 @@ impl TwinMlp {
         }
     }
 
-    /// Outputs of both for the same input.
+    /// Outputs of both networks for the same input.
     #[must_use]
     pub fn forward(&self, x: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         (self.first.forward(x.clone()), self.second.forward(x))

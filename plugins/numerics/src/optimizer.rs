@@ -5,10 +5,10 @@
 //! `m <- b1 m + (1 - b1) g`, `v <- b2 v + (1 - b2) g^2`,
 //! `x <- x - rate (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + epsilon)`.
 //!
-//! `b1 = 0.9`, `b2 = 0.999` unless said otherwise, `epsilon = 1e-8`, as in the paper. `burn`'s own optimiser
-//! clips the gradient of each parameter by itself; the algorithms here clip by the Euclidean norm over all
-//! parameters of a network. Moments below the smallest normal number are zero here. One pass over each parameter
-//! on the host does the whole step; the state can be stored and continues to the same bits.
+//! `b1 = 0.9`, `b2 = 0.999` by default, `epsilon = 1e-8`, as in the paper. `burn`'s own optimiser clips the
+//! gradient of each parameter separately; the algorithms here clip by the Euclidean norm over all parameters
+//! of a network. Moments below the smallest normal number are set to zero here. One pass over each parameter
+//! on the host does the whole step. A restored state continues to the same bits.
 
 use crate::parameters::map_values;
 use crate::tensor_file::{TensorFile, TensorFileError};
@@ -32,8 +32,8 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// Adam with a learning rate and, where given, gradients scaled down to a largest Euclidean norm over all
-    /// parameters.
+    /// Creates Adam with a learning rate. Where `largest_norm` is given, gradients are scaled down to that
+    /// Euclidean norm over all parameters.
     #[must_use]
     pub fn new(learning_rate: f64, largest_norm: Option<f64>) -> Self {
         Self {
@@ -46,7 +46,7 @@ impl Adam {
         }
     }
 
-    /// Adam with a learning rate and other decays `[b1, b2]` of the two moments.
+    /// Creates Adam with a learning rate and other decay rates `[b1, b2]` of the two moments.
     #[must_use]
     pub fn with_betas(learning_rate: f64, betas: [f64; 2]) -> Self {
         Self {
@@ -55,19 +55,18 @@ impl Adam {
         }
     }
 
-    /// Another learning rate from the next step on; the moments stay.
+    /// Changes the learning rate from the next step on; the moments stay.
     pub fn set_learning_rate(&mut self, learning_rate: f64) {
         self.learning_rate = learning_rate;
     }
 
-    /// The module after one step against the gradients of a loss; parameters that the loss does not reach
-    /// stay.
+    /// Module after one step against the gradients of a loss; parameters that the loss does not reach stay.
     pub fn step<M: Module>(&mut self, module: M, loss_gradients: Gradients) -> M {
         let gradients = self.clipped(&module, loss_gradients);
         self.step_against(module, &gradients)
     }
 
-    /// The gradients of a module's parameters as a step takes them: scaled down to the largest norm.
+    /// Gradients of a module's parameters, scaled down to the largest norm.
     fn clipped<M: Module>(&self, module: &M, mut loss_gradients: Gradients) -> Vec<Vec<f32>> {
         let mut gradients = gradients(module, &mut loss_gradients);
         if let Some(largest) = self.largest_norm {
@@ -76,8 +75,8 @@ impl Adam {
         gradients
     }
 
-    /// The module after one step against `gradients`, one vector per parameter in the order of its fields; a
-    /// parameter with an empty one stays.
+    /// Module after one step against `gradients`, one vector per parameter in the order of its fields; a
+    /// parameter with an empty vector stays.
     pub fn step_against<M: Module>(&mut self, module: M, gradients: &[Vec<f32>]) -> M {
         self.n_steps += 1;
         self.first.resize_with(gradients.len(), Vec::new);
@@ -98,7 +97,7 @@ impl Adam {
         })
     }
 
-    /// Puts the state under `prefix` into a file and its header.
+    /// Stores the state under `prefix` in a file and its header.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         for (at, (first, second)) in self.first.iter().zip(&self.second).enumerate() {
             file.insert_vector(format!("{prefix}.first.{at}"), first.clone());
@@ -107,7 +106,7 @@ impl Adam {
         file.header[prefix] = serde_json::json!({ "n_steps": self.n_steps, "n_tensors": self.first.len() });
     }
 
-    /// Continues from the state that [`Adam::store`] put under `prefix`.
+    /// Restores the state that [`Adam::store`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError::Missing`] where the file holds no such state.
@@ -127,62 +126,63 @@ impl Adam {
     }
 }
 
-/// A network together with its optimiser.
+/// A network with its optimiser.
 #[derive(Debug, Clone)]
-pub struct Trained<M> {
+pub struct TrainedNetwork<M> {
     network: M,
     adam: Adam,
 }
 
-impl<M: Module + Default> Trained<M> {
-    /// A network (on a device with autodiff) that `adam` improves.
+impl<M: Module + Default> TrainedNetwork<M> {
+    /// Combines a network (on a device with autodiff) with the optimiser `adam`.
     #[must_use]
     pub fn new(network: M, adam: Adam) -> Self {
         Self { network, adam }
     }
 
-    /// The network, tracked: losses computed with it can be descended.
+    /// Network with tracked parameters, whose losses can be descended.
     #[must_use]
     pub fn network(&self) -> &M {
         &self.network
     }
 
-    /// Puts another network of the same shape in the place of this one; the optimiser stays as it is.
+    /// Replaces the network by another one of the same shape; the optimiser stays as it is.
     pub fn set_network(&mut self, network: M) {
         self.network = network;
     }
 
-    /// Another learning rate from the next step on.
+    /// Changes the learning rate from the next step on.
     pub fn set_learning_rate(&mut self, learning_rate: f64) {
         self.adam.set_learning_rate(learning_rate);
     }
 
-    /// One step against the gradient of a loss of shape `[1]`.
+    /// Takes one step against the gradient of a loss of shape `[1]`.
     pub fn descend(&mut self, loss: &Tensor<1>) {
         self.descend_along(loss);
     }
 
-    /// As [`Trained::descend`]; returns the gradient it stepped against, scaled down to the largest norm.
+    /// Steps as [`TrainedNetwork::descend`] does; returns the gradient of the step, scaled down to the largest norm.
     pub fn descend_along(&mut self, loss: &Tensor<1>) -> Vec<Vec<f32>> {
         let gradients = self.adam.clipped(&self.network, loss.backward());
         self.step_against(&gradients);
         gradients
     }
 
-    /// One step against given gradients, one vector per parameter in the order of the module's fields.
+    /// Takes one step against given gradients, one vector per parameter in the order of the module's fields.
     pub fn step_against(&mut self, gradients: &[Vec<f32>]) {
-        // Taken out of its place, the network owns its numbers alone and they are changed without a copy.
+        // The network owns its numbers alone once it is taken out of its field, so they are changed without a
+        // copy.
         let network = std::mem::take(&mut self.network);
         self.network = self.adam.step_against(network, gradients);
     }
 
-    /// Puts network and optimiser under `prefix` into a file.
+    /// Stores network and optimiser under `prefix` in a file.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         crate::parameters::store(&self.network, prefix, file);
         self.adam.store(&format!("{prefix}.adam"), file);
     }
 
-    /// Takes the network alone from what was put under `prefix`; the optimiser stays as it is.
+    /// Restores the network alone from the tensors under `prefix`; the optimiser stays as it is.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
@@ -191,7 +191,7 @@ impl<M: Module + Default> Trained<M> {
         Ok(())
     }
 
-    /// Continues from what [`Trained::store`] put under `prefix`.
+    /// Restores the state that [`TrainedNetwork::store`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
@@ -201,10 +201,10 @@ impl<M: Module + Default> Trained<M> {
     }
 }
 
-/// The gradient of each parameter on the host, in the order of the module's fields; empty where there is
-/// none.
+/// Gradient of each parameter on the host, in the order of the module's fields; empty for a parameter without
+/// one.
 pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<Vec<f32>> {
-    let mut collector = Collector {
+    let mut collector = GradientCollector {
         gradients: loss_gradients,
         found: Vec::new(),
     };
@@ -212,8 +212,7 @@ pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<V
     collector.found
 }
 
-/// Scales gradients down so that their Euclidean norm over all parameters is at most `largest`; returns the
-/// norm before.
+/// Scales gradients down to a Euclidean norm of at most `largest` over all parameters; returns their norm.
 #[allow(clippy::cast_possible_truncation, reason = "gradients are f32")]
 pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
     let norm = gradients
@@ -224,7 +223,7 @@ pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
         .sqrt();
     if norm > largest {
         let scale = (largest / norm) as f32;
-        // One loop per vector, which is vectorised; a flattened one is not.
+        // One loop per vector is vectorised; a flattened one is not.
         gradients
             .iter_mut()
             .for_each(|vector| vector.iter_mut().for_each(|g| *g *= scale));
@@ -232,7 +231,7 @@ pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
     norm
 }
 
-/// Step size and the correction of the second moment after `t` steps.
+/// Step size, and the correction of the second moment after `t` steps.
 struct Rates {
     step: f32,
     root_correction: f32,
@@ -251,7 +250,7 @@ impl Rates {
     }
 }
 
-/// `1 - b1^t` and `1 - b2^t`.
+/// Corrections `1 - b1^t` and `1 - b2^t`.
 #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
 fn bias_corrections(t: u64, [b1, b2]: [f64; 2]) -> (f64, f64) {
     (1.0 - b1.powf(t as f64), 1.0 - b2.powf(t as f64))
@@ -269,10 +268,10 @@ fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>,
     }
 }
 
-/// Zero for what is below the smallest normal number. The moments of a unit that is never active again halve and halve,
-/// and then stay: 0.9 times a few of the smallest numbers there are is rounded to as many. A processor takes some
-/// thirty times as long for each of them (23 against 0.7 ns), and by the epsilon in the denominator none of them
-/// moves a parameter that is larger than 1e-22.
+/// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive fade to
+/// denormals and stay there: 0.9 times a few of the smallest numbers is rounded to the same number. A
+/// processor takes some thirty times as long for each of them (23 against 0.7 ns). With the epsilon in the
+/// denominator none of them moves a parameter that is larger than 1e-22.
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {
         0.0
@@ -281,12 +280,12 @@ fn normal_or_zero(moment: f32) -> f32 {
     }
 }
 
-struct Collector<'a> {
+struct GradientCollector<'a> {
     gradients: &'a mut Gradients,
     found: Vec<Vec<f32>>,
 }
 
-impl ModuleVisitor for Collector<'_> {
+impl ModuleVisitor for GradientCollector<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let gradient = param.val().grad_remove(self.gradients);
         self.found
@@ -304,7 +303,7 @@ pub struct ScalarAdam {
 }
 
 impl ScalarAdam {
-    /// Adam with a learning rate.
+    /// Creates Adam with a learning rate.
     #[must_use]
     pub fn new(learning_rate: f64) -> Self {
         Self {
@@ -315,12 +314,12 @@ impl ScalarAdam {
         }
     }
 
-    /// Another learning rate from the next step on; the moments stay.
+    /// Changes the learning rate from the next step on; the moments stay.
     pub fn set_learning_rate(&mut self, learning_rate: f64) {
         self.learning_rate = learning_rate;
     }
 
-    /// The number after one step against a gradient.
+    /// Number after one step against a gradient.
     #[must_use]
     pub fn step(&mut self, x: f64, gradient: f64) -> f64 {
         self.n_steps += 1;
@@ -338,7 +337,7 @@ mod tests {
     use crate::parameters::parameters;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-    /// Gradients end after 50 steps, as those of a unit that is never active again; every third one goes on.
+    /// Gradients end after 50 steps, as those of a unit that becomes inactive; every third one goes on.
     #[test]
     fn moments_that_fade_are_zero_and_move_no_parameter() {
         let gradient = |step: usize, at: usize| {
@@ -488,8 +487,8 @@ mod tests {
 
     #[test]
     fn a_stored_network_and_optimiser_take_the_same_next_step() {
-        let mut one = Trained::new(network(), Adam::new(0.01, None));
-        let improve = |trained: &mut Trained<Mlp>| {
+        let mut one = TrainedNetwork::new(network(), Adam::new(0.01, None));
+        let improve = |trained: &mut TrainedNetwork<Mlp>| {
             let loss = trained
                 .network()
                 .forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2))
@@ -503,7 +502,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         file.write(&dir.path().join("state.safetensors")).unwrap();
         let file = TensorFile::read(&dir.path().join("state.safetensors")).unwrap();
-        let mut two = Trained::new(network(), Adam::new(0.01, None));
+        let mut two = TrainedNetwork::new(network(), Adam::new(0.01, None));
         two.restore("policy", &file).unwrap();
         improve(&mut one);
         improve(&mut two);

@@ -1,4 +1,4 @@
-//! The parameters of any `burn` module as plain numbers on the host: to read, to replace, to average.
+//! Parameters of any `burn` module as plain numbers on the host: to read, to replace, to average.
 
 use crate::tensor_file::{HostTensor, TensorFile, TensorFileError};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
@@ -11,7 +11,7 @@ pub struct Parameter {
     pub name: String,
     /// Length of each dimension.
     pub shape: Vec<usize>,
-    /// The entries, the last dimension running fastest.
+    /// Entries, the last dimension running fastest.
     pub values: Vec<f32>,
 }
 
@@ -22,7 +22,7 @@ pub fn parameters<M: Module>(module: &M) -> Vec<Parameter> {
     reader.found
 }
 
-/// The module with other numbers in its parameters.
+/// Module with other numbers in its parameters.
 ///
 /// # Errors
 /// [`TensorFileError::Shape`] where the parameters do not fit the module one by one.
@@ -43,7 +43,7 @@ pub fn with_parameters<M: Module>(module: M, replacement: &[Parameter]) -> Resul
     }))
 }
 
-/// Polyak average: `target <- (1 - tau) target + tau source`, for modules of one shape.
+/// Moves a Polyak average `target <- (1 - tau) target + tau source`, for modules of one shape.
 pub fn soft_update<M: Module>(target: M, source: &M, tau: f64) -> M {
     let source = parameters(source);
     let mut next = source.iter();
@@ -59,17 +59,17 @@ pub fn soft_update<M: Module>(target: M, source: &M, tau: f64) -> M {
     })
 }
 
-/// Puts all parameters under `prefix` into a file.
+/// Stores all parameters under `prefix` in a file.
 pub fn store<M: Module>(module: &M, prefix: &str, file: &mut TensorFile) {
     for Parameter { name, shape, values } in parameters(module) {
         file.insert(format!("{prefix}.{name}"), HostTensor { shape, values });
     }
 }
 
-/// The module with the parameters that [`store`] put under `prefix`.
+/// Module with the parameters that [`store`] wrote under `prefix`.
 ///
 /// # Errors
-/// [`TensorFileError`] where one is missing or has another shape.
+/// [`TensorFileError`] where a parameter is missing or has another shape.
 pub fn restore<M: Module>(module: M, prefix: &str, file: &TensorFile) -> Result<M, TensorFileError> {
     let mut numbers = parameters(&module);
     for parameter in &mut numbers {
@@ -79,7 +79,7 @@ pub fn restore<M: Module>(module: M, prefix: &str, file: &TensorFile) -> Result<
     with_parameters(module, &numbers)
 }
 
-/// The module after `change` was applied to the numbers of each parameter, in the order of its fields.
+/// Module after `change` was applied to the numbers of each parameter, in the order of its fields.
 pub fn map_values<M: Module>(module: M, change: &mut dyn FnMut(&mut [f32])) -> M {
     module.map(&mut Writer { change })
 }

@@ -19,53 +19,53 @@ use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The file's name inside a directory.
+/// Name of the file within a folder.
 pub const FILE_NAME: &str = "policy.safetensors";
 const FORMAT: u32 = 1;
-/// What the names of the network's tensors begin with.
+/// Prefix of the names of the network's tensors.
 pub const PREFIX: &str = "policy";
 
-/// How the network's output becomes an action.
+/// Function from the outputs of the network to an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Head {
     /// `alpha = softplus(x) + 1`, action `alpha / sum(alpha)`: the mean of the Dirichlet distribution.
     DirichletMean,
-    /// `alpha = softplus(x) + 1`, action `(alpha - 1) / sum(alpha - 1)`: its mode.
+    /// `alpha = softplus(x) + 1`, action `(alpha - 1) / sum(alpha - 1)`: the mode of that distribution.
     DirichletMode,
-    /// Action `softmax(x)`; of a Gaussian candidate these outputs are the mean.
+    /// Action `softmax(x)`; `x` is the mean of a Gaussian candidate.
     SoftmaxMean,
     /// Action `tanh(x)`.
     Tanh,
-    /// The entry of the greatest output, as an index.
+    /// Index of the largest output.
     Argmax,
     /// The outputs themselves.
     Identity,
 }
 
-/// What a program has to know besides the weights.
+/// Information that a program needs besides the weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PolicyHeader {
     /// Version of this format, 1.
     pub format: u32,
     /// Layer sizes, input first.
     pub sizes: Vec<usize>,
-    /// The activation of each hidden layer.
+    /// Activation of each hidden layer.
     pub activations: Vec<Activation>,
     /// Names of the observed channels, in order.
     pub inputs: Vec<String>,
-    /// What is subtracted from each input.
+    /// Center that is subtracted from each input.
     pub center: Vec<f64>,
-    /// What each input is divided by after that.
+    /// Spread by which each centred input is divided.
     pub spread: Vec<f64>,
     /// Names of the entries of the action.
     pub outputs: Vec<String>,
-    /// How the first `outputs.len()` outputs of the network become the action.
+    /// Function from the first `outputs.len()` outputs of the network to the action.
     pub head: Head,
-    /// What each entry of the action is multiplied by after the head; absent for nothing.
+    /// Factor of each entry of the action after the head; absent for 1.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub action_spread: Vec<f64>,
-    /// What is added to each entry after that; absent for nothing.
+    /// Summand of each entry after that factor; absent for 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub action_center: Vec<f64>,
 }
@@ -73,7 +73,7 @@ pub struct PolicyHeader {
 /// A policy that can be evaluated.
 #[derive(Debug, Clone)]
 pub struct Policy {
-    /// What the file says of itself.
+    /// Header of the file.
     pub header: PolicyHeader,
     network: Mlp,
 }
@@ -83,16 +83,16 @@ pub struct Policy {
 pub struct Ports {
     /// Names of the observed channels.
     pub inputs: Vec<String>,
-    /// What is subtracted from each input.
+    /// Center that is subtracted from each input.
     pub center: Vec<f64>,
-    /// What each input is divided by after that.
+    /// Spread by which each centred input is divided.
     pub spread: Vec<f64>,
     /// Names of the entries of the action.
     pub outputs: Vec<String>,
 }
 
 impl Policy {
-    /// A policy of a network, to be written. The network may be a trained or a plain one.
+    /// Creates a policy from a network, which may be a trained or a plain one.
     #[must_use]
     pub fn new(network: &Mlp, ports: Ports, head: Head) -> Self {
         let Ports {
@@ -120,14 +120,14 @@ impl Policy {
         }
     }
 
-    /// The same policy with actions that are multiplied by `spread` and moved by `center` after the head.
+    /// Policy whose actions are multiplied by `spread` and shifted by `center` after the head.
     #[must_use]
     pub fn in_units(mut self, center: Vec<f64>, spread: Vec<f64>) -> Self {
         (self.header.action_center, self.header.action_spread) = (center, spread);
         self
     }
 
-    /// The network behind the scaling.
+    /// Network between scaling and head.
     pub(crate) fn network(&self) -> &Mlp {
         &self.network
     }
@@ -135,7 +135,7 @@ impl Policy {
     /// Writes `policy.safetensors` into `dir`.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the system refuses.
+    /// [`TensorFileError::File`] where the operating system refuses.
     pub fn write(&self, dir: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         store(&self.network, PREFIX, &mut file);
@@ -157,17 +157,23 @@ impl Policy {
         let header: PolicyHeader =
             serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
         header.fits(file)?;
-        let blank = Mlp::new(&header.sizes, &header.activations, 0.0, &mut Zeros, &device());
+        let blank = Mlp::new(
+            &header.sizes,
+            &header.activations,
+            0.0,
+            &mut ZeroGenerator,
+            &device(),
+        );
         Ok(Self {
             network: restore(blank, PREFIX, file)?,
             header,
         })
     }
 
-    /// The action for one observation, in the units of the channels.
+    /// Action for one observation, in the units of the channels.
     ///
     /// # Panics
-    /// Where the observation has another length than `header.inputs`.
+    /// Where the length of the observation is not that of `header.inputs`.
     #[must_use]
     pub fn act(&self, observation: &[f64]) -> Vec<f64> {
         let PolicyHeader {
@@ -203,7 +209,7 @@ impl Policy {
 }
 
 impl PolicyHeader {
-    /// Holds what the header says against itself and against the tensors, before anything is made of its sizes.
+    /// Checks the header against itself and the tensors, before anything is allocated by its sizes.
     fn fits(&self, file: &TensorFile) -> Result<(), TensorFileError> {
         let Self { sizes, outputs, .. } = self;
         let of_inputs = [&self.inputs.len(), &self.center.len(), &self.spread.len()];
@@ -245,7 +251,7 @@ impl PolicyHeader {
 }
 
 impl Head {
-    /// The action of the network's outputs.
+    /// Action from the network's outputs.
     #[must_use]
     pub fn apply(self, x: &[f64]) -> Vec<f64> {
         match self {
@@ -259,13 +265,13 @@ impl Head {
     }
 }
 
-/// `ln(1 + e^x)` without overflow.
+/// Softplus `ln(1 + e^x)` without overflow.
 #[must_use]
 pub fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-x.abs()).exp().ln_1p()
 }
 
-/// `e^x_i / sum_j e^x_j`, with the greatest entry subtracted so that no exponential overflows.
+/// Softmax `e^x_i / sum_j e^x_j`; the largest entry is subtracted so that no exponential overflows.
 #[must_use]
 pub fn softmax(x: &[f64]) -> Vec<f64> {
     let greatest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -292,10 +298,10 @@ fn format_error(source: &serde_json::Error) -> TensorFileError {
     }
 }
 
-/// A generator that gives zeros: a network that is overwritten at once needs no random numbers.
-struct Zeros;
+/// Generator of zeros: a network that is overwritten at once needs no random numbers.
+struct ZeroGenerator;
 
-impl RngCore for Zeros {
+impl RngCore for ZeroGenerator {
     fn next_u32(&mut self) -> u32 {
         0
     }
@@ -314,7 +320,7 @@ mod tests {
     use super::*;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-    /// What is wrong with a file, without its name.
+    /// The error of a file without the file's name.
     fn problem(error: TensorFileError) -> TensorFileError {
         match error {
             TensorFileError::Damaged { problem, .. } => *problem,
@@ -355,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_that_its_tensors_do_not_bear_out_is_refused_before_anything_is_made_of_it() {
+    fn a_header_that_contradicts_its_tensors_is_refused_before_allocation() {
         let dir = tempfile::tempdir().unwrap();
         let refused = |change: fn(&mut PolicyHeader)| {
             let mut policy = policy(Head::Tanh);
@@ -363,7 +369,7 @@ mod tests {
             policy.write(dir.path()).unwrap();
             problem(Policy::read(dir.path()).unwrap_err())
         };
-        // Networks of these sizes would take all memory.
+        // Networks of these sizes would exhaust the memory.
         for change in [
             (|it| it.sizes[0] = 1 << 40) as fn(&mut PolicyHeader),
             |it| it.sizes[1] = 1 << 40,
@@ -433,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_bit_was_changed_the_file_is_refused_by_its_name_or_acts_and_a_cut_one_is_refused() {
+    fn a_flipped_bit_is_refused_or_harmless_and_a_truncated_file_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(FILE_NAME);
         policy(Head::Tanh).write(dir.path()).unwrap();

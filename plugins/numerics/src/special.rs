@@ -12,10 +12,10 @@
 
 use std::f64::consts::PI;
 
-/// From here on the asymptotic series, cut after the last coefficient below, are exact to the last bit.
+/// Argument from which the asymptotic series, cut after the last coefficient below, are exact to the last bit.
 const ASYMPTOTIC_FROM: f64 = 10.0;
 
-/// `1 - gamma`, gamma being Euler's constant.
+/// Constant `1 - gamma`, where gamma is Euler's constant.
 const ONE_MINUS_EULER: f64 = 0.42278433509846713;
 
 /// `(-1)^k (zeta(k) - 1) / k` for `k = 2, 3, ...`: ln Gamma(2 + z) less its linear term, as a power series in
@@ -89,7 +89,7 @@ const TRIGAMMA: [f64; 9] = [
     43_867.0 / 798.0,
 ];
 
-/// `ln sum exp`, without overflow.
+/// Logarithm of the sum of exponentials, without overflow.
 pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     largest
@@ -100,7 +100,7 @@ pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
             .ln()
 }
 
-/// The logarithm of the gamma function, for `x > 0`.
+/// Logarithm of the gamma function, for `x > 0`.
 #[must_use]
 pub fn ln_gamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
@@ -134,7 +134,7 @@ fn ln_gamma_above_two(z: f64) -> f64 {
     z * (ONE_MINUS_EULER + z * polynomial(&LN_GAMMA_AT_TWO, z))
 }
 
-/// The derivative of ln Gamma, for `x > 0`.
+/// Derivative of ln Gamma, for `x > 0`.
 #[must_use]
 pub fn digamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
@@ -150,7 +150,7 @@ pub fn digamma(x: f64) -> f64 {
     argument.ln() - 0.5 * inverse - square * polynomial(&DIGAMMA, square) - below
 }
 
-/// The second derivative of ln Gamma, for `x > 0`.
+/// Second derivative of ln Gamma, for `x > 0`.
 #[must_use]
 pub fn trigamma(x: f64) -> f64 {
     if x.is_nan() || x <= 0.0 {
@@ -166,8 +166,8 @@ pub fn trigamma(x: f64) -> f64 {
     inverse + square * (0.5 + inverse * polynomial(&TRIGAMMA, square)) + below
 }
 
-/// The regularised lower incomplete gamma function `P(shape, x)`: the distribution function of a Gamma(shape,
-/// 1) variable.
+/// Regularised lower incomplete gamma function `P(shape, x)`: the distribution function of a Gamma(shape, 1)
+/// variable.
 ///
 /// `shape > 0` and `x >= 0`, otherwise NaN. The cost of one value grows with the square root of `shape`.
 #[must_use]
@@ -186,7 +186,7 @@ pub fn lower_incomplete_gamma(shape: f64, x: f64) -> f64 {
     }
 }
 
-/// `sum over n of x^n / (shape (shape + 1) ... (shape + n))`.
+/// Series `sum over n of x^n / (shape (shape + 1) ... (shape + n))`.
 fn lower_series(shape: f64, x: f64) -> f64 {
     let (mut term, mut sum, mut argument) = (1.0 / shape, 1.0 / shape, shape);
     while term > f64::EPSILON * 0.1 * sum || argument < x {
@@ -202,8 +202,8 @@ pub(crate) fn is_upper_tail(shape: f64, x: f64) -> bool {
     x > shape + 2.5 * shape.sqrt() + 2.0
 }
 
-/// The continued fraction `F = Gamma(shape, x) / (x^shape exp(-x))` of the upper incomplete gamma function
-/// (A&S 6.5.31 in its even form) and its derivative in `shape`.
+/// Continued fraction `F = Gamma(shape, x) / (x^shape exp(-x))` of the upper incomplete gamma function (A&S
+/// 6.5.31 in its even form) and its derivative in `shape`.
 ///
 /// Evaluated from the tail at a fixed depth, which is exact to 1e-13 where [`is_upper_tail`] holds, for any
 /// shape.
@@ -220,7 +220,7 @@ pub(crate) fn upper_fraction(shape: f64, x: f64) -> (f64, f64) {
     (fraction, fraction * fraction * (1.0 + tail_slope))
 }
 
-/// `coefficients[0] + coefficients[1] y + ...` by Horner's rule.
+/// Polynomial `coefficients[0] + coefficients[1] y + ...` by Horner's rule.
 fn polynomial(coefficients: &[f64], y: f64) -> f64 {
     coefficients
         .iter()
@@ -281,7 +281,8 @@ mod tests {
     #[test]
     fn distribution_function_matches_high_precision_values() {
         for [shape, x, _, probability] in rows::<4>(GAMMA) {
-            // exp(shape ln x - x - ln Gamma) loses digits in proportion to the size of its exponent's parts.
+            // exp(shape ln x - x - ln Gamma) loses digits in proportion to the size of the terms in its
+            // exponent.
             let got = lower_incomplete_gamma(shape, x);
             let tolerance = 1e-14 * (1.0 + shape * x.ln().abs());
             assert!(

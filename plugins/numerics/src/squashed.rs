@@ -1,4 +1,4 @@
-//! Gaussian policies squashed by tanh, whose mean and standard deviation come from a head
+//! Gaussian policies squashed by tanh, with mean and standard deviation from a head
 //! ([`crate::gaussian_head`]).
 //!
 //! | symbol | here | shape |
@@ -33,16 +33,16 @@ use rand::RngCore;
 use std::marker::PhantomData;
 
 const SMALL: f32 = 1e-6;
-/// What a stored action is multiplied by before it is unsquashed, so that an action on the boundary has a
+/// Factor of a stored action before the inverse of tanh, so that an action on the boundary has a finite
 /// candidate.
 const INSIDE: f64 = 0.9999;
 
-/// A reparameterised draw; gradients flow to the head it was drawn from.
+/// A reparameterised draw; gradients flow to its head.
 #[derive(Debug, Clone)]
 pub struct Draw {
-    /// `tanh(candidate)` `[rows, n]`.
+    /// Action `tanh(candidate)` `[rows, n]`.
     pub action: Tensor<2>,
-    /// The point before the tangent `[rows, n]`.
+    /// Point before the tangent `[rows, n]`.
     pub candidate: Tensor<2>,
     /// Log density of the action `[rows, 1]`.
     pub log_density: Tensor<2>,
@@ -66,8 +66,8 @@ pub fn sample(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     }
 }
 
-/// As [`sample`], from the same stream, with the log density `ln N(x; mu, sigma) - sum ln(1 - a^2)` of the
-/// cube itself.
+/// Draws as [`sample`] does from the same stream, with the exact log density `ln N(x; mu, sigma) - sum ln(1 -
+/// a^2)` on the cube.
 pub fn sample_exact(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     let (mean, log_sd) = mean_and_log_sd(head);
     let (candidate, log_density) = candidate(mean, log_sd, rng);
@@ -81,8 +81,8 @@ pub fn sample_exact(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     }
 }
 
-/// The log density `[rows, 1]` of given candidates `[rows, n]`; gradients flow to the head `[rows, 2 n]` and
-/// to the candidates.
+/// Log density `[rows, 1]` of given candidates `[rows, n]`; gradients flow to the head `[rows, 2 n]` and to
+/// the candidates.
 #[must_use]
 pub fn log_density(head: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
     Tensor::from_dispatch(<Dispatch as SquashedOperation>::density(
@@ -91,7 +91,7 @@ pub fn log_density(head: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
     ))
 }
 
-/// The action `tanh mu` `[rows, n]` of each row of `head`.
+/// Action `tanh mu` `[rows, n]` of each row of `head`.
 #[must_use]
 pub fn mean_action(head: Tensor<2>) -> Tensor<2> {
     mean(head).tanh()
@@ -118,10 +118,9 @@ trait SquashedOperation: Backend {
     fn density(head: FloatTensor<Self>, candidate: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// The backward passes over plain tensors. A further backend implements them and is named as a selector
-/// above.
+/// Backward passes over plain tensors. A further backend implements them and is named as a selector above.
 trait SquashedPasses: SquashedOperation {
-    /// Gradient in the head from the head, what was drawn and the upstream gradient.
+    /// Gradient in the head from the head, the draw and the upstream gradient.
     fn draw_gradient(
         head: FloatTensor<Self>,
         drawn: FloatTensor<Self>,
@@ -136,29 +135,29 @@ trait SquashedPasses: SquashedOperation {
     ) -> [FloatTensor<Self>; 2];
 }
 
-/// ln sigma as it counts, and 1 where it has a gradient.
-fn held(log_sd: f32) -> (f32, f32) {
+/// Clamped ln sigma, and its derivative: 1 within the limits, else 0.
+fn clamped(log_sd: f32) -> (f32, f32) {
     let [low, high] = LOG_SD_LIMITS;
-    // Comparisons that leave a NaN as it is.
+    // The comparisons leave a NaN as it is.
     let value = if log_sd < low { low } else { log_sd };
     let value = if value > high { high } else { value };
     (value, if log_sd < low || log_sd > high { 0.0 } else { 1.0 })
 }
 
-/// `1 - tanh(x)^2` by way of `e^(-2 |x|)`: of a rounded tangent near one, the difference would have no digits
-/// left.
+/// `1 - tanh(x)^2` by way of `e^(-2 |x|)`: the difference from a rounded tangent near one would have no
+/// digits left.
 fn rest(x: f32) -> f32 {
     let e = (-2.0 * x.abs()).exp();
     4.0 * e / ((1.0 + e) * (1.0 + e))
 }
 
-/// `d/dx` of `-ln(1 - a^2 + 1e-6)`, the number c of the header.
+/// Derivative in x of `-ln(1 - a^2 + 1e-6)`, the number c of the header.
 fn correction_slope(x: f32) -> f32 {
     let rest = rest(x);
     2.0 * tanh(x) * rest / (rest + SMALL)
 }
 
-/// One entry of ln pi, from z, ln sigma and x.
+/// Term of one entry in ln pi, from z, ln sigma and x.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 fn log_term(z: f32, log_sd: f32, x: f32) -> f32 {
     -0.5 * z * z - log_sd - HALF_LN_TWO_PI as f32 - (rest(x) + SMALL).ln()
@@ -179,12 +178,12 @@ impl SquashedOperation for Flex {
             .chunks_exact(2 * n)
             .zip(noise.storage::<f32>().chunks_exact(n))
         {
-            let candidate = |i: usize| head[i] + held(head[n + i]).0.exp() * noise[i];
+            let candidate = |i: usize| head[i] + clamped(head[n + i]).0.exp() * noise[i];
             let start = drawn.len();
             drawn.extend((0..n).map(|i| tanh(candidate(i))));
             drawn.extend((0..n).map(candidate));
             let density = (0..n)
-                .map(|i| log_term(noise[i], held(head[n + i]).0, drawn[start + n + i]))
+                .map(|i| log_term(noise[i], clamped(head[n + i]).0, drawn[start + n + i]))
                 .sum();
             drawn.push(density);
         }
@@ -200,7 +199,7 @@ impl SquashedOperation for Flex {
             .zip(candidate.storage::<f32>().chunks_exact(n));
         let density = rows.map(|(head, x)| {
             let term = |i: usize| {
-                let log_sd = held(head[n + i]).0;
+                let log_sd = clamped(head[n + i]).0;
                 log_term((x[i] - head[i]) * (-log_sd).exp(), log_sd, x[i])
             };
             (0..n).map(term).sum()
@@ -232,7 +231,7 @@ impl SquashedPasses for Flex {
                 // Along the draw, x moves by 1 with mu and by sigma epsilon = x - mu with ln sigma.
                 let in_x = up[i] * rest(candidate) + up[n + i] + up[2 * n] * correction_slope(candidate);
                 out[i] = in_x;
-                out[n + i] = (in_x * (candidate - head[i]) - up[2 * n]) * held(head[n + i]).1;
+                out[n + i] = (in_x * (candidate - head[i]) - up[2 * n]) * clamped(head[n + i]).1;
             }
         }
         tensor(gradient, 2 * n)
@@ -255,7 +254,7 @@ impl SquashedPasses for Flex {
         {
             for i in 0..n {
                 let x = x[row * n + i];
-                let (log_sd, free) = held(head[n + i]);
+                let (log_sd, free) = clamped(head[n + i]);
                 let inverse_sd = (-log_sd).exp();
                 let z = (x - head[i]) * inverse_sd;
                 in_head[row * 2 * n + i] = up * z * inverse_sd;
@@ -296,7 +295,7 @@ impl<B: SquashedPasses, C: CheckpointStrategy> SquashedOperation for Autodiff<B,
     }
 }
 
-/// The backward step of a draw; its state is the head and what was drawn.
+/// Backward step of a draw; its state is the head and the draw.
 #[derive(Debug)]
 struct DrawBackward<B>(PhantomData<fn() -> B>);
 
@@ -311,7 +310,7 @@ impl<B: SquashedPasses> Backward<B, 1> for DrawBackward<B> {
     }
 }
 
-/// The backward step of a density; its state is the head and the candidates.
+/// Backward step of a density; its state is the head and the candidates.
 #[derive(Debug)]
 struct DensityBackward<B>(PhantomData<fn() -> B>);
 
@@ -347,7 +346,7 @@ mod tests {
         Tensor::<2>::from_inner(matrix(values.to_vec(), columns)).require_grad()
     }
 
-    /// A sum with a weight of its own for every entry of action, candidate and density.
+    /// Sum with a different weight for every entry of action, candidate and density.
     fn drawn_loss(draw: Draw) -> Tensor<1> {
         let weights = |from: f32| matrix((0..4u8).map(|i| from - 0.7 * f32::from(i)).collect(), 2);
         (draw.action * weights(1.0)).sum()

@@ -1,9 +1,9 @@
-//! Stein variational gradient descent: the direction in which particles become samples of a density known up
-//! to a factor.
+//! Stein variational gradient descent: the direction in which particles become samples of an unnormalised
+//! density.
 //!
 //! Liu and Wang 2016, "Stein variational gradient descent", arXiv:1608.04471, eq. 8; amortised as in Haarnoja
 //! et al. 2017, "Reinforcement learning with deep energy-based policies", arXiv:1702.08165, eq. 13: the
-//! particles that the expectation runs over are held, others move.
+//! expectation runs over held particles, and others move.
 //!
 //! | paper | here | shape per row |
 //! |---|---|---|
@@ -17,30 +17,30 @@
 //! The median is the lower one of an even number of distances, and the bandwidth is a constant of the
 //! gradient.
 
-/// Below this, particles that have met would stop to repel each other.
+/// Smallest bandwidth: below it, particles at the same place would not repel each other any more.
 pub const SMALLEST_BANDWIDTH: f64 = 1e-3;
 
-/// Numbers of particles of each row and entries of each particle.
+/// Numbers of particles per row and of entries per particle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Particles {
-    /// Held particles per row, at least 2.
+    /// Number of held particles per row, at least 2.
     pub n_held: usize,
-    /// Moved particles per row.
+    /// Number of moved particles per row.
     pub n_moved: usize,
-    /// Entries of a particle.
+    /// Number of entries of a particle.
     pub dimension: usize,
 }
 
-/// Where the moved particles should go.
+/// Direction of the moved particles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SteinDirection {
-    /// phi, `[rows, n_moved, dimension]`.
+    /// Direction phi, `[rows, n_moved, dimension]`.
     pub direction: Vec<f32>,
     /// Mean bandwidth h over the rows.
     pub mean_bandwidth: f64,
 }
 
-/// The direction phi of every moved particle; rows do not see each other. `held` and `scores` are `[rows,
+/// Direction phi of every moved particle; rows are independent of each other. `held` and `scores` are `[rows,
 /// n_held, dimension]`, `moved` is `[rows, n_moved, dimension]`, the last entry running fastest.
 ///
 /// # Panics
@@ -89,7 +89,7 @@ pub fn stein_direction(held: &[f32], scores: &[f32], moved: &[f32], particles: P
     }
 }
 
-/// The held particles of one row.
+/// Held particles of one row.
 struct Row<'a> {
     held: &'a [f32],
     scores: &'a [f32],
@@ -161,7 +161,7 @@ mod tests {
         (0..n).map(|_| standard_normal(rng) as f32).collect()
     }
 
-    /// `exp(-|x - y|^2 / h)`.
+    /// Kernel `exp(-|x - y|^2 / h)`.
     fn kernel(x: [f64; 2], y: [f64; 2], h: f64) -> f64 {
         (-((x[0] - y[0]).powi(2) + (x[1] - y[1]).powi(2)) / h).exp()
     }
@@ -180,7 +180,7 @@ mod tests {
         assert!((got.mean_bandwidth / h - 1.0).abs() < 1e-9);
         for k in 0..2 {
             for entry in 0..2 {
-                // The slope of the kernel in x by finite differences.
+                // Slope of the kernel in x by finite differences.
                 let term = |j: usize| {
                     let (x, y) = (pair(&held, j), pair(&moved, k));
                     let shifted = |step: f64| {

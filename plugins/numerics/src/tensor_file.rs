@@ -1,7 +1,6 @@
 //! Named `f32` tensors and one JSON header in a safetensors file, written and read bit by bit.
 //!
-//! The header is stored as one metadata entry, `header`, so that the same content always makes the same
-//! bytes.
+//! The header is stored as one metadata entry, `header`, so that the same content always has the same bytes.
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde_json::Value;
@@ -10,51 +9,51 @@ use std::path::{Path, PathBuf};
 
 const HEADER: &str = "header";
 
-/// Why a file of tensors could not be written or read.
+/// Reason why a file of tensors could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum TensorFileError {
-    /// The system refused.
+    /// The operating system refused.
     #[error("cannot {doing} `{}`: {source}", path.display())]
     File {
-        /// What was tried.
+        /// Attempted action, as a phrase.
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// It is no safetensors file with `f32` tensors and a header.
+    /// The file is no safetensors file with `f32` tensors and a header.
     #[error("not a file of f32 tensors: {problem}")]
     Format {
-        /// What is wrong.
+        /// The fault, as a phrase.
         problem: String,
     },
     /// A tensor or an entry of the header is missing.
     #[error("there is no `{name}`")]
     Missing {
-        /// Its name.
+        /// Name of the tensor or entry.
         name: String,
     },
-    /// Tensors have other names or shapes than what they are read into.
+    /// Tensors have other names or shapes than their destination.
     #[error("expected {expected}, found {found}")]
     Shape {
-        /// Names and shapes that are needed.
+        /// Required names and shapes.
         expected: String,
-        /// Names and shapes that are there.
+        /// Names and shapes in the file.
         found: String,
     },
-    /// One of these things is wrong with a file that has a name.
+    /// One of these faults, in a file with a path.
     #[error("`{}`: {problem}", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         problem: Box<TensorFileError>,
     },
 }
 
 impl TensorFileError {
-    /// The same error, with the name of the file in which it was found.
+    /// The same error with the path of its file.
     #[must_use]
     pub fn in_file(self, path: &Path) -> Self {
         match self {
@@ -72,7 +71,7 @@ impl TensorFileError {
 pub struct HostTensor {
     /// Length of each dimension.
     pub shape: Vec<usize>,
-    /// The entries, the last dimension running fastest.
+    /// Entries, the last dimension running fastest.
     pub values: Vec<f32>,
 }
 
@@ -80,7 +79,7 @@ pub struct HostTensor {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TensorFile {
     tensors: BTreeMap<String, HostTensor>,
-    /// Everything that is no `f32` tensor: counters, layer sizes, names.
+    /// Everything besides `f32` tensors: counters, layer sizes, names.
     pub header: Value,
 }
 
@@ -99,7 +98,7 @@ impl TensorFile {
         self.tensors.insert(name.into(), tensor);
     }
 
-    /// Adds a vector.
+    /// Adds a vector, or replaces the one of this name.
     pub fn insert_vector(&mut self, name: impl Into<String>, values: Vec<f32>) {
         self.insert(
             name,
@@ -110,20 +109,20 @@ impl TensorFile {
         );
     }
 
-    /// The tensor called `name`.
+    /// Tensor called `name`.
     ///
     /// # Errors
-    /// [`TensorFileError::Missing`] where there is none.
+    /// [`TensorFileError::Missing`] for an unknown name.
     pub fn get(&self, name: &str) -> Result<&HostTensor, TensorFileError> {
         self.tensors
             .get(name)
             .ok_or_else(|| TensorFileError::Missing { name: name.into() })
     }
 
-    /// Writes the file; what was there is replaced.
+    /// Writes the file; replaces one that exists.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the system refuses.
+    /// [`TensorFileError::File`] where the operating system refuses.
     pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
         let bytes = self.to_bytes()?;
         std::fs::write(path, bytes).map_err(|source| TensorFileError::File {
@@ -136,7 +135,8 @@ impl TensorFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] or [`TensorFileError::Damaged`].
+    /// [`TensorFileError::File`] where the operating system refuses; [`TensorFileError::Damaged`] for other
+    /// content.
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
         let bytes = std::fs::read(path).map_err(|source| TensorFileError::File {
             doing: "read",
@@ -274,13 +274,13 @@ mod tests {
         assert!(matches!(example().get("c"), Err(TensorFileError::Missing { .. })));
     }
 
-    /// How many numbers are held, whose memory has to be in proportion to the file.
+    /// Number of values in the file, which bounds the memory by the file's size.
     fn n_values(file: &TensorFile) -> usize {
         file.tensors.values().map(|tensor| tensor.values.len()).sum()
     }
 
     #[test]
-    fn whatever_bit_was_changed_the_file_is_refused_or_read_as_it_is_and_a_cut_one_is_refused() {
+    fn a_flipped_bit_is_refused_or_harmless_and_a_truncated_file_is_refused() {
         let bytes = example().to_bytes().unwrap();
         for place in 0..bytes.len() {
             assert!(TensorFile::from_bytes(&bytes[..place]).is_err(), "cut at {place}");

@@ -1,4 +1,4 @@
-//! The unscented Kalman filter of a random walk that is seen through a function.
+//! Unscented Kalman filter of a random walk that is observed through a function.
 //!
 //! S. J. Julier and J. K. Uhlmann 1997; R. van der Merwe 2004, "Sigma-point Kalman filters for probabilistic
 //! inference in dynamic state-space models" (the scaled sigma points). In double precision throughout, since the
@@ -7,31 +7,31 @@
 //! | symbol | here | shape |
 //! |---|---|---|
 //! | x, P | `mean`, `covariance` | `[d]`, `[d, d]` |
-//! | Q, R | variances that a step and a measurement add | `[d]`, `[m]` |
+//! | Q, R | variances of a step and of a measurement | `[d]`, `[m]` |
 //! | alpha, beta, kappa, lambda = alpha^2 (d + kappa) - d | [`SigmaPoints`] | scalars |
 //! | X_0 = x, X_i = x +- column i of chol((d + lambda) P) | `SigmaPoints::at` | `2 d + 1` points |
 //! | W_m, W_c | weights of means and covariances | `[2 d + 1]` |
 
 use nalgebra::{DMatrix, DVector};
 
-/// How sigma points are spread and weighed.
+/// Spread and weights of the sigma points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SigmaPoints {
-    /// Spread.
+    /// Spread of the points around the mean.
     pub alpha: f64,
-    /// What is known of the distribution; 2 is best for a normal one.
+    /// Weight of the middle point in the covariance; 2 is best for a normal distribution.
     pub beta: f64,
-    /// A second spread.
+    /// Second spread.
     pub kappa: f64,
 }
 
-/// Why a filter cannot go on.
+/// Reason why a filter cannot take a step.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError<E> {
     /// The covariance is not positive definite.
     #[error("the covariance is not positive definite any more")]
     Indefinite,
-    /// What the function says.
+    /// Error of the function.
     #[error("{0}")]
     Function(E),
 }
@@ -41,7 +41,8 @@ impl SigmaPoints {
         self.alpha * self.alpha * (d as f64 + self.kappa)
     }
 
-    /// The points of a mean and a covariance, as columns; `None` where the covariance is not positive definite.
+    /// Sigma points of a mean and a covariance, as columns; `None` where the covariance is not positive
+    /// definite.
     fn at(&self, mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Option<Vec<DVector<f64>>> {
         let d = mean.len();
         let root = (covariance * self.scale(d)).cholesky()?.l();
@@ -63,18 +64,19 @@ impl SigmaPoints {
     }
 }
 
-/// A normal belief about what a random walk has come to.
+/// A normal belief about the state of a random walk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnscentedFilter {
     sigma: SigmaPoints,
-    /// True draws the sigma points again between prediction and update, false keeps those of the prediction.
+    /// Whether the sigma points are drawn again between prediction and update; otherwise those of the
+    /// prediction stay.
     redraw: bool,
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
 }
 
 impl UnscentedFilter {
-    /// A belief of independent normal entries.
+    /// Creates a belief of independent normal entries.
     #[must_use]
     pub fn new(sigma: SigmaPoints, redraw: bool, mean: &[f64], sd: &[f64]) -> Self {
         let variances = DVector::from_iterator(sd.len(), sd.iter().map(|sd| sd * sd));
@@ -86,19 +88,20 @@ impl UnscentedFilter {
         }
     }
 
-    /// The mean of the belief.
+    /// Mean of the belief.
     #[must_use]
     pub fn mean(&self) -> &[f64] {
         self.mean.as_slice()
     }
 
-    /// Its covariance.
+    /// Covariance of the belief.
     #[must_use]
     pub fn covariance(&self) -> &DMatrix<f64> {
         &self.covariance
     }
 
-    /// A step of the walk with variances `walk`, then a measurement of `function` with variances `noise`.
+    /// Takes a step of the walk with variances `walk`, then a measurement of `function` with variances
+    /// `noise`.
     ///
     /// # Errors
     /// [`FilterError`]; the belief is then unchanged.
@@ -141,7 +144,7 @@ impl UnscentedFilter {
         let off = DVector::from_column_slice(measured) - expected;
         let mean = &self.mean + &gain * off;
         let covariance = predicted - &gain * spread * gain.transpose();
-        // Rounding leaves a covariance that is symmetric nearly.
+        // Rounding leaves the covariance slightly asymmetric.
         self.covariance = (&covariance + covariance.transpose()) * 0.5;
         self.mean = mean;
         Ok(())
@@ -166,14 +169,14 @@ mod tests {
         kappa: 0.0,
     };
 
-    /// Range and bearing-like readings of two numbers.
+    /// Readings of two numbers that resemble range and bearing.
     fn seen(x: &[f64]) -> Result<Vec<f64>, ()> {
         Ok(vec![x[0].hypot(x[1]), (x[1] / x[0]).atan(), x[0] * x[1]])
     }
 
     #[test]
     fn a_linear_measurement_gives_the_kalman_filter() {
-        // One number, seen directly: gain P / (P + R) by hand.
+        // One number is observed directly: gain P / (P + R) by hand.
         let mut filter = UnscentedFilter::new(SIGMA, true, &[1.0], &[2.0]);
         filter
             .step(&[1.0], &[3.0], &[5.0], |x| Ok::<_, ()>(vec![x[0]]))

@@ -1,9 +1,9 @@
-//! The controller: an LSTM that decides one choice after the other, each on what it decided before.
+//! The controller: an LSTM that decides one choice after the other, each given the earlier ones.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | x | embedding of the option that was taken last; zeros before the first one | `[1, width]` |
-//! | h, c | its state | `[1, width]` each |
+//! | x | embedding of the latest option; zeros before the first one | `[1, width]` |
+//! | h, c | output and cell state of the LSTM | `[1, width]` each |
 //! | i, f, g, o | gates, the four parts of `x W + h U + b` | `[1, width]` each |
 //! | z | outputs of a choice, `h V + d` | `[1, options]` |
 //!
@@ -16,17 +16,17 @@ use burn::tensor::{Tensor, TensorData};
 use numerics::network::{device, values};
 use rand::{Rng, RngCore};
 
-/// Largest first parameter.
+/// Bound of the uniform distribution of initial parameters.
 const BOUND: f32 = 0.1;
 
-/// An affine map.
+/// An affine layer, `x W + b`.
 #[derive(Module, Debug)]
-struct Affine {
+struct AffineLayer {
     weight: Param<Tensor<2>>,
     bias: Param<Tensor<2>>,
 }
 
-impl Affine {
+impl AffineLayer {
     fn new(inputs: usize, outputs: usize, rng: &mut impl RngCore) -> Self {
         Self {
             weight: uniform([inputs, outputs], rng),
@@ -39,41 +39,44 @@ impl Affine {
     }
 }
 
-/// The controller; the default one holds a place and decides nothing.
+/// The controller. A default one is a placeholder without choices.
 #[derive(Module, Debug, Default)]
 pub(super) struct Controller {
     /// One row per option of every choice, `[options, width]`.
     embedding: Vec<Param<Tensor<2>>>,
-    /// Gates `[width, 4 width]`: of the input, of the state.
-    gates: Vec<Affine>,
-    /// One per choice.
-    outputs: Vec<Affine>,
+    /// Gates `[width, 4 width]`: one layer for the input, one for the state.
+    gates: Vec<AffineLayer>,
+    /// Output layers, one per choice.
+    outputs: Vec<AffineLayer>,
     #[module(skip)]
     sizes: Vec<usize>,
     #[module(skip)]
     width: usize,
 }
 
-/// Where the controller stands between two choices.
-struct Place {
+/// State of the LSTM between two choices.
+struct DecisionState {
     input: Tensor<2>,
     hidden: Tensor<2>,
     cell: Tensor<2>,
 }
 
 impl Controller {
-    /// A controller of choices with these numbers of options.
+    /// Creates a controller for choices with these numbers of options.
     pub(super) fn new(sizes: &[usize], width: usize, rng: &mut impl RngCore) -> Self {
         Self {
             embedding: vec![uniform([sizes.iter().sum(), width], rng)],
-            gates: (0..2).map(|_| Affine::new(width, 4 * width, rng)).collect(),
-            outputs: sizes.iter().map(|size| Affine::new(width, *size, rng)).collect(),
+            gates: (0..2).map(|_| AffineLayer::new(width, 4 * width, rng)).collect(),
+            outputs: sizes
+                .iter()
+                .map(|size| AffineLayer::new(width, *size, rng))
+                .collect(),
             sizes: sizes.to_vec(),
             width,
         }
     }
 
-    /// Options of the next step of a design, each picked from its probabilities by `pick`.
+    /// Options of the next step of a design; `pick` selects each from its probabilities.
     pub(super) fn decide(&self, so_far: &[Vec<usize>], pick: &mut dyn FnMut(&[f32]) -> usize) -> Vec<usize> {
         let plain = self.valid();
         let mut place = plain.start();
@@ -85,7 +88,7 @@ impl Controller {
         }
         let mut decide = |choice: usize| {
             let (next, log_probabilities) = plain.advance(
-                Place {
+                DecisionState {
                     input: place.input.clone(),
                     hidden: place.hidden.clone(),
                     cell: place.cell.clone(),
@@ -100,8 +103,8 @@ impl Controller {
         (0..self.sizes.len()).map(&mut decide).collect()
     }
 
-    /// The log probability of the options of the last step of a design, given those before, and the entropy that each
-    /// of them was drawn with, added up; shape `[1]` each.
+    /// Log probability of the options in the last step of a design, given the earlier steps, and the sum of
+    /// the entropies of their distributions; `[1]` each.
     pub(super) fn judged(&self, design: &[Vec<usize>]) -> (Tensor<1>, Tensor<1>) {
         let zero = || Tensor::<1>::from_inner(Tensor::zeros([1], &device()));
         let (mut log_probability, mut entropy) = (zero(), zero());
@@ -120,7 +123,7 @@ impl Controller {
         (log_probability, entropy)
     }
 
-    fn start(&self) -> Place {
+    fn start(&self) -> DecisionState {
         let zeros = || {
             let zeros = Tensor::<2>::zeros([1, self.width], &device());
             if self.embedding[0].val().is_autodiff() {
@@ -129,21 +132,21 @@ impl Controller {
                 zeros
             }
         };
-        Place {
+        DecisionState {
             input: zeros(),
             hidden: zeros(),
             cell: zeros(),
         }
     }
 
-    /// The state after deciding a choice, and the log probabilities of its options.
-    fn advance(&self, place: Place, choice: usize) -> (Place, Tensor<2>) {
+    /// State after a choice, and the log probabilities of its options.
+    fn advance(&self, place: DecisionState, choice: usize) -> (DecisionState, Tensor<2>) {
         let sum = self.gates[0].forward(place.input.clone()) + self.gates[1].forward(place.hidden);
         let gate = |at: usize| sum.clone().slice([0..1, at * self.width..(at + 1) * self.width]);
         let cell = sigmoid(gate(1)) * place.cell + sigmoid(gate(0)) * gate(2).tanh();
         let hidden = sigmoid(gate(3)) * cell.clone().tanh();
         let logs = log_softmax(self.outputs[choice].forward(hidden.clone()), 1);
-        let next = Place {
+        let next = DecisionState {
             input: place.input,
             hidden,
             cell,

@@ -8,19 +8,21 @@
 //! |---|---|---|
 //! | h, c | state of the controller, an LSTM, that goes from option to option and from cell to cell | `[1, width]` |
 //! | a | the option taken of a choice, drawn from the softmax of its outputs | |
-//! | R | what the design has earned up to this cell, plus `entropy_bonus` times the entropy of its options | |
+//! | R | reward of the design up to this cell, plus `entropy_bonus` times the entropy of its options | |
 //! | b | moving mean of R, with `baseline_decay` | |
 //!
 //! A stage designs one cell. Its designs begin with one of `kept_designs`, drawn uniformly, and are given up after the
 //! cell of the stage, so that a stage pays for no cell that it does not design. Every design brings one step of Adam
-//! against `-(R - b) ln pi`. When `growth_at` says so, `derived_designs` are drawn from the controller, the best
-//! `kept_designs` of them become the beginnings of the next stage, and a new controller starts. Where it is scored it
-//! takes the most likely options, from the best beginning on.
+//! against `-(R - b) ln pi`. At the evaluations in `growth_at`, `derived_designs` are drawn from the
+//! controller, the best `kept_designs` of them become the beginnings of the next stage, and a new controller
+//! starts. In evaluation the agent takes the most likely options after the best beginning.
 //!
 //! Departures
-//! - The released code shares the weights of all designs within a stage and trains them 15 epochs between 30 steps of
-//!   the controller; here every design is trained as the environment trains it, so that all searches pay alike.
-//! - The released code starts a stage anew where the losses of the shared weights collapse; there are none here.
+//! - The released code shares the weights of all designs within a stage and trains them 15 epochs between 30
+//!   steps of the controller. Here the environment trains every design on its own, so that all searches pay
+//!   alike.
+//! - The released code restarts a stage where the losses of the shared weights collapse; here no weights are
+//!   shared.
 //!
 //! Metrics, means since the last design: `controller_loss`, `controller_entropy` (nats of a cell), `baseline`.
 
@@ -30,7 +32,7 @@ mod tests;
 
 use crate::shared::{
     checkpoint::{self, finite},
-    designs::{Options, Tried, UnderWay, choices},
+    designs::{EvaluatedDesign, Options, PartialDesign, choices},
 };
 use contract::{
     Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Preset, Recorder,
@@ -39,7 +41,7 @@ use contract::{
 use controller::Controller;
 use numerics::{
     network::values,
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     tensor_file::TensorFile,
 };
 use rand::Rng as _;
@@ -54,13 +56,13 @@ const NAME: &str = "autogan";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Evaluations after which the design grows by another cell, rising; one cell more than there are entries.
+    /// Evaluations after which the design grows by another cell, rising; there is one cell more than entries.
     #[schemars(extend("x-source" = "released code: 15 and 35 of 65 iterations, here of 300 evaluations"))]
     pub growth_at: Vec<u64>,
-    /// Designs that are drawn when a stage ends.
+    /// Number of designs that are drawn from the controller when a stage ends.
     #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code"))]
     pub derived_designs: usize,
-    /// Of these, designs that the next stage begins with.
+    /// Number of these designs with which the next stage begins.
     #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code"))]
     pub kept_designs: usize,
     /// Units of the LSTM and of the embedding of an option.
@@ -69,10 +71,10 @@ pub struct Config {
     /// Step size of Adam.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code"))]
     pub learning_rate: f64,
-    /// What a nat of entropy adds to the reward.
+    /// Reward per nat of entropy.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "released code"))]
     pub entropy_bonus: f64,
-    /// Share of the old baseline that stays.
+    /// Share of the old baseline that an update keeps.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code"))]
     pub baseline_decay: f64,
 }
@@ -124,30 +126,30 @@ impl Config {
     }
 }
 
-/// The agent.
+/// Search by a recurrent controller that is trained by REINFORCE.
 #[derive(Debug, Clone)]
 pub struct AutoGan {
     config: Config,
     choices: Vec<Choice>,
-    controller: Trained<Controller>,
+    controller: TrainedNetwork<Controller>,
     state: State,
-    /// The design under way where it is scored.
+    /// Options so far of the design in evaluation.
     scored: Options,
 }
 
-/// What changes while it searches, besides the controller.
+/// State of the search besides the controller.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct State {
     n_evaluations: u64,
     n_updates: u64,
-    /// The number of the stage: cells of a design that are already chosen.
+    /// Index of the stage: the number of cells that are already fixed.
     stage: usize,
-    /// What designs of this stage begin with; one empty beginning in the first stage.
+    /// Beginnings of the designs of this stage; one empty beginning in the first stage.
     beginnings: Vec<Options>,
-    /// What was derived so far for the next stage; `None` while the controller learns.
-    derived: Option<Vec<Tried>>,
+    /// Designs drawn so far for the next stage; `None` while the controller learns.
+    derived: Option<Vec<EvaluatedDesign>>,
     beginning: Options,
-    under_way: UnderWay,
+    under_way: PartialDesign,
     baseline: Option<f64>,
     gives_up: bool,
 }
@@ -199,7 +201,7 @@ impl AutoGan {
         })
     }
 
-    /// Options of the next step of a design that began like this: given ones, or drawn.
+    /// Options of the next step of a design: those of its beginning, then random ones.
     fn decide(&self, so_far: &Options, beginning: &Options, rng: &mut Rng) -> Vec<usize> {
         let mut draw = |probabilities: &[f32]| drawn(probabilities, rng.random());
         match beginning.get(so_far.len()) {
@@ -208,9 +210,9 @@ impl AutoGan {
         }
     }
 
-    /// Takes in the cell of the stage: what the design earned up to here is what the cell is worth.
+    /// Trains the controller on the cell of the stage, whose value is the reward of the design so far.
     fn improve(&mut self, record: &mut Recorder) -> Result<(), Error> {
-        let UnderWay { options, earned } = &self.state.under_way;
+        let PartialDesign { options, earned } = &self.state.under_way;
         let (log_probability, entropy) = self.controller.network().judged(options);
         let entropy = f64::from(values(entropy)[0]);
         let reward = earned + self.config.entropy_bonus * entropy;
@@ -236,32 +238,32 @@ impl AutoGan {
         Ok(())
     }
 
-    /// What a design that ends with the cell of its stage brings.
+    /// Ends a design after the cell of its stage: keeps it for the next stage, or draws another beginning.
     fn end_of_stage_design(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         match &mut self.state.derived {
             None => self.improve(record)?,
             Some(derived) => {
-                let UnderWay { options, earned } = self.state.under_way.clone();
-                derived.push(Tried {
+                let PartialDesign { options, earned } = self.state.under_way.clone();
+                derived.push(EvaluatedDesign {
                     options,
                     value: earned,
                 });
             }
         }
-        self.state.under_way = UnderWay::default();
+        self.state.under_way = PartialDesign::default();
         let growth = self.config.growth_at.get(self.state.stage).copied();
         let due = growth.is_some_and(|at| self.state.n_evaluations >= at);
         if due && self.state.derived.is_none() {
             self.state.derived = Some(Vec::new());
         }
-        let full = |derived: &Vec<Tried>| derived.len() >= self.config.derived_designs;
+        let full = |derived: &Vec<EvaluatedDesign>| derived.len() >= self.config.derived_designs;
         if self.state.derived.as_ref().is_some_and(full) {
             self.grow(rng);
         }
         Ok(())
     }
 
-    /// The best different designs become the beginnings of the next stage.
+    /// Starts the next stage from the best different designs.
     fn grow(&mut self, rng: &mut Rng) {
         let mut derived = self.state.derived.take().unwrap_or_default();
         derived.sort_by(|one, other| other.value.total_cmp(&one.value));
@@ -278,13 +280,13 @@ impl AutoGan {
     }
 }
 
-fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> Trained<Controller> {
+fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> TrainedNetwork<Controller> {
     let sizes: Vec<usize> = choices.iter().map(|choice| choice.options.len()).collect();
     let controller = Controller::new(&sizes, config.width, rng);
-    Trained::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
+    TrainedNetwork::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
 }
 
-/// The option at which the sum of the probabilities passes a number that is uniform in 0..1.
+/// Option at which the cumulative probability passes `uniform`, a number in 0..1.
 fn drawn(probabilities: &[f32], uniform: f64) -> usize {
     let mut left = uniform;
     let passed = |share: &f32| {
@@ -348,7 +350,7 @@ impl Agent for AutoGan {
                 .push(choice::taken(&self.choices, &transition.action[0])?);
             self.state.under_way.earned += transition.rewards[0];
             let cell_of_stage = self.state.under_way.options.len() > self.state.stage;
-            // In the last stage a design goes on to its end, whose cells are all of the controller.
+            // In the last stage a design goes on to its end; the controller decides all remaining cells.
             let grows = self.state.stage < self.config.growth_at.len();
             let ended = transition.end.is_some();
             self.state.gives_up = grows && cell_of_stage && !ended;

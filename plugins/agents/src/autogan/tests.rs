@@ -1,4 +1,4 @@
-//! The controller by hand and by finite differences; the stages on a small space.
+//! Tests of the controller by hand and by finite differences, and of the stages on a small space.
 
 use super::*;
 use crate::shared::designs::tests::{BEST, interface, scored, search};
@@ -26,7 +26,7 @@ fn quick() -> Config {
 fn it_learns_the_cells_one_after_the_other() {
     let (mut agent, mut rng) = (agent(quick(), "learns"), contract::random::stream(&["search"]));
     let values = search(&mut agent, 400, &mut rng);
-    // 120 designs of one cell, whose best one is worth 2, then 10 that are derived.
+    // 120 designs of one cell, of which the best is worth 2, then 10 derived designs.
     assert!(values[..130].iter().all(|value| *value <= 2.0));
     assert_eq!(agent.state.stage, 1);
     assert!(agent.state.beginnings.len() <= 5 && agent.state.beginnings.iter().all(|one| one.len() == 1));
@@ -40,7 +40,7 @@ fn it_learns_the_cells_one_after_the_other() {
 #[test]
 fn the_best_derived_designs_are_the_beginnings_of_the_next_stage() {
     let mut agent = agent(quick(), "grows");
-    let tried = |first: usize, value: f64| Tried {
+    let tried = |first: usize, value: f64| EvaluatedDesign {
         options: vec![vec![first % 2, first % 3]],
         value,
     };
@@ -75,7 +75,7 @@ fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
 }
 
 #[test]
-fn what_is_drawn_is_as_likely_as_it_is_judged() {
+fn draws_have_the_judged_probabilities() {
     let controller = Controller::new(&[2, 3], 5, &mut contract::random::stream(&["drawn"]));
     let mut rng = contract::random::stream(&["draws"]);
     let before = vec![vec![0, 1]];

@@ -1,10 +1,10 @@
-//! Networks that treat assets alike: permuting the assets permutes the shares of the policy and leaves the
-//! value of the critic.
+//! Networks that treat assets alike: a permutation of the assets permutes the shares of the policy and leaves
+//! the value of the critic unchanged.
 //!
-//! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small network, the same for every asset, reads the
-//! asset's own channels, their means over all assets and the channels that belong to none; what it gives out
-//! is pooled over the assets, and a second network reads own and pooled features. What is learned of one
-//! asset is so learned of all, which matters more the more assets there are.
+//! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small encoder, the same for every asset, reads the
+//! asset's own channels, their means over all assets and the common channels. Its outputs are pooled over the
+//! assets, and a second network reads own and pooled features. Experience with one asset thus trains the
+//! networks for all assets, which matters more the more assets there are.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -30,21 +30,21 @@ use rand::{RngCore, seq::SliceRandom};
 use serde_json::json;
 use std::path::Path;
 
-/// Which channels of an observation belong to which asset.
+/// Channels of an observation by asset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AssetChannels {
     n_assets: usize,
     /// First channel of each block of `n_assets` neighbouring channels, one channel per asset.
     blocks: Vec<usize>,
-    /// Channels that belong to no asset.
+    /// Channels of no asset.
     common: Vec<usize>,
 }
 
 impl AssetChannels {
-    /// Finds blocks of channels `<word>_1` to `<word>_N`, which the setting `wish` needs.
+    /// Finds blocks of channels `<word>_1` to `<word>_N`, which the setting `wish` requires.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where no such block is observed.
+    /// [`Error::Mismatch`] where the observation has no such block.
     pub fn find(
         agent: &'static str,
         wish: &str,
@@ -73,8 +73,8 @@ impl AssetChannels {
         })
     }
 
-    /// The transitions with the assets of each in an order of its own, drawn uniformly: the same in what is
-    /// observed before and after, and in the shares.
+    /// Transitions with permuted assets: each has its own order, drawn uniformly, which applies to the
+    /// observations before and after the step and to the shares.
     pub fn permuted(&self, batch: Batch, rng: &mut impl RngCore) -> Batch {
         let orders: Vec<Vec<usize>> = (0..batch.actions.dims()[0])
             .map(|_| {
@@ -91,7 +91,8 @@ impl AssetChannels {
         }
     }
 
-    /// Own, mean and common features of each asset, with `more` own ones: `[batch * assets, features]`.
+    /// Own, mean and common features of each asset, with `more` as further own ones: `[batch * assets,
+    /// features]`.
     fn features(&self, observations: &Tensor<2>, more: Option<Tensor<2>>) -> Tensor<2> {
         let batch = observations.dims()[0];
         let rows = batch * self.n_assets;
@@ -113,12 +114,12 @@ impl AssetChannels {
         Tensor::cat(columns, 1)
     }
 
-    /// A policy's file, if its network acts on these channels: on as many assets, or on another number with
-    /// the same words for the blocks of channels and the same common ones. What is typical of a channel is
-    /// then that of these assets.
+    /// Reads a policy file, if its network acts on these channels: on as many assets, or on another number of
+    /// assets with the same words for the blocks of channels and the same common channels. Typical values of
+    /// the channels are then those of these assets.
     ///
     /// # Errors
-    /// As [`checkpoint::read_policy`].
+    /// Those of [`checkpoint::read_policy`].
     pub fn policy_file(
         &self,
         agent: &'static str,
@@ -150,7 +151,7 @@ impl AssetChannels {
         Err(Error::Checkpoint { what: agent, problem })
     }
 
-    /// What is observed of an asset and of none, without numbers of assets.
+    /// Words of the channels of an asset and of the common channels, without the numbers of the assets.
     fn words(&self, inputs: &[String]) -> Vec<String> {
         let name = |place: &usize| inputs.get(*place).map_or("", String::as_str);
         let of_assets = self
@@ -175,7 +176,7 @@ impl AssetChannels {
             .reshape([rows / self.n_assets, width])
     }
 
-    /// The pooled features beside each asset's own: `[batch * assets, 2 width]`.
+    /// Each asset's own features and the pooled ones side by side: `[batch * assets, 2 width]`.
     fn beside(&self, features: Tensor<2>) -> Tensor<2> {
         let [rows, width] = features.dims();
         let batch = rows / self.n_assets;
@@ -187,7 +188,8 @@ impl AssetChannels {
     }
 }
 
-/// Rows whose blocks of neighbouring columns, which begin at `blocks`, are put into the order of the row.
+/// Rows in which each block of neighbouring columns, which begin at `blocks`, is permuted by the order of the
+/// row.
 fn reordered(rows: &Tensor<2>, blocks: &[usize], orders: &[Vec<usize>]) -> Tensor<2> {
     let length = rows.dims()[1];
     let mut moved = values(rows.clone());
@@ -211,7 +213,7 @@ fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
     channels.len() >= n_assets && channels.iter().take(n_assets).enumerate().all(fits)
 }
 
-/// A policy network: shares' parameters from an observation.
+/// Policy network from an observation to the parameters of the shares.
 #[derive(Module, Debug)]
 pub struct AssetPolicy {
     encoder: Mlp,
@@ -219,8 +221,8 @@ pub struct AssetPolicy {
 }
 
 impl AssetPolicy {
-    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features,
-    /// which are pooled.
+    /// Creates a policy with one hidden layer of `width` in the encoder and one in the head. Between them
+    /// `width` linear features are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features(), width, width], [2 * width, width, 1]);
         Self {
@@ -263,10 +265,10 @@ impl AssetPolicy {
         file.write(&dir.join(FILE_NAME))
     }
 
-    /// The policy with the parameters that [`write`](Self::write) put into a file.
+    /// Loads the parameters that [`write`](Self::write) wrote.
     ///
     /// # Errors
-    /// [`TensorFileError`] where one is missing or has another shape.
+    /// [`TensorFileError`] where a tensor is missing or has another shape.
     pub fn read(self, file: &TensorFile) -> Result<Self, TensorFileError> {
         Ok(Self {
             encoder: restore(self.encoder, "encoder", file)?,
@@ -274,7 +276,7 @@ impl AssetPolicy {
         })
     }
 
-    /// `[batch, observed]` to `[batch, assets]`.
+    /// Parameters of the shares: `[batch, observed]` to `[batch, assets]`.
     #[must_use]
     pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>) -> Tensor<2> {
         let own = self.encoder.forward(channels.features(observations, None));
@@ -285,7 +287,7 @@ impl AssetPolicy {
     }
 }
 
-/// A critic: the value of an observation and an action.
+/// Critic network from an observation and an action to a value.
 #[derive(Module, Debug)]
 pub struct AssetCritic {
     encoder: Mlp,
@@ -293,8 +295,8 @@ pub struct AssetCritic {
 }
 
 impl AssetCritic {
-    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features,
-    /// which are pooled.
+    /// Creates a critic with one hidden layer of `width` in the encoder and one in the head. Between them
+    /// `width` linear features are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features() + 1, width, width], [width, width, 1]);
         Self {
@@ -303,7 +305,7 @@ impl AssetCritic {
         }
     }
 
-    /// `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
+    /// Values: `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
     #[must_use]
     pub fn forward(
         &self,
@@ -341,7 +343,7 @@ mod tests {
         AssetChannels::find("test", "it", &channels, N).unwrap()
     }
 
-    /// Two observations of one pack: the second has its assets in the order 3, 1, 2.
+    /// Two observations of one pack; the second has its assets in the order 3, 1, 2.
     fn observations() -> Tensor<2> {
         matrix(
             vec![
@@ -398,7 +400,8 @@ mod tests {
 
     #[test]
     fn assets_of_a_transition_are_permuted_together() {
-        // Entry 10 a + b of what is observed is channel b of asset a, 7 is common; shares are of the same a.
+        // Entry 10 a + b of an observation is channel b of asset a, and 7 is common; the shares follow the
+        // same order of assets.
         let row = |order: [usize; 3], next: f32| -> Vec<f32> {
             let block = |channel: usize| order.map(|asset| next + (10 * asset + channel) as f32);
             [&block(0)[..], &block(1)[..], &[7.0]].concat()

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// Hyper-parameters. The defaults are the setting that learns; `preset: thesis` is the one that is printed.
+/// Hyper-parameters. The defaults are a setting that learns; `preset: thesis` has the printed values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -21,8 +21,8 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice, the critics' rate"))]
     pub temperature_learning_rate: f64,
     /// Temperature beta before learning. The entropy of n shares is at most -ln (n - 1)!, which is below zero
-    /// from three shares on: the bonus for it is then a cost of every step, and a high temperature makes
-    /// dying pay.
+    /// from three shares on. The entropy bonus is then a cost of every step, and a high temperature rewards
+    /// an early end.
     #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "pilot study"))]
     pub first_temperature: f64,
     /// Transitions per update.
@@ -43,17 +43,17 @@ pub struct Config {
     /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
     pub width: usize,
-    /// Hidden layers of a fully connected policy.
+    /// Number of hidden layers of a fully connected policy.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
     pub policy_layers: usize,
-    /// Hidden layers of a fully connected critic.
+    /// Number of hidden layers of a fully connected critic.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
     pub critic_layers: usize,
     /// The temperature steers to the entropy of `Dirichlet(c, ..., c)` with this concentration c of each
     /// share.
     #[schemars(range(min = 1.0, max = 1e6), extend("x-source" = "pilot study"))]
     pub target_concentration: f64,
-    /// Entropy that the temperature steers to, in place of that of a concentration.
+    /// Entropy that the temperature steers to, instead of that of a concentration.
     pub target_entropy: Option<TargetEntropy>,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
@@ -64,37 +64,37 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// The action that is scored.
+    /// Action in evaluation.
     pub evaluation_action: EvaluationAction,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
-    /// How actions reach the critics.
+    /// Scaling of actions for the critics.
     pub critic_action_scaling: ActionScaling,
-    /// Take `beta (-log pi - target)` in place of `beta (-log pi)` as the bonus, so that it does not make
-    /// dying pay.
+    /// Take `beta (-log pi - target)` instead of `beta (-log pi)` as the bonus, so that it does not reward an
+    /// early end.
     pub shifted_entropy_bonus: bool,
     /// Largest concentration of one share, or null for no limit.
     #[schemars(range(min = 1.0))]
     pub concentration_cap: Option<f64>,
-    /// Put the assets of a transition into another order, drawn at random, each time it is learned from: shares
-    /// and what is observed of assets, before the step and after it. What is learned of one asset is then
-    /// shown to the networks for all, which stay as they are.
+    /// Permute the assets of a transition each time it is learned from: the shares, and the channels of
+    /// assets before and after the step. The order is drawn at random. Experience with one asset thus trains
+    /// the networks for all assets; the networks are unchanged.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub permute_assets: bool,
-    /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial.
+    /// Networks to begin from instead of new ones: policy, critics and temperature of another trial.
     /// Optimisers and replay are new.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<Artifact<Networks>>,
 }
 
-/// What the networks know of the assets.
+/// Symmetry of the networks in the assets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NetworkKind {
-    /// Nothing: fully connected, as in the thesis.
+    /// None: fully connected, as in the thesis.
     #[default]
     Dense,
-    /// That they are interchangeable: permuted assets get permuted shares.
+    /// Assets are interchangeable: permuted assets get permuted shares.
     Equivariant,
 }
 
@@ -102,7 +102,7 @@ pub enum NetworkKind {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum TargetEntropy {
-    /// This many nats.
+    /// A number of nats.
     Nats(f64),
     /// Minus the square root of the number of shares, as printed in the thesis (table 3.1). For 4 shares it
     /// is nearly the largest entropy that a policy with concentrations of at least 1 can have, for 8 it is
@@ -110,7 +110,7 @@ pub enum TargetEntropy {
     MinusSqrtD,
 }
 
-/// The deterministic action of a Dirichlet distribution.
+/// Deterministic action of a Dirichlet distribution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EvaluationAction {
@@ -121,13 +121,13 @@ pub enum EvaluationAction {
     Mode,
 }
 
-/// How actions reach the critics.
+/// Scaling of actions for the critics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ActionScaling {
     /// `N (a - 1 / N)`: zero for equal shares, of order 1 otherwise.
     Centred,
-    /// The shares, as in the thesis.
+    /// Plain shares, as in the thesis.
     #[default]
     None,
 }
@@ -181,7 +181,7 @@ impl contract::Config for Config {
 }
 
 impl Config {
-    /// The target entropy in nats for `n` shares.
+    /// Target entropy in nats for `n` shares.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
     pub fn target_nats(&self, n: usize) -> f64 {

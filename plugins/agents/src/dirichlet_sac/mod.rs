@@ -57,7 +57,7 @@ use networks::{Critics, PolicyNetwork, Shape};
 use numerics::{
     dirichlet_policy::{log_density, sample},
     network::{device, matrix, softplus, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::Head,
     tensor_file::{TensorFile, TensorFileError},
@@ -66,10 +66,10 @@ use rand::RngCore;
 use std::path::Path;
 
 const NAME: &str = "dirichlet_sac";
-/// File with the networks that another trial may begin from.
+/// File with networks from which another trial may begin.
 const NETWORKS_FILE: &str = "networks.safetensors";
 
-/// The agent.
+/// Soft actor-critic for one seat that acts on a simplex.
 #[derive(Debug, Clone)]
 pub struct DirichletSac {
     config: Config,
@@ -77,14 +77,14 @@ pub struct DirichletSac {
     shares: Vec<String>,
     shape: Shape,
     target_entropy: f64,
-    policy: Trained<PolicyNetwork>,
-    critics: Trained<Critics>,
+    policy: TrainedNetwork<PolicyNetwork>,
+    critics: TrainedNetwork<Critics>,
     target_critics: Critics,
     log_temperature: f64,
     temperature_adam: ScalarAdam,
     replay: Replay,
     schedule: UpdateSchedule,
-    /// Which channels are of which asset, where transitions are permuted.
+    /// Channels by asset; set where the assets of transitions are permuted.
     assets: Option<AssetChannels>,
 }
 
@@ -98,7 +98,7 @@ struct PolicyMeans {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Dirichlet policy";
-    // Off the policy: a replay buffer does not ask who decided.
+    // Off-policy: the replay buffer takes decisions of any policy.
     let datasets = UseOfDatasets::Also;
     let traits = AgentTraits {
         learns: true,
@@ -118,7 +118,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(DirichletSac::new(config, interface, rng)?))
 }
 
-/// What [`DirichletSac::learn`] records.
+/// Metrics that [`DirichletSac::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new(
@@ -163,8 +163,8 @@ impl DirichletSac {
             target_entropy: config.target_nats(n_shares),
             shape,
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
@@ -182,7 +182,7 @@ impl DirichletSac {
         Ok(agent)
     }
 
-    /// Takes over networks and temperature that another trial left; optimisers and replay stay new.
+    /// Loads networks and temperature of another trial; optimisers and replay stay new.
     fn begin_from(&mut self, dir: &Path) -> Result<(), TensorFileError> {
         let file = TensorFile::read(&dir.join(NETWORKS_FILE))?;
         self.policy
@@ -196,8 +196,8 @@ impl DirichletSac {
         Ok(())
     }
 
-    /// What [`begin_from`](Self::begin_from) reads.
-    fn leave_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
+    /// Writes the networks and the temperature that [`begin_from`](Self::begin_from) reads.
+    fn write_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         store(self.policy.network(), "policy", &mut file);
         store(self.critics.network(), "critics", &mut file);
@@ -234,7 +234,7 @@ impl DirichletSac {
         Ok(())
     }
 
-    /// Eq. 3.17: reward plus the discounted soft value of what follows, without gradients.
+    /// Eq. 3.17: reward plus the discounted soft value of the next observation, without gradients.
     fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Result<Tensor<2>, Error> {
         let alpha = self.concentrations(&self.policy.network().valid(), &batch.next_observations);
         finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
@@ -270,18 +270,18 @@ impl DirichletSac {
         Ok(parts.log_pi)
     }
 
-    /// Eq. 3.18: `beta log pi - Q` at reparameterised samples, and the means it is made of.
+    /// Eq. 3.18: `beta log pi - Q` at reparameterised samples, and the means of its parts.
     fn policy_loss(
         &self,
         observations: &Tensor<2>,
         rng: &mut Rng,
     ) -> Result<(Tensor<1>, PolicyMeans), Error> {
         let alpha = self.concentrations(self.policy.network(), observations);
-        // The sampler has no answer for a concentration that is not finite.
+        // The sampler does not accept a concentration that is not finite.
         let concentration = finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
         let drawn = sample(alpha.clone(), rng);
         let log_pi = log_density(alpha, drawn.log_action);
-        // Plain critics: the gradient passes through them to the action, and none of their own is computed.
+        // Untracked critics: the gradient passes through them to the action alone.
         let (q1, q2) = self.q_values(&self.critics.network().valid(), observations, drawn.action);
         let q = q1.min_pair(q2);
         let loss = (log_pi.clone() * self.temperature() - q.clone()).mean();
@@ -336,8 +336,7 @@ impl DirichletSac {
         }
     }
 
-    /// Rows of positive weights: a sample in training, the mean or the mode (up to their sum) where actions
-    /// are scored.
+    /// Rows of positive weights: a sample in training; in evaluation the mean or the mode, up to their sum.
     fn weights(
         &self,
         observations: &Tensor<2>,
@@ -394,7 +393,7 @@ impl Agent for DirichletSac {
         self.shape
             .write(self.policy.network(), ports, self.head(), dir)
             .map_err(checkpoint::error_of(NAME))?;
-        self.leave_networks(dir).map_err(checkpoint::error_of(NAME))?;
+        self.write_networks(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 

@@ -1,5 +1,4 @@
-//! The two shapes of network that the agent can have: fully connected as in the thesis, or alike for every
-//! asset.
+//! Architectures of the agent's networks: fully connected as in the thesis, or equivariant in the assets.
 
 use super::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
 use super::{
@@ -21,35 +20,35 @@ use numerics::{
 use rand::RngCore;
 use std::path::Path;
 
-/// What both shapes are made from.
+/// Sizes from which the networks of either architecture are built.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     sizes: (usize, usize),
     width: usize,
     layers: (usize, usize),
-    /// Set where networks treat assets alike.
+    /// Channels by asset; set for equivariant networks.
     assets: Option<AssetChannels>,
 }
 
-/// The policy: parameters of the shares `[batch, n_shares]` from observations `[batch, observed]`.
+/// Policy network from observations `[batch, observed]` to parameters of the shares `[batch, n_shares]`.
 #[derive(Module, Debug)]
 pub(super) enum PolicyNetwork {
     /// Fully connected.
     Dense(Mlp),
-    /// Alike for every asset.
+    /// Equivariant in the assets.
     Assets(AssetPolicy),
 }
 
-/// Two critics.
+/// Both critics.
 #[derive(Module, Debug)]
 pub(super) enum Critics {
     /// Fully connected.
     Dense(TwinMlp),
-    /// Alike for every asset.
+    /// Invariant under permutations of the assets.
     Assets(AssetCritics),
 }
 
-/// Two critics that treat assets alike.
+/// Two critics that are invariant under permutations of the assets.
 #[derive(Module, Debug)]
 pub(super) struct AssetCritics {
     first: AssetCritic,
@@ -69,10 +68,10 @@ impl Default for Critics {
 }
 
 impl Shape {
-    /// The shape that a config asks for.
+    /// Sizes that a config asks for.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where assets cannot be told apart in the observation.
+    /// [`Error::Mismatch`] where the observation does not tell assets apart.
     pub(super) fn new(config: &Config, channels: &[Channel], n_shares: usize) -> Result<Self, Error> {
         let assets = match config.network {
             NetworkKind::Dense => None,
@@ -91,8 +90,8 @@ impl Shape {
         })
     }
 
-    /// A policy with fresh parameters. Its second hidden layer has tanh, the others leaky rectifiers (thesis,
-    /// section 3.4.3).
+    /// Creates a policy. Its second hidden layer has tanh, the others leaky rectifiers (thesis, section
+    /// 3.4.3).
     pub(super) fn policy(&self, rng: &mut impl RngCore, device: &Device) -> PolicyNetwork {
         if let Some(assets) = &self.assets {
             return PolicyNetwork::Assets(AssetPolicy::new(assets, self.width, rng, device));
@@ -114,7 +113,7 @@ impl Shape {
         ))
     }
 
-    /// Two critics with fresh parameters.
+    /// Creates both critics.
     pub(super) fn critics(&self, rng: &mut impl RngCore, device: &Device) -> Critics {
         if let Some(assets) = &self.assets {
             let mut critic = || AssetCritic::new(assets, self.width, rng, device);
@@ -137,7 +136,7 @@ impl Shape {
         [vec![inputs], vec![self.width; layers], vec![outputs]].concat()
     }
 
-    /// Outputs of a policy of this shape.
+    /// Outputs of a policy, `[batch, n_shares]`.
     pub(super) fn shares(&self, policy: &PolicyNetwork, observations: &Tensor<2>) -> Tensor<2> {
         match (policy, &self.assets) {
             (PolicyNetwork::Dense(network), _) => network.forward(observations.clone()),
@@ -148,7 +147,7 @@ impl Shape {
         }
     }
 
-    /// Writes a policy of this shape as `policy.safetensors` into `dir`.
+    /// Writes a policy as `policy.safetensors` into `dir`.
     pub(super) fn write(
         &self,
         policy: &PolicyNetwork,
@@ -165,11 +164,11 @@ impl Shape {
         }
     }
 
-    /// A policy's file, if its network acts on these ports. One that treats assets alike acts on any number
-    /// of them.
+    /// Reads a policy file, if its network acts on these ports. An equivariant policy acts on any number of
+    /// assets.
     ///
     /// # Errors
-    /// As [`checkpoint::read_policy`].
+    /// Those of [`checkpoint::read_policy`].
     pub(super) fn policy_file(&self, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
         match &self.assets {
             Some(assets) => assets.policy_file(NAME, dir, ports, head),
@@ -177,7 +176,7 @@ impl Shape {
         }
     }
 
-    /// The policy with the parameters that [`write`](Self::write) put into a file.
+    /// Loads the parameters that [`write`](Self::write) wrote into a policy.
     pub(super) fn read(policy: PolicyNetwork, file: &TensorFile) -> Result<PolicyNetwork, TensorFileError> {
         Ok(match policy {
             PolicyNetwork::Dense(network) => PolicyNetwork::Dense(restore(network, PREFIX, file)?),
@@ -185,7 +184,7 @@ impl Shape {
         })
     }
 
-    /// Values of both critics of this shape.
+    /// Values of both critics, `[batch, 1]` each.
     pub(super) fn values(
         &self,
         critics: &Critics,

@@ -1,14 +1,15 @@
-//! The policy that treats assets alike as a graph for other runtimes.
+//! The equivariant policy as a graph for other runtimes.
 //!
-//! What the encoder reads of an asset is its own channels beside what all assets share: the means and the channels of
-//! none. A layer over both is the sum of a layer over each, so nothing is repeated for every asset: `x_i W = own_i
-//! W_own + shared W_shared`, and so for the head, which reads an asset's features beside their mean.
+//! The encoder reads an asset's own channels beside shared ones: the means over the assets and the common
+//! channels. A layer over both is the sum of a layer over each, so nothing is repeated for every asset: `x_i
+//! W = own_i W_own + shared W_shared`. The same holds for the head, which reads an asset's features beside
+//! their mean.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
 //! | own | each asset's own channels | `[batch, assets, blocks]` |
-//! | shared | their means and the channels of none | `[batch, 1, blocks + common]` |
-//! | h | what the encoder gives | `[batch, assets, width]` |
+//! | shared | their means and the common channels | `[batch, 1, blocks + common]` |
+//! | h | outputs of the encoder | `[batch, assets, width]` |
 
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
 use contract::{Error, policy_form::PortablePolicy};
@@ -21,7 +22,7 @@ use numerics::{
 use serde::Deserialize;
 use std::path::Path;
 
-/// What the file says of itself.
+/// Header of the policy file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct Header {
     n_assets: usize,
@@ -34,10 +35,10 @@ struct Header {
     head: Head,
 }
 
-/// The policy, where a folder holds a file of this form.
+/// Graph of the policy; `None` where the file in `dir` is of another form.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where it is not whole.
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or damaged.
 pub(super) fn portable(dir: &Path) -> Result<Option<Vec<PortablePolicy>>, Error> {
     let file = tensors(dir)?;
     if file.header["architecture"] != "equivariant" {
@@ -136,7 +137,7 @@ fn mean_over_assets(graph: &mut Graph, x: &Value) -> Value {
     graph.node("ReduceMean", &[x], &settings)
 }
 
-/// The two layers of a network of `inputs`.
+/// Reads the two layers of a network with `inputs` inputs.
 fn two_layers(file: &TensorFile, name: &str, inputs: usize) -> Result<[Dense; 2], Error> {
     let layers = dense_layers(file, name).map_err(error)?;
     let n = layers.len();
@@ -148,7 +149,8 @@ fn two_layers(file: &TensorFile, name: &str, inputs: usize) -> Result<[Dense; 2]
     }
 }
 
-/// Two layers with a leaky rectifier between them, over inputs of which each meets its rows of the first weight.
+/// Two layers with a leaky rectifier between them. Each input is multiplied with its own rows of the first
+/// weight.
 fn apply(graph: &mut Graph, [first, second]: &[Dense; 2], inputs: [(&Value, Vec<usize>); 2]) -> Value {
     let mut sum = bias(graph, first);
     for (x, rows) in inputs {

@@ -88,8 +88,7 @@ fn critics_see_shares_or_centred_ones() {
                 .0,
         )[0]
     };
-    // Both agents draw the same critics, so that the scaled shares given as they are must have the same
-    // value.
+    // Both agents have the same critics, so that scaled shares passed to the plain one have the same value.
     assert_eq!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, -1.0]));
     assert_ne!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, 0.0]));
 }
@@ -187,12 +186,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     bandit::assert_declared(&mut agent(tiny()), &metrics());
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     for evaluation_action in [EvaluationAction::Mean, EvaluationAction::Mode] {
         bandit::assert_exports(&mut agent(Config {
             evaluation_action,

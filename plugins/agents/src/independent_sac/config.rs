@@ -1,8 +1,8 @@
 //! The hyper-parameters of independent soft actor-critic, each with the source of its default.
 
 use crate::shared::{
-    joint::Sight,
-    seat_network::{Hidden, check_batch},
+    joint::ObservationScope,
+    seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -20,9 +20,9 @@ pub struct Config {
     /// Step size of Adam for the critics.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub critic_learning_rate: f64,
-    /// How the weight alpha of the entropy is found.
+    /// Rule for the weight alpha of the entropy.
     pub temperature: Temperature,
-    /// Temperature before learning, which a fixed one keeps.
+    /// Temperature before learning; a fixed temperature keeps it.
     #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "own choice"))]
     pub first_temperature: f64,
     /// Step size of Adam for the logarithm of an automatic temperature.
@@ -49,10 +49,10 @@ pub struct Config {
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "own choice; Haarnoja et al. 2018, table 1: \
                                                                 256"))]
     pub width: usize,
-    /// Hidden layers of every network.
+    /// Number of hidden layers of every network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub hidden_layers: usize,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub activation: Activation,
     /// Transitions that the replay buffer holds.
@@ -64,20 +64,20 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// Whether policy and critics of a seat see what it observes, or what all do.
-    pub sight: Sight,
-    /// Learn from rewards less their mean and divided by their deviation over the whole buffer.
+    /// Observations that policy and critics of a seat see.
+    pub sight: ObservationScope,
+    /// Standardise rewards by their mean and deviation over the whole buffer.
     pub reward_normalisation: bool,
 }
 
-/// How the weight of the entropy is found.
+/// Rule for the weight of the entropy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Temperature {
-    /// It steers each seat to the target entropy.
+    /// The temperature steers each seat to the target entropy.
     #[default]
     Automatic,
-    /// It stays as it starts.
+    /// The temperature keeps its first value.
     Fixed,
 }
 
@@ -100,7 +100,7 @@ impl Default for Config {
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: None,
-            sight: Sight::Own,
+            sight: ObservationScope::Own,
             reward_normalisation: false,
         }
     }
@@ -145,7 +145,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         check_batch(self.batch_size, self.replay_capacity)?;
         if self.temperature == Temperature::Automatic || self.target_entropy.is_none() {
@@ -159,17 +159,17 @@ impl Config {
         })
     }
 
-    /// The entropy in nats that the temperature of a seat with `n` entries of its action steers to.
+    /// Target entropy in nats of a seat whose action has `n` entries.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
     pub fn target_nats(&self, n: usize) -> f64 {
         self.target_entropy.unwrap_or(-(n as f64))
     }
 
-    /// The hidden layers of every network.
+    /// Size and activation of the hidden layers of every network.
     #[must_use]
-    pub fn hidden(&self) -> Hidden {
-        Hidden {
+    pub fn hidden(&self) -> HiddenLayers {
+        HiddenLayers {
             width: self.width,
             layers: self.hidden_layers,
             activation: self.activation,

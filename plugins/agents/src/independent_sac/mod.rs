@@ -1,4 +1,4 @@
-//! Independent soft actor-critic: every seat learns alone and takes the others for a part of its environment.
+//! Independent soft actor-critic: every seat learns alone and treats the others as a part of its environment.
 //!
 //! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905 (equations are
 //! its), once per seat, as independent learners were defined by Tan 1993, "Multi-agent reinforcement
@@ -19,8 +19,8 @@
 //! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code.
 //! - A discount of 0.95 and tau of 0.01 by default, as for the other agents that play several seats; `preset:
 //!   haarnoja` has the paper's. `preset: thesis` and `preset: released_code` take sizes and rates of the
-//!   thesis's own algorithm: it does not compare with this one. No batch normalisation of inputs, which its
-//!   code has in every network.
+//!   thesis's own algorithm: it does not compare with this one. There is no batch normalisation of inputs,
+//!   which its code has in every network.
 //! - No uniform first actions: the untrained policies act until learning starts.
 //!
 //! Metrics, means over updates and seats since the last measurement: `critic_loss` half the squared error
@@ -47,7 +47,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, TwinMlp, values},
-    optimizer::{Adam, ScalarAdam, Trained},
+    optimizer::{Adam, ScalarAdam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     squashed::{mean_action, sample_exact},
@@ -60,7 +60,7 @@ const NAME: &str = "independent_sac";
 /// Gain of the policies' last layer: first means are close to zero and first deviations close to 1.
 const POLICY_OUTPUT_GAIN: f64 = 0.1;
 
-/// The agent.
+/// Soft actor-critic in every seat.
 #[derive(Debug, Clone)]
 pub struct IndependentSac {
     config: Config,
@@ -70,11 +70,11 @@ pub struct IndependentSac {
     schedule: UpdateSchedule,
 }
 
-/// What one seat learns with.
+/// Networks and temperature of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     temperature: TemperatureState,
     target_entropy: f64,
@@ -87,7 +87,7 @@ struct TemperatureState {
     adam: ScalarAdam,
 }
 
-/// What one seat reads of a batch.
+/// Columns of a batch from which one seat learns.
 struct SeatBatch {
     seen: Tensor<2>,
     actions: Tensor<2>,
@@ -96,7 +96,7 @@ struct SeatBatch {
     continues: Tensor<2>,
 }
 
-/// What is stored of the agent besides tensors.
+/// State of a checkpoint besides its tensors.
 #[derive(Serialize, Deserialize)]
 struct Counters {
     temperatures: Vec<TemperatureState>,
@@ -122,7 +122,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(IndependentSac::new(config, interface, rng)?))
 }
 
-/// What [`IndependentSac::learn`] records.
+/// Metrics that [`IndependentSac::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new(
@@ -227,11 +227,11 @@ impl Learner {
         let adam = ScalarAdam::new(config.temperature_learning_rate);
         Self {
             target_critics: critics.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critics: Trained::new(
+            critics: TrainedNetwork::new(
                 critics,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),
@@ -266,7 +266,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
+    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
     fn soft_target(&self, batch: &SeatBatch, discount: f64, rng: &mut Rng) -> Tensor<2> {
         let next = sample_exact(
             self.policy.network().valid().forward(batch.next_seen.clone()),
@@ -302,10 +302,10 @@ impl Learner {
         Ok(f64::from(log_pi))
     }
 
-    /// The loss of eq. 9, and the means of `log pi` and of the lower critic.
+    /// Loss of eq. 9, and the means of `log pi` and of the lower critic.
     fn policy_loss(&self, policy: &Mlp, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
         let drawn = sample_exact(policy.forward(batch.seen.clone()), rng);
-        // Plain critics: the gradient passes through them to the action, and none of their own is computed.
+        // Untracked critics: the gradient passes through them to the action alone.
         let (q1, q2) = self
             .critics
             .network()
@@ -343,7 +343,7 @@ fn joined(seen: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
 }
 
 impl IndependentSac {
-    /// What the policy of a seat sees and does.
+    /// Inputs and outputs of a seat's policy as its file describes them.
     fn ports(&self, seat: usize) -> Ports {
         self.layout.ports(
             self.config.sight.columns(&self.layout, seat),
@@ -443,7 +443,7 @@ impl Agent for IndependentSac {
         Ok(())
     }
 
-    /// One file per seat, in a folder with the seat's name.
+    /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
             let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);

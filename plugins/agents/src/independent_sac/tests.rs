@@ -1,7 +1,7 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::{coordination as game, joint::Sight};
+use crate::shared::{coordination as game, joint::ObservationScope};
 use contract::random::stream;
 use numerics::{network::Activation, optimizer::gradients};
 
@@ -38,7 +38,7 @@ fn a_seat_reads_its_own_part() {
     assert_eq!(values(own.rewards), values(columns(&joint.rewards, 1..2)));
     assert_eq!(values(own.seen), values(columns(&joint.observations, 1..2)));
     let wide = trained(Config {
-        sight: Sight::Joint,
+        sight: ObservationScope::Joint,
         ..tiny()
     })
     .0;
@@ -130,7 +130,7 @@ fn a_fixed_temperature_stays_and_an_automatic_one_moves() {
 #[test]
 fn it_learns_to_coordinate() {
     let mut rng = stream(&["coordination"]);
-    // A short memory: what the other did long ago is no part of the present environment.
+    // A small buffer: old actions of the other seat are no part of the present environment.
     let mut agent = agent(Config {
         replay_capacity: 256,
         updates_per_step: 0.5,
@@ -153,7 +153,7 @@ fn spaces_that_do_not_fit_are_refused() {
 
 #[test]
 fn a_saved_agent_continues() {
-    for sight in [Sight::Own, Sight::Joint] {
+    for sight in [ObservationScope::Own, ObservationScope::Joint] {
         let config = Config {
             reward_normalisation: true,
             sight,
@@ -164,16 +164,16 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     game::assert_declared(&mut agent(tiny()), &metrics());
 }
 
 #[test]
-fn the_exported_policies_act_as_the_agent_is_scored() {
+fn the_exported_policies_take_the_evaluation_actions() {
     game::assert_exports(&mut trained(tiny()).0, 0.3, 1);
     game::assert_exports(
         &mut trained(Config {
-            sight: Sight::Joint,
+            sight: ObservationScope::Joint,
             ..tiny()
         })
         .0,

@@ -41,10 +41,10 @@ pub struct Config {
     /// Smoothing tau of the target critic and the target policy.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.1"))]
     pub target_smoothing: f64,
-    /// What part of the cost the Lyapunov value has to fall by at each step, alpha_3.
+    /// Share of the cost by which the Lyapunov value has to fall at each step, alpha_3.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "thesis, table 2.1"))]
     pub decrease: f64,
-    /// Multiplier lambda before learning; what counts of it is at most 1.
+    /// Multiplier lambda before learning; it counts as at most 1.
     #[schemars(range(min = 1e-9, max = 1.0), extend("x-source" = "thesis, table 2.1; released code: 1"))]
     pub first_multiplier: f64,
     /// Temperature beta before learning.
@@ -53,21 +53,21 @@ pub struct Config {
     /// Entropy in nats that the temperature steers to; null for minus the number of entries of an action.
     #[schemars(extend("x-source" = "thesis, table 2.1: null"))]
     pub target_entropy: Option<f64>,
-    /// Weight alpha of how far the scored action moves between a state and the one before it; 0 leaves it out
-    /// and makes the algorithm LAC.
+    /// Weight alpha of the distance between the deterministic actions of a state and its predecessor; 0
+    /// leaves it out and makes the algorithm LAC.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "thesis, eq. 2.10, without a value; \
                                                                  released code: 0.5 for CLAC"))]
     pub smoothness: f64,
-    /// How the moves of a batch become one number.
+    /// Norm of the differences between neighbouring actions of a batch.
     #[schemars(extend("x-source" = "thesis, eq. 2.10; released code: frobenius"))]
     pub smoothness_norm: SmoothnessNorm,
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 2.4.1"))]
     pub width: usize,
-    /// Hidden layers of policy and Lyapunov critic.
+    /// Number of hidden layers of policy and Lyapunov critic.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 2.4.1; released code: 3"))]
     pub hidden_layers: usize,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     #[schemars(extend("x-source" = "thesis, section 2.4.1"))]
     pub activation: Activation,
     /// Smallest logarithm of the policy's standard deviation.
@@ -78,15 +78,15 @@ pub struct Config {
     #[schemars(range(min = -20.0, max = 2.0), extend("x-source" = "Han et al. 2020, authors' code; released \
                                                                    code: 1"))]
     pub log_sd_high: f64,
-    /// True where a value still follows the last step of an episode that was cut off.
+    /// Whether a value still follows the last step of an episode that was cut off.
     #[schemars(extend("x-source" = "own choice; released code: false"))]
     pub bootstrap_at_time_limit: bool,
-    /// Standard deviation of what is added to observations, as networks see them, while exploring; what is
-    /// stored has none.
+    /// Standard deviation of the noise that is added to scaled observations while exploring; stored
+    /// observations have none.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "thesis: none told; released code: 0.01 for \
                                                                  CLAC, none for LAC"))]
     pub exploration_observation_sd: f64,
-    /// What the names of the channels that it is added to begin with; empty for all channels.
+    /// Beginnings of the names of the channels with that noise; empty for all channels.
     #[schemars(extend("x-source" = "released code: the measurements to be tracked"))]
     pub exploration_noise_channels: Vec<String>,
     /// Updates per environment step, all environments counted.
@@ -101,11 +101,11 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
-/// How the moves `d_i = pi*(s_i) - pi*(s_i before)` of a batch become one number.
+/// Norm of the differences `d_i = pi*(s_i) - pi*(s_i before)` in a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SmoothnessNorm {
@@ -116,11 +116,11 @@ pub enum SmoothnessNorm {
     Frobenius,
 }
 
-/// Added to squares before their root is taken, so that equal actions have a gradient: that of zero.
+/// Constant added to squares before their root is taken, so that equal actions have the gradient 0.
 const LEAST_SQUARE: f64 = 1e-12;
 
 impl SmoothnessNorm {
-    /// The number, `[1]`, of moves `[batch, n]`.
+    /// Norm `[1]` of differences `[batch, n]`.
     #[must_use]
     pub fn of(self, moves: Tensor<2>) -> Tensor<1> {
         let squares = moves.square();
@@ -165,7 +165,7 @@ impl Default for Config {
     }
 }
 
-/// What thesis, table 2.1 and section 2.4.1, print for both algorithms.
+/// Values that the thesis, table 2.1 and section 2.4.1, prints for both algorithms.
 fn thesis() -> Value {
     json!({
         "actor_learning_rate": 1e-4, "lyapunov_learning_rate": 3e-4, "batch_size": 256, "discount": 0.99,
@@ -174,7 +174,7 @@ fn thesis() -> Value {
     })
 }
 
-/// What the released code of the thesis' group has for LAC.
+/// Values in the released code of the thesis' group for LAC.
 fn released_code() -> Value {
     json!({
         "actor_learning_rate": 1e-4, "lyapunov_learning_rate": 3e-4, "multiplier_learning_rate": 1e-5,
@@ -211,7 +211,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         let Self {
             log_sd_low,
@@ -225,7 +225,7 @@ impl Config {
         check_batch(self.batch_size, self.replay_capacity)
     }
 
-    /// What is left of every learning rate after a number of environment steps.
+    /// Factor of every learning rate after `n_steps` environment steps, between 0 and 1.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
     pub fn rate_left(&self, n_steps: u64) -> f64 {
@@ -234,7 +234,7 @@ impl Config {
     }
 }
 
-/// Hyper-parameters of `clac`: those of `lac`, with the smoothness term on where nothing is said of it.
+/// Hyper-parameters of `clac`: those of `lac`, with the smoothness term on by default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Map<String, Value>")]
 pub struct ClacConfig(pub Config);
@@ -248,7 +248,7 @@ impl Default for ClacConfig {
     }
 }
 
-/// The defaults of `clac` as JSON.
+/// Defaults of `clac` as JSON.
 fn clac_defaults() -> Map<String, Value> {
     match json!(ClacConfig::default()) {
         Value::Object(defaults) => defaults,
@@ -256,7 +256,7 @@ fn clac_defaults() -> Map<String, Value> {
     }
 }
 
-/// Keys that are left out have the defaults of `clac`; deriving would give them those of `lac`.
+/// Missing keys take the defaults of `clac`; a derived implementation would take those of `lac`.
 impl TryFrom<Map<String, Value>> for ClacConfig {
     type Error = serde_json::Error;
 
@@ -363,7 +363,7 @@ mod tests {
         assert!(released.check().is_ok());
     }
 
-    /// Moves (3, 4) and (0, 1): lengths 5 and 1, together sqrt(26); equal actions do not move.
+    /// Differences (3, 4) and (0, 1): lengths 5 and 1, Frobenius norm sqrt(26); equal actions have length 0.
     #[test]
     fn norms_by_hand() {
         let of = |norm: SmoothnessNorm, moves: &[f32]| values(norm.of(matrix(moves.to_vec(), 2)))[0];

@@ -1,5 +1,5 @@
-//! What is added to observations while the policy explores, so that it learns to act on measurements with
-//! noise. What is stored has none.
+//! Noise on observations while the policy explores, so that it learns to act on noisy measurements. Stored
+//! observations have none.
 
 use super::config::Config;
 use crate::shared::box_seat::BoxSeat;
@@ -15,7 +15,7 @@ pub struct Disturbance {
 }
 
 impl Disturbance {
-    /// The noise that a config asks for.
+    /// Noise that a config asks for.
     ///
     /// # Errors
     /// [`Error::Config`] where it names channels that the seat does not observe.
@@ -30,7 +30,7 @@ impl Disturbance {
         })
     }
 
-    /// Adds fresh noise to scaled observations, one after the other; draws nothing where there is none.
+    /// Adds new noise to scaled observations, row by row; draws no number where the deviation is 0.
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn add_to(&self, seen: &mut [f32], rng: &mut Rng) {
         if self.sd <= 0.0 {
@@ -50,7 +50,7 @@ mod tests {
     use crate::shared::{regulator, scaling::ObservationScaling};
     use contract::random::stream;
 
-    /// Variances of what is added to both channels.
+    /// Variances of the noise on both channels.
     fn added(sd: f64, prefixes: &[&str]) -> Result<[f32; 2], Error> {
         let config = Config {
             exploration_observation_sd: sd,

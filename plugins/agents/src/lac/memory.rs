@@ -1,56 +1,56 @@
-//! The replay buffer of the Lyapunov actor-critics: transitions with their costs and, where it is asked for,
-//! what was seen before each.
+//! Replay buffer of the Lyapunov actor-critics: transitions with their costs and, on request, the observation
+//! before each.
 //!
-//! What was seen before lies behind the action in a row of the buffer, so that drawing keeps them together. A
-//! transition without, the first one of an episode, is not stored then.
+//! The observation before a transition lies behind the action in a row of the buffer, so that a draw keeps
+//! them together. The first transition of an episode has none and is not stored then.
 
 use crate::shared::{joint::columns, replay::Replay, scaling::Scaling};
 use burn::tensor::Tensor;
 use contract::{End, Rng, Transition};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 
-/// The buffer, and what was seen last by each environment that is stepped.
+/// The buffer, and the latest observation of each environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Memory {
     replay: Replay,
     n_acted: usize,
-    options: Options,
-    before: Before,
+    options: MemoryOptions,
+    before: PreviousObservations,
 }
 
-/// What is stored of a transition.
+/// Options of the buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Options {
-    /// What was seen before it.
+pub struct MemoryOptions {
+    /// Whether the observation before a transition is stored with it.
     pub before: bool,
-    /// That a value still follows it where its episode was only cut off.
+    /// Whether a value still follows a transition whose episode was cut off.
     pub bootstrap_at_time_limit: bool,
 }
 
-/// What was seen, scaled, before the next transition of each environment; none where an episode begins.
-pub type Before = Vec<Option<Vec<f64>>>;
+/// Scaled observation before the next transition of each environment; `None` where an episode begins.
+pub type PreviousObservations = Vec<Option<Vec<f64>>>;
 
-/// Transitions that were drawn, as plain tensors.
+/// A batch of transitions as tensors without gradients.
 #[derive(Debug, Clone)]
-pub struct Drawn {
-    /// What was seen, `[batch, observed]`.
+pub struct MemoryBatch {
+    /// Observations s, `[batch, observed]`.
     pub observations: Tensor<2>,
-    /// What was done, `[batch, n]`.
+    /// Actions a, `[batch, n]`.
     pub actions: Tensor<2>,
-    /// What it cost, `[batch, 1]`.
+    /// Costs c, `[batch, 1]`.
     pub costs: Tensor<2>,
-    /// What was seen next, `[batch, observed]`.
+    /// Next observations s', `[batch, observed]`.
     pub next_observations: Tensor<2>,
     /// 1 where a value follows, else 0, `[batch, 1]`.
     pub continues: Tensor<2>,
-    /// What was seen before, `[batch, observed]`, where it is stored.
+    /// Observations before s, `[batch, observed]`, where they are stored.
     pub before: Option<Tensor<2>>,
 }
 
 impl Memory {
-    /// An empty buffer for `capacity` transitions with `n_observed` and `n_acted` entries.
+    /// Creates an empty buffer for `capacity` transitions with `n_observed` and `n_acted` entries.
     #[must_use]
-    pub fn new(capacity: usize, n_observed: usize, n_acted: usize, options: Options) -> Self {
+    pub fn new(capacity: usize, n_observed: usize, n_acted: usize, options: MemoryOptions) -> Self {
         let beside = if options.before { n_observed } else { 0 };
         Self {
             replay: Replay::new(capacity, n_observed, n_acted + beside, 1),
@@ -60,13 +60,13 @@ impl Memory {
         }
     }
 
-    /// True before the first transition that is stored.
+    /// Whether no transition is stored.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.replay.is_empty()
     }
 
-    /// Takes in one step of every environment, always in the same order.
+    /// Adds one step of every environment, always in the same order.
     pub fn push(&mut self, transitions: &[Transition], scaling: &Scaling) {
         self.before.resize(transitions.len(), None);
         for (at, transition) in transitions.iter().enumerate() {
@@ -78,7 +78,7 @@ impl Memory {
                 let seen = || scaling.apply(&transition.observation.seats[0]).map(f64::from);
                 let now = transition.end.is_none().then(|| seen().collect());
                 let Some(before) = std::mem::replace(&mut self.before[at], now) else {
-                    // The first step of an episode.
+                    // The first step of an episode has no predecessor.
                     continue;
                 };
                 stored.action.push(before);
@@ -87,12 +87,12 @@ impl Memory {
         }
     }
 
-    /// At most `n` different transitions, drawn uniformly.
-    pub fn sample(&self, n: usize, rng: &mut Rng) -> Drawn {
+    /// Draws at most `n` different transitions uniformly.
+    pub fn sample(&self, n: usize, rng: &mut Rng) -> MemoryBatch {
         let batch = self.replay.sample_distinct(n.min(self.replay.len()), rng);
         let stored = batch.actions.dims()[1];
         let before = self.n_acted..stored;
-        Drawn {
+        MemoryBatch {
             observations: batch.observations,
             actions: columns(&batch.actions, 0..self.n_acted),
             costs: batch.rewards.neg(),
@@ -102,22 +102,26 @@ impl Memory {
         }
     }
 
-    /// What was seen last, to be stored beside [`Memory::store`].
+    /// Latest observations, which a checkpoint keeps beside [`Memory::store`].
     #[must_use]
-    pub fn before(&self) -> &Before {
+    pub fn before(&self) -> &PreviousObservations {
         &self.before
     }
 
-    /// Puts the buffer into a file.
+    /// Stores the buffer in a file.
     pub fn store(&self, file: &mut TensorFile) {
         self.replay.store(file);
     }
 
-    /// Continues from what [`Memory::store`] put into a file, and from what was seen last.
+    /// Restores the buffer that [`Memory::store`] wrote, with the latest observations.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file holds no buffer or one of another shape.
-    pub fn restore(&mut self, file: &TensorFile, before: Before) -> Result<(), TensorFileError> {
+    pub fn restore(
+        &mut self,
+        file: &TensorFile,
+        before: PreviousObservations,
+    ) -> Result<(), TensorFileError> {
         self.replay.restore(file)?;
         self.before = before;
         Ok(())
@@ -132,14 +136,14 @@ mod tests {
     use numerics::network::values;
 
     fn memory(before: bool, bootstrap_at_time_limit: bool) -> Memory {
-        let options = Options {
+        let options = MemoryOptions {
             before,
             bootstrap_at_time_limit,
         };
         Memory::new(16, 1, 2, options)
     }
 
-    /// One step from `x` to `x + 1` that costs `10 x`.
+    /// One step from `x` to `x + 1` with cost `10 x`.
     fn transition(x: f64, end: Option<End>) -> Transition {
         let observe = |x: f64| Observation {
             seats: vec![vec![x]],
@@ -154,7 +158,7 @@ mod tests {
         }
     }
 
-    /// Observations are halved.
+    /// Scaling that halves observations.
     fn scaling() -> Scaling {
         Scaling::new(
             ObservationScaling::Typical,
@@ -162,7 +166,7 @@ mod tests {
         )
     }
 
-    /// Columns of everything that is stored, sorted by what was seen.
+    /// Columns of all stored transitions, sorted by observation.
     fn rows(memory: &Memory) -> Vec<[f32; 6]> {
         let drawn = memory.sample(99, &mut stream(&["memory"]));
         let [seen, done, costs, next, goes_on] = [
@@ -189,7 +193,8 @@ mod tests {
         rows
     }
 
-    /// Two environments: one goes from 1 to 4, the other is cut off after 11 and starts again at 14.
+    /// Buffer after the steps of two environments: one goes from 1 to 4, the other is cut off after 11 and
+    /// starts again at 14.
     fn filled(mut memory: Memory) -> Memory {
         let ends = [None, Some(End::Truncated), None, None];
         let others = [10.0, 11.0, 14.0, 15.0];
@@ -200,9 +205,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_seen_before_stays_beside_a_transition_and_in_its_episode() {
+    fn the_observation_before_stays_with_its_transition_and_episode() {
         let found = rows(&filled(memory(true, true)));
-        // Not the first steps of episodes: from 1, from 10 and from 14.
+        // The first steps of episodes, from 1, 10 and 14, are missing.
         let row = |x: f32| [(x - 1.0) / 2.0, x / 2.0, x / 2.0, 10.0 * x, (x + 1.0) / 2.0, 1.0];
         assert_eq!(found, [2.0, 3.0, 4.0, 11.0, 15.0].map(row));
     }
@@ -215,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_limit_ends_the_value_where_it_shall() {
+    fn a_time_limit_ends_the_value_without_bootstrapping() {
         for (bootstrap, expected) in [(true, 1.0), (false, 0.0)] {
             let mut memory = memory(false, bootstrap);
             memory.push(&[transition(1.0, Some(End::Truncated))], &scaling());

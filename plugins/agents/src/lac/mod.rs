@@ -1,4 +1,4 @@
-//! Lyapunov actor-critic (`lac`), and the constrained one (`clac`) whose actions are to be smooth.
+//! Lyapunov actor-critic (`lac`), and its constrained form (`clac`) with smooth actions.
 //!
 //! M. Han, L. Zhang, J. Wang and W. Pan 2020, "Actor-critic reinforcement learning for control with
 //! stability guarantee", arXiv:2004.14288, and the authors' code; thesis, section 2.3.3, for `clac`
@@ -9,18 +9,18 @@
 //! | c | cost, minus the reward; 0 at least | `[batch, 1]` |
 //! | s, s' | `observations`, `next_observations` (scaled) | `[batch, observed]` |
 //! | a = f(eps, s) | `tanh(mean + sd noise)`, ln sd within `log_sd_low` and `log_sd_high` | `[batch, n]` |
-//! | pi*(s) | `tanh(mean)`, where it is scored too | `[batch, n]` |
-//! | s_near | `before`, what was seen one step before s | `[batch, observed]` |
+//! | pi*(s) | `tanh(mean)`, also the action in evaluation | `[batch, n]` |
+//! | s_near | `before`, the observation one step before s | `[batch, observed]` |
 //! | L(s, a) | sum of the squares of the last hidden layer of `lyapunov` | `[batch, 1]` |
-//! | L target | of `target_lyapunov` at a sample of `target_policy` | `[batch, 1]` |
+//! | L target | `target_lyapunov` at a sample of `target_policy` | `[batch, 1]` |
 //! | lambda | `multiplier`, at most 1 where it counts | scalar |
 //! | beta, H_t | `temperature`, `target_entropy` | scalars |
 //! | alpha, alpha_3 | `smoothness`, `decrease` | scalars |
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
 //! An update, after which both targets follow by tau:
-//! - L descends half the squared error to `c + gamma (1 - d) L_target(s', a')` (eq. 2.5 and 2.6); no entropy
-//!   is paid for;
+//! - L descends half the squared error to `c + gamma (1 - d) L_target(s', a')` (eq. 2.5 and 2.6) without an
+//!   entropy bonus;
 //! - the policy descends `lambda D + beta mean(log pi(a | s)) + alpha |pi*(s) - pi*(s_near)|` (eq. 2.7 and
 //!   2.10) with the violation `D = mean(L(s', f(eps, s')) - L(s, a) + alpha_3 c)`, in which a gradient passes
 //!   through the action at s' alone;
@@ -29,8 +29,8 @@
 //! Departures
 //! - Eq. 2.6 prints a maximum over actions; a sample is taken, as all public code does.
 //! - Eq. 2.8 and 2.9 print beta and lambda themselves as factors; public code has their logarithms.
-//! - The parts of an update follow each other. In public code they are evaluated together, and the targets
-//!   follow first.
+//! - The parts of an update follow each other. Public code evaluates them at once, and moves the targets
+//!   first.
 //! - Leaky rectifiers have the slope 0.01 below zero (Maas et al. 2013, whom the thesis names), in the
 //!   released code 0.2. Mean and ln sd are one last layer of the policy, there they are two.
 //! - Learning rates decline from update to update, in the released code from episode to episode; it keeps
@@ -64,11 +64,11 @@ use contract::{
     Transition, Updates,
 };
 use exploration::Disturbance;
-use memory::{Before, Drawn, Memory, Options};
+use memory::{Memory, MemoryBatch, MemoryOptions, PreviousObservations};
 use networks::{Limits, value};
 use numerics::{
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     squashed::{mean_action, sample_exact},
@@ -79,7 +79,7 @@ use std::path::Path;
 
 const LAC: &str = "lac";
 const CLAC: &str = "clac";
-/// The agent, under either name.
+/// Agent of both algorithms.
 #[derive(Debug, Clone)]
 pub struct LyapunovActorCritic {
     name: &'static str,
@@ -87,8 +87,8 @@ pub struct LyapunovActorCritic {
     seat: BoxSeat,
     disturbance: Disturbance,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    lyapunov: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    lyapunov: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_lyapunov: Mlp,
     multiplier: Multiplier,
@@ -97,16 +97,16 @@ pub struct LyapunovActorCritic {
     schedule: UpdateSchedule,
 }
 
-/// What is stored of the agent besides tensors.
+/// State of a checkpoint besides its tensors.
 #[derive(Serialize, Deserialize)]
 struct Counters {
     multiplier: Multiplier,
     temperature: Multiplier,
-    before: Before,
+    before: PreviousObservations,
     schedule: UpdateSchedule,
 }
 
-/// What the policy descends, and the means that are in it.
+/// Loss of the policy with the means of its parts.
 struct PolicyLoss {
     loss: Tensor<1>,
     violation: f64,
@@ -135,7 +135,7 @@ pub(crate) fn register_constrained(registry: &mut Registry, version: u32) {
     );
 }
 
-/// No datasets: what was seen before a transition is no part of one.
+/// Traits of both algorithms. They take no datasets, whose transitions lack the observation before.
 fn traits() -> AgentTraits {
     AgentTraits {
         learns: true,
@@ -147,8 +147,8 @@ fn traits() -> AgentTraits {
 /// Builds the agent for one seat that observes a box and acts in a box with limits -1 and 1.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other or name
-/// channels that are not there.
+/// [`Error::Mismatch`] for any other seat; [`Error::Config`] for settings that contradict each other or name
+/// unknown channels.
 fn build(
     name: &'static str,
     config: Config,
@@ -158,7 +158,7 @@ fn build(
     Ok(Box::new(LyapunovActorCritic::new(name, config, interface, rng)?))
 }
 
-/// What [`LyapunovActorCritic::learn`] records.
+/// Metrics that [`LyapunovActorCritic::learn`] records.
 fn metrics() -> Vec<Metric> {
     let of = Metric::new;
     vec![
@@ -196,7 +196,7 @@ impl LyapunovActorCritic {
         let policy = networks::policy(&config, n_seen, n_done, rng);
         let lyapunov = networks::lyapunov(&config, n_seen, n_done, rng);
         let adam = |rate| Adam::new(rate, config.gradient_clip);
-        let options = Options {
+        let options = MemoryOptions {
             before: config.smoothness > 0.0,
             bootstrap_at_time_limit: config.bootstrap_at_time_limit,
         };
@@ -206,8 +206,8 @@ impl LyapunovActorCritic {
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
             target_policy: policy.valid(),
             target_lyapunov: lyapunov.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            lyapunov: Trained::new(lyapunov, adam(config.lyapunov_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            lyapunov: TrainedNetwork::new(lyapunov, adam(config.lyapunov_learning_rate)),
             multiplier: Multiplier::new(config.first_multiplier, config.multiplier_learning_rate),
             temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
             memory: Memory::new(config.replay_capacity, n_seen, n_done, options),
@@ -224,7 +224,8 @@ impl LyapunovActorCritic {
         let PolicyLoss {
             violation, log_pi, ..
         } = self.update_policy(&batch, rng, record)?;
-        // Eq. 2.9 and 2.8: the weights rise where the value falls too little, and the entropy is too low.
+        // Eq. 2.9 and 2.8: the weights rise where the value falls too little and where the entropy is too
+        // low.
         self.multiplier.rise_with(violation);
         self.temperature.rise_with(log_pi + self.target_entropy);
         self.follow();
@@ -246,7 +247,12 @@ impl LyapunovActorCritic {
     }
 
     /// Eq. 2.5: the Lyapunov critic descends half the squared error to its target.
-    fn update_lyapunov(&mut self, batch: &Drawn, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn update_lyapunov(
+        &mut self,
+        batch: &MemoryBatch,
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         let target = self.target(batch, rng);
         let found = value(
             self.lyapunov.network(),
@@ -264,7 +270,7 @@ impl LyapunovActorCritic {
     }
 
     /// Eq. 2.6: `c + gamma (1 - d) L_target(s', a')` with a sample of the target policy, without gradients.
-    fn target(&self, batch: &Drawn, rng: &mut Rng) -> Tensor<2> {
+    fn target(&self, batch: &MemoryBatch, rng: &mut Rng) -> Tensor<2> {
         let next = self
             .limits()
             .draw(&self.target_policy, &batch.next_observations, rng);
@@ -278,7 +284,7 @@ impl LyapunovActorCritic {
 
     fn update_policy(
         &mut self,
-        batch: &Drawn,
+        batch: &MemoryBatch,
         rng: &mut Rng,
         record: &mut Recorder,
     ) -> Result<PolicyLoss, Error> {
@@ -302,8 +308,8 @@ impl LyapunovActorCritic {
         Ok(found)
     }
 
-    /// Eq. 2.7, and eq. 2.10 where there is a state before.
-    fn policy_loss(&self, policy: &Mlp, batch: &Drawn, rng: &mut Rng) -> PolicyLoss {
+    /// Eq. 2.7, and eq. 2.10 where the observation before is stored.
+    fn policy_loss(&self, policy: &Mlp, batch: &MemoryBatch, rng: &mut Rng) -> PolicyLoss {
         let violation = self.violation(policy, batch, rng);
         let head = self.limits().head(policy, &batch.observations);
         let log_pi = sample_exact(head.clone(), rng).log_density.mean();
@@ -325,8 +331,8 @@ impl LyapunovActorCritic {
     }
 
     /// `mean(L(s', f(eps, s')) - L(s, a) + alpha_3 c)`: above 0 where the Lyapunov value falls too little.
-    fn violation(&self, policy: &Mlp, batch: &Drawn, rng: &mut Rng) -> Tensor<1> {
-        // A plain critic: the gradient passes through it to the action, and none of its own is computed.
+    fn violation(&self, policy: &Mlp, batch: &MemoryBatch, rng: &mut Rng) -> Tensor<1> {
+        // An untracked critic: the gradient passes through it to the action alone.
         let lyapunov = self.lyapunov.network().valid();
         let next = self.limits().draw(policy, &batch.next_observations, rng).action;
         let rise = value(&lyapunov, &batch.next_observations, next)
@@ -341,12 +347,12 @@ impl LyapunovActorCritic {
         }
     }
 
-    /// The multiplier as it counts.
+    /// Multiplier as it enters the loss, at most 1.
     fn weight(&self) -> f64 {
         self.multiplier.value().min(1.0)
     }
 
-    /// Costs are at least 0, or their discounted sum is no Lyapunov function.
+    /// Refuses negative costs: their discounted sum is no Lyapunov function.
     fn check_costs(&self, transitions: &[Transition]) -> Result<(), Error> {
         let Some(gain) = transitions.iter().find(|it| it.rewards[0] > 0.0) else {
             return Ok(());
@@ -406,7 +412,7 @@ impl Agent for LyapunovActorCritic {
             .schedule
             .advance(transitions.len(), learning_starts, updates_per_step);
         if self.memory.is_empty() {
-            // Episodes of one step have no state before any transition.
+            // The buffer is empty after episodes of one step.
             return Ok(());
         }
         (0..due).try_for_each(|_| self.update(rng, record))

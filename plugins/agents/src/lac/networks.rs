@@ -1,4 +1,4 @@
-//! The two networks of the Lyapunov actor-critics: what the outputs of each mean.
+//! Networks of the Lyapunov actor-critics, and the meaning of their outputs.
 
 use super::config::Config;
 use burn::tensor::Tensor;
@@ -9,12 +9,12 @@ use numerics::{
     squashed::{Draw, sample_exact},
 };
 
-/// A policy to be trained: mean and ln sd of each entry of an action.
+/// Creates a policy network: mean and ln sd of each entry of an action.
 pub fn policy(config: &Config, n_observed: usize, n_acted: usize, rng: &mut Rng) -> Mlp {
     network(config, n_observed, Some(2 * n_acted), rng)
 }
 
-/// A Lyapunov critic to be trained, which ends in its last hidden layer.
+/// Creates a Lyapunov network, which ends in its last hidden layer.
 pub fn lyapunov(config: &Config, n_observed: usize, n_acted: usize, rng: &mut Rng) -> Mlp {
     network(config, n_observed + n_acted, None, rng)
 }
@@ -36,21 +36,21 @@ pub fn value(lyapunov: &Mlp, observations: &Tensor<2>, actions: Tensor<2>) -> Te
 /// Limits of ln sd.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// The smallest.
+    /// Smallest value.
     pub low: f64,
-    /// The largest.
+    /// Largest value.
     pub high: f64,
 }
 
 impl Limits {
-    /// The outputs of a policy, with ln sd held within the limits.
+    /// Outputs of a policy with ln sd clamped to the limits.
     #[must_use]
     pub fn head(self, policy: &Mlp, observations: &Tensor<2>) -> Tensor<2> {
         let (mean, log_sd) = mean_and_log_sd(policy.forward(observations.clone()));
         Tensor::cat(vec![mean, log_sd.clamp(self.low, self.high)], 1)
     }
 
-    /// A sample of a policy.
+    /// A sample of the policy's actions.
     pub fn draw(self, policy: &Mlp, observations: &Tensor<2>, rng: &mut Rng) -> Draw {
         sample_exact(self.head(policy, observations), rng)
     }
@@ -86,7 +86,7 @@ mod tests {
             let expected: f32 = row.iter().map(|h| h * h).sum();
             assert!((found - expected).abs() < 1e-5 * (1.0 + expected) && found > 0.0);
         }
-        // Leaky rectifiers follow the last layer too.
+        // Leaky rectifiers follow the last layer, too.
         let (above, below) = last.iter().partition::<Vec<f32>, _>(|h| **h > 0.0);
         let largest = |entries: &[f32]| entries.iter().fold(0.0f32, |most, h| most.max(h.abs()));
         assert!(largest(&below) < 0.1 * largest(&above));

@@ -39,8 +39,8 @@ fn agent(config: Config) -> LyapunovActorCritic {
     LyapunovActorCritic::new(LAC, config, &regulator::interface(), &mut stream(&["lac"])).unwrap()
 }
 
-/// An agent after some updates, and some of what it saw.
-fn trained(config: Config) -> (LyapunovActorCritic, Drawn) {
+/// An agent after some updates, and a batch of its transitions.
+fn trained(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
     regulator::train(&mut agent, &mut plants, 8, &mut rng);
@@ -48,9 +48,9 @@ fn trained(config: Config) -> (LyapunovActorCritic, Drawn) {
     (agent, batch)
 }
 
-/// As [`trained`], with networks whose differences are close to slopes, and what was seen before so far away
-/// that no move changes its sign.
-fn small(config: Config) -> (LyapunovActorCritic, Drawn) {
+/// An agent as in [`trained`], with smooth networks, and observations before so far away that no difference
+/// changes its sign.
+fn small(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
     let (agent, mut batch) = trained(Config {
         width: 5,
         activation: Activation::Tanh,
@@ -60,7 +60,7 @@ fn small(config: Config) -> (LyapunovActorCritic, Drawn) {
     (agent, batch)
 }
 
-fn loss(agent: &LyapunovActorCritic, policy: &Mlp, batch: &Drawn) -> Tensor<1> {
+fn loss(agent: &LyapunovActorCritic, policy: &Mlp, batch: &MemoryBatch) -> Tensor<1> {
     agent.policy_loss(policy, batch, &mut stream(&["xi"])).loss
 }
 
@@ -149,7 +149,7 @@ fn policy_gradients_agree_with_finite_differences() {
     }
 }
 
-/// The gradient of each norm alone, through both states.
+/// The gradient of each norm alone, through the actions at both states.
 #[test]
 fn smoothness_gradients_agree_with_finite_differences() {
     for norm in [SmoothnessNorm::Mean, SmoothnessNorm::Frobenius] {
@@ -177,7 +177,7 @@ fn no_gradient_reaches_the_critic_from_the_policy() {
     );
 }
 
-/// Where the value falls too little the multiplier rises, and what counts of it is at most 1.
+/// The multiplier rises where the value falls too little, and counts as at most 1.
 #[test]
 fn the_multiplier_rises_with_the_violation_and_is_clipped() {
     let after = |decrease| {
@@ -266,7 +266,7 @@ fn clac_learns_to_regulate() {
     regulator::assert_learns(&mut agent(smooth(0.02, SmoothnessNorm::Mean)), 400);
 }
 
-/// The steepness of the scored action between places that follow each other.
+/// Compares the slopes of the deterministic action between neighbouring positions.
 #[test]
 fn a_heavy_weight_keeps_neighbouring_actions_together() {
     let steepness = |smoothness| {
@@ -344,7 +344,8 @@ fn contradictions_and_seats_that_do_not_fit_are_refused() {
     );
 }
 
-/// Episodes of one step have no state before any transition: nothing is learned, and nothing breaks.
+/// Episodes of one step have no observation before any transition: the agent learns nothing and does not
+/// fail.
 #[test]
 fn episodes_of_one_step_give_no_neighbours() {
     let (mut agent, mut rng) = (agent(smooth(0.5, SmoothnessNorm::Mean)), stream(&["one"]));
@@ -374,7 +375,7 @@ fn saved_agents_continue() {
 }
 
 #[test]
-fn what_they_record_is_declared() {
+fn recorded_metrics_are_declared() {
     let declared = metrics();
     let all = regulator::names(&declared);
     regulator::assert_records(&mut agent(smooth(0.5, SmoothnessNorm::Mean)), &all);
@@ -382,6 +383,6 @@ fn what_they_record_is_declared() {
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     regulator::assert_exports(|rng| build(LAC, tiny(), &regulator::interface(), rng).unwrap());
 }

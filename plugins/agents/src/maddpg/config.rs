@@ -3,8 +3,8 @@
 
 use super::exploration::Noise;
 use crate::shared::{
-    joint::Sight,
-    seat_network::{Hidden, check_batch},
+    joint::ObservationScope,
+    seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// Hyper-parameters. The defaults are those of the authors' code as far as it has them.
+/// Hyper-parameters. The defaults are those of the authors' code where it states them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -39,10 +39,10 @@ pub struct Config {
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Lowe et al. 2017, appendix"))]
     pub width: usize,
-    /// Hidden layers of every network.
+    /// Number of hidden layers of every network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Lowe et al. 2017, appendix"))]
     pub hidden_layers: usize,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     #[schemars(extend("x-source" = "Lowe et al. 2017, appendix"))]
     pub activation: Activation,
     /// Transitions that the replay buffer holds.
@@ -54,9 +54,9 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0), extend("x-source" = "authors' code"))]
     pub gradient_clip: Option<f64>,
-    /// Whether a policy sees what its own seat observes, or what all do.
-    pub policy_sight: Sight,
-    /// Weight of the mean square of what enters the tanh.
+    /// Observations that the policy of a seat sees.
+    pub policy_sight: ObservationScope,
+    /// Weight of the mean square of the inputs of tanh.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "authors' code"))]
     pub logit_penalty: f64,
     /// Kind of the noise on the actions while training.
@@ -70,7 +70,7 @@ pub struct Config {
     /// Environment steps of the linear decline of the noise; 0 starts with the final deviation.
     #[schemars(extend("x-source" = "own choice"))]
     pub exploration_steps: u64,
-    /// Learn from rewards less their mean and divided by their deviation over the whole buffer.
+    /// Standardise rewards by their mean and deviation over the whole buffer.
     pub reward_normalisation: bool,
 }
 
@@ -89,7 +89,7 @@ impl Default for Config {
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: Some(0.5),
-            policy_sight: Sight::Own,
+            policy_sight: ObservationScope::Own,
             logit_penalty: 1e-3,
             exploration_noise: Noise::Gaussian,
             exploration_sd: 0.5,
@@ -148,7 +148,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         check_batch(self.batch_size, self.replay_capacity)?;
         if self.final_exploration_sd <= self.exploration_sd {
@@ -162,7 +162,7 @@ impl Config {
         })
     }
 
-    /// Deviation of the noise: a straight line from the first to the final one.
+    /// Standard deviation of the noise at a step: a straight line from the first to the final one.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
     pub fn exploration_sd_at(&self, step: u64) -> f64 {
@@ -171,10 +171,10 @@ impl Config {
         self.final_exploration_sd + left * (self.exploration_sd - self.final_exploration_sd)
     }
 
-    /// The hidden layers of every network.
+    /// Size and activation of the hidden layers of every network.
     #[must_use]
-    pub fn hidden(&self) -> Hidden {
-        Hidden {
+    pub fn hidden(&self) -> HiddenLayers {
+        HiddenLayers {
             width: self.width,
             layers: self.hidden_layers,
             activation: self.activation,

@@ -1,4 +1,4 @@
-//! Noise that a deterministic policy explores with: independent, or with inertia from step to step.
+//! Exploration noise of a deterministic policy: independent, or correlated from step to step.
 //!
 //! | symbol | here |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | theta | rate of return, 0.15 (Lillicrap et al. 2015, arXiv:1509.02971, section 7) |
 //!
 //! `x_(t+1) = (1 - theta) x_t + sqrt(theta (2 - theta)) n_t` with standard normal `n_t` and a standard normal
-//! first state, so that every `x_t` has a deviation of 1, whichever noise is chosen; the caller scales it.
+//! first state, so that every `x_t` has a deviation of 1 for either kind of noise; the caller scales it.
 
 use numerics::gaussian::standard_normal;
 use rand::RngCore;
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 const RATE: f64 = 0.15;
 
-/// The kind of noise.
+/// Kind of noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Noise {
@@ -26,17 +26,17 @@ pub enum Noise {
     OrnsteinUhlenbeck,
 }
 
-/// The noise of several environments that are stepped together, one row each.
+/// Noise of several parallel environments, one row each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
     noise: Noise,
     n_entries: usize,
-    /// One row per environment; empty where the next draw starts the process anew.
+    /// State per environment; empty where the next draw restarts the process.
     states: Vec<Vec<f32>>,
 }
 
 impl Exploration {
-    /// Noise for actions of `n_entries` entries.
+    /// Creates the noise for actions of `n_entries` entries.
     #[must_use]
     pub fn new(noise: Noise, n_entries: usize) -> Self {
         Self {
@@ -46,7 +46,8 @@ impl Exploration {
         }
     }
 
-    /// The next noise of `n_rows` environments, `[n_rows, n_entries]`, each entry with a deviation of 1.
+    /// Draws the next noise of `n_rows` environments, `[n_rows, n_entries]`, each entry with a deviation of
+    /// 1.
     pub fn draw(&mut self, n_rows: usize, rng: &mut impl RngCore) -> Vec<f32> {
         self.states.resize_with(n_rows, Vec::new);
         let (noise, n_entries) = (self.noise, self.n_entries);
@@ -56,7 +57,7 @@ impl Exploration {
             .collect()
     }
 
-    /// Starts the process of one environment anew, as at the end of an episode.
+    /// Restarts the process of one environment, as at the end of an episode.
     pub fn restart(&mut self, row: usize) {
         if let Some(state) = self.states.get_mut(row) {
             state.clear();
@@ -88,7 +89,7 @@ mod tests {
     use super::*;
     use contract::random::stream;
 
-    /// Variance and correlation from step to step over many steps.
+    /// Variance, and correlation from step to step, over many steps.
     fn moments(noise: Noise) -> (f64, f64) {
         let (mut exploration, mut rng) = (Exploration::new(noise, 2), stream(&["exploration"]));
         let drawn: Vec<f64> = (0..40_000)

@@ -12,22 +12,22 @@
 //! | mu_i(o_i) | `tanh(policy(o_i))` | `[batch, n_i]` |
 //! | Q_i(x, a_1, ..., a_N) | `critic` of seat i | `[batch, 1]` |
 //! | mu_i', Q_i' | `target_policy`, `target_critic` | as above |
-//! | N_t | exploration noise, added to the actions, which are then held within -1 and 1 | `[n_acted]` |
+//! | N_t | exploration noise, added to the actions, which are then clamped to -1 and 1 | `[n_acted]` |
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
 //! Departures from the paper
 //! - The authors' code draws discrete choices by Gumbel-softmax, noise included, and has no other noise.
 //!   Actions here are numbers: tanh takes the place of the draw and Gaussian or Ornstein-Uhlenbeck noise that
-//!   of its randomness; the penalty on logits stays, on what enters the tanh.
+//!   of its randomness; the penalty on logits stays, on the inputs of tanh.
 //! - The policies of the others are known in the targets (the paper's default); they are not inferred from
 //!   actions (its section 4.2), and there are no ensembles (4.3).
 //! - Half of the squared error; all targets move after all seats have learned. Weights start after He et al.,
 //!   the policy's last layer small. No batch normalisation of inputs, which the thesis's code has in every
 //!   network.
-//! - The thesis does not compare with this algorithm; `preset: thesis` takes the sizes and rates of its own,
-//!   `preset: released_code` those of its code, whose working logs do hold runs of it. Noise is our choice
-//!   there, and the penalty on logits stays: without it, at the rate of 0.01 of the differential game, tanh
-//!   saturates within 250 steps and no gradient is left.
+//! - The thesis does not compare with this algorithm. `preset: thesis` takes the sizes and rates of the
+//!   thesis's own, `preset: released_code` those of its code, whose working logs do hold runs of it. The
+//!   noise is our choice there, and the penalty on logits stays: without it, at the rate of 0.01 of the
+//!   differential game, tanh saturates within 250 steps and no gradient is left.
 //!
 //! Metrics, means over updates and seats since the last measurement: `critic_loss` half the squared error,
 //! `policy_loss` `-mean(Q_i)` at the policy's action, without the penalty, `exploration_sd` the deviation of
@@ -57,7 +57,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     tensor_file::TensorFile,
@@ -66,10 +66,10 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "maddpg";
-/// Gain of the policies' last layer: first actions are close to zero, far from where tanh is flat.
+/// Gain of the policies' last layer: first actions are close to zero, where tanh is not flat.
 const POLICY_OUTPUT_GAIN: f64 = 0.1;
 
-/// The agent.
+/// Multi-agent deep deterministic policy gradient for all seats.
 #[derive(Debug, Clone)]
 pub struct Maddpg {
     config: Config,
@@ -80,16 +80,16 @@ pub struct Maddpg {
     schedule: UpdateSchedule,
 }
 
-/// The networks of one seat.
+/// Networks of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    policy: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    policy: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_policy: Mlp,
     target_critic: Mlp,
 }
 
-/// What is stored of the agent besides tensors.
+/// State of a checkpoint besides its tensors.
 #[derive(Serialize, Deserialize)]
 struct Counters {
     exploration: Exploration,
@@ -115,7 +115,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Maddpg::new(config, interface, rng)?))
 }
 
-/// What [`Maddpg::learn`] records.
+/// Metrics that [`Maddpg::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new(
@@ -200,8 +200,8 @@ impl Maddpg {
         bootstrapped(rewards, batch.continues.clone(), next_value, self.config.discount)
     }
 
-    /// Eq. 5: the policy ascends its critic through its own action; what the others do is taken from the
-    /// batch.
+    /// Eq. 5: the policy ascends its critic through its own action; the actions of the others are those of
+    /// the batch.
     fn update_policy(&mut self, seat: usize, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let (loss, penalty) = self.policy_loss(seat, self.learners[seat].policy.network(), batch);
         record.mean(
@@ -212,13 +212,13 @@ impl Maddpg {
         Ok(())
     }
 
-    /// Minus the critic's mean value, and the penalty on what enters the tanh.
+    /// Minus the critic's mean value, and the penalty on the inputs of tanh.
     fn policy_loss(&self, seat: usize, policy: &Mlp, batch: &Batch) -> (Tensor<1>, Tensor<1>) {
         let logits = policy.forward(self.seen(seat, &batch.observations));
         let actions = self
             .layout
             .with_action(&batch.actions, seat, logits.clone().tanh());
-        // A plain critic: the gradient passes through it to the action, and none of its own is computed.
+        // An untracked critic: the gradient passes through it to the action alone.
         let critic = self.learners[seat].critic.network().valid();
         let loss = value(&critic, &batch.observations, actions).mean().neg();
         (loss, logits.square().mean() * self.config.logit_penalty)
@@ -246,11 +246,11 @@ impl Learner {
         Self {
             target_policy: policy.valid(),
             target_critic: critic.valid(),
-            policy: Trained::new(
+            policy: TrainedNetwork::new(
                 policy,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),
@@ -276,7 +276,7 @@ fn value(critic: &Mlp, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2
 }
 
 impl Maddpg {
-    /// What the policy of a seat sees and does.
+    /// Inputs and outputs of a seat's policy as its file describes them.
     fn ports(&self, seat: usize) -> Ports {
         self.layout.ports(
             self.config.policy_sight.columns(&self.layout, seat),
@@ -380,7 +380,7 @@ impl Agent for Maddpg {
         Ok(())
     }
 
-    /// One file per seat, in a folder with the seat's name.
+    /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
             let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);

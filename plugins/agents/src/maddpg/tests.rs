@@ -2,7 +2,7 @@
 
 use super::exploration::Noise;
 use super::*;
-use crate::shared::{coordination as game, joint::Sight};
+use crate::shared::{coordination as game, joint::ObservationScope};
 use contract::random::stream;
 use numerics::{network::Activation, optimizer::gradients};
 
@@ -44,7 +44,7 @@ fn the_target_uses_all_target_networks() {
 
 #[test]
 fn the_policy_gradient_passes_the_critic_of_the_joint_action() {
-    for policy_sight in [Sight::Own, Sight::Joint] {
+    for policy_sight in [ObservationScope::Own, ObservationScope::Joint] {
         let config = Config {
             width: 5,
             activation: Activation::Tanh,
@@ -83,7 +83,7 @@ fn no_gradient_reaches_the_critic_or_the_other_policy() {
 }
 
 #[test]
-fn noise_declines_and_is_absent_from_what_is_scored() {
+fn noise_declines_and_is_absent_in_evaluation() {
     let config = Config {
         exploration_steps: 100,
         ..Config::default()
@@ -167,16 +167,16 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     game::assert_declared(&mut agent(tiny()), &metrics());
 }
 
 #[test]
-fn the_exported_policies_act_as_the_agent_is_scored() {
+fn the_exported_policies_take_the_evaluation_actions() {
     game::assert_exports(&mut trained(tiny()).0, 0.3, 1);
     game::assert_exports(
         &mut trained(Config {
-            policy_sight: Sight::Joint,
+            policy_sight: ObservationScope::Joint,
             ..tiny()
         })
         .0,

@@ -1,8 +1,8 @@
 //! The hyper-parameters of multi-agent soft Q-learning, each with the source of its default.
 
 use crate::shared::{
-    joint::Sight,
-    seat_network::{Hidden, check_batch},
+    joint::ObservationScope,
+    seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -42,10 +42,10 @@ pub struct Config {
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "code of Tian et al. 2019"))]
     pub width: usize,
-    /// Hidden layers of every network.
+    /// Number of hidden layers of every network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "code of Tian et al. 2019"))]
     pub hidden_layers: usize,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     #[schemars(extend("x-source" = "code of Tian et al. 2019"))]
     pub activation: Activation,
     /// Transitions that the replay buffer holds.
@@ -57,21 +57,21 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// Whether sampler and critic of a seat see what it observes, or what all do.
-    pub sight: Sight,
+    /// Observations that sampler and critic of a seat see.
+    pub sight: ObservationScope,
     /// Joint actions drawn uniformly for the value of a next observation.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "code of Tian et al. 2019"))]
     pub value_particles: usize,
     /// Joint actions drawn by the sampler in an update.
     #[schemars(range(min = 3, max = 4096), extend("x-source" = "code of Tian et al. 2019"))]
     pub kernel_particles: usize,
-    /// How many of them move; the others are held.
+    /// Number of these particles that move; the others are held.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "code of Tian et al. 2019: half"))]
     pub moved_particles: usize,
-    /// Temperature alpha that the schedule ends at.
+    /// Final temperature alpha of the schedule.
     #[schemars(range(min = 1e-9, max = 1e6), extend("x-source" = "code of Tian et al. 2019"))]
     pub final_temperature: f64,
-    /// How far the temperature starts above its end.
+    /// Excess of the first temperature over the final one.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "own choice; code of Tian et al. 2019: 500"))]
     pub excess_temperature: f64,
     /// Rate of the exponential decline of the temperature, per environment step.
@@ -80,21 +80,20 @@ pub struct Config {
     /// Environment steps before the decline.
     #[schemars(extend("x-source" = "code of Tian et al. 2019"))]
     pub temperature_delay: u64,
-    /// Action that is scored.
+    /// Action in evaluation.
     pub evaluation_action: EvaluationAction,
-    /// Learn from rewards less their mean and divided by their deviation over the whole buffer.
+    /// Standardise rewards by their mean and deviation over the whole buffer.
     pub reward_normalisation: bool,
 }
 
-/// The action of a sampler that is scored.
+/// Action of a sampler in evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EvaluationAction {
-    /// The own part of the draw to which the critic gives the greatest value, of as many as
-    /// `value_particles`.
+    /// The own part of the draw with the largest value by the critic, among `value_particles` draws.
     #[default]
     BestOfDraws,
-    /// The own part of one draw, as while training.
+    /// The own part of one draw, as in training.
     Draw,
 }
 
@@ -114,7 +113,7 @@ impl Default for Config {
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: None,
-            sight: Sight::Own,
+            sight: ObservationScope::Own,
             value_particles: 16,
             kernel_particles: 32,
             moved_particles: 16,
@@ -163,7 +162,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         check_batch(self.batch_size, self.replay_capacity)?;
         let (all, moved) = (self.kernel_particles, self.moved_particles);
@@ -181,7 +180,7 @@ impl Config {
         })
     }
 
-    /// How many of the particles of an update are held.
+    /// Number of held particles in an update.
     #[must_use]
     pub fn n_held(&self) -> usize {
         self.kernel_particles - self.moved_particles
@@ -195,10 +194,10 @@ impl Config {
         self.final_temperature + self.excess_temperature * (-self.temperature_decline * declining).exp()
     }
 
-    /// The hidden layers of every network.
+    /// Size and activation of the hidden layers of every network.
     #[must_use]
-    pub fn hidden(&self) -> Hidden {
-        Hidden {
+    pub fn hidden(&self) -> HiddenLayers {
+        HiddenLayers {
             width: self.width,
             layers: self.hidden_layers,
             activation: self.activation,

@@ -1,5 +1,5 @@
-//! Multi-agent soft Q-learning: every seat learns a soft value of the joint action and draws joint actions in
-//! proportion to its exponential; of what it draws it executes its own part.
+//! Multi-agent soft Q-learning: every seat learns a soft value of the joint action, draws joint actions in
+//! proportion to its exponential, and executes its own part of a draw.
 //!
 //! Wei, Wicke, Freelan and Luke 2018, "Multiagent soft Q-learning", arXiv:1804.09817; the single-agent
 //! algorithm with its equations is Haarnoja et al. 2017, "Reinforcement learning with deep energy-based
@@ -32,8 +32,8 @@
 //! - The code of Tian et al. multiplies only the sum of exponentials by alpha and adds `n_acted ln 2 - ln K`
 //!   unscaled; here the value is that of the equation. The two differ by a constant while alpha is constant.
 //! - Uniform particles are drawn for every row of a batch, not once for the batch.
-//! - The scored action is the best of several draws by default: the sampler has no mean. `evaluation_action:
-//!   draw` scores one draw.
+//! - The action in evaluation is the best of several draws by default: the sampler has no mean.
+//!   `evaluation_action: draw` takes one draw.
 //! - Weights start after He et al. No batch normalisation of inputs, which the thesis's code has in every
 //!   network. The thesis does not compare with this algorithm; `preset: thesis` takes the sizes and rates of
 //!   its own.
@@ -62,7 +62,7 @@ use contract::{
 use numerics::{
     gaussian::{standard_normal, standard_uniform},
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy, Ports},
     stein::{Particles, SteinDirection, stein_direction},
@@ -71,13 +71,13 @@ use numerics::{
 use std::path::Path;
 
 const NAME: &str = "masql";
-/// File of a seat's exported critic, and what the names of its tensors begin with.
+/// File of a seat's exported critic; the next constant is the prefix of its tensors' names.
 const CRITIC_FILE: &str = "critic.safetensors";
 const CRITIC: &str = "critic";
 /// Keeps the logarithm of the correction for tanh finite on the faces of the cube.
 const FACE: f64 = 1e-6;
 
-/// The agent.
+/// Multi-agent soft Q-learning for all seats.
 #[derive(Debug, Clone)]
 pub struct Masql {
     config: Config,
@@ -87,11 +87,11 @@ pub struct Masql {
     schedule: UpdateSchedule,
 }
 
-/// The networks of one seat.
+/// Networks of one seat.
 #[derive(Debug, Clone)]
 struct Learner {
-    sampler: Trained<Mlp>,
-    critic: Trained<Mlp>,
+    sampler: TrainedNetwork<Mlp>,
+    critic: TrainedNetwork<Mlp>,
     target_critic: Mlp,
 }
 
@@ -114,7 +114,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(Masql::new(config, interface, rng)?))
 }
 
-/// What [`Masql::learn`] records.
+/// Metrics that [`Masql::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new(
@@ -194,7 +194,7 @@ impl Masql {
         Ok(())
     }
 
-    /// Reward plus the discounted soft value of what follows.
+    /// Reward plus the discounted soft value of the next observation.
     fn soft_target(&self, seat: usize, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let next_value = self.soft_value(seat, &batch.next_observations, rng);
         let rewards = self
@@ -228,7 +228,7 @@ impl Masql {
     ) -> Result<(), Error> {
         let seen = self.seen(seat, &batch.observations);
         let sampler = self.learners[seat].sampler.network();
-        // Particles of the plain network are held: no gradient reaches them.
+        // The untracked network draws the held particles: no gradient reaches them.
         let held = self.drawn(&sampler.valid(), &seen, self.config.n_held(), rng);
         let moved = self.drawn(sampler, &seen, self.config.moved_particles, rng);
         let (direction, value) = self.direction(seat, &seen, &held, &moved);
@@ -244,7 +244,7 @@ impl Masql {
         Ok(())
     }
 
-    /// Eq. 13 for the moved particles, and the mean value at the held ones.
+    /// Direction of eq. 13 for the moved particles, and the mean value at the held ones.
     fn direction(
         &self,
         seat: usize,
@@ -274,7 +274,7 @@ impl Masql {
         )
     }
 
-    /// The gradient of `Q / alpha + sum ln(1 - a^2 + 1e-6)` in the joint actions `a`, and the mean of Q.
+    /// Gradient of `Q / alpha + sum ln(1 - a^2 + 1e-6)` in the joint actions `a`, and the mean of Q.
     fn scores(&self, seat: usize, seen: Tensor<2>, actions: &Tensor<2>) -> (Tensor<2>, f32) {
         let actions = Tensor::<2>::from_inner(actions.clone()).require_grad();
         let q = value(
@@ -284,21 +284,21 @@ impl Masql {
         );
         let correction = (actions.clone().square().neg() + (1.0 + FACE)).log();
         let log_density = q.clone().sum() / self.temperature() + correction.sum();
-        // The sum depends on every action, so that each has a gradient.
+        // The sum depends on every action, so that each one has a gradient.
         let gradient = actions
             .grad(&log_density.backward())
             .expect("a gradient in every action");
         (gradient, mean(q))
     }
 
-    /// `n` joint actions for each row of what a seat sees, `[batch n, n_acted]`.
+    /// Draws `n` joint actions per row of a seat's observations, `[batch n, n_acted]`.
     fn drawn(&self, sampler: &Mlp, seen: &Tensor<2>, n: usize, rng: &mut Rng) -> Tensor<2> {
         let seen = repeat_rows(seen, n);
         let latent = normal(seen.dims()[0], self.layout.n_acted(), rng);
         sampler.forward(Tensor::cat(vec![seen, latent], 1)).tanh()
     }
 
-    /// The draw of greatest value of each row, `[batch, n_acted]`.
+    /// Draw with the largest value in each row, `[batch, n_acted]`.
     fn best_drawn(&self, seat: usize, sampler: &Mlp, seen: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
         let (n, n_acted) = (self.config.value_particles, self.layout.n_acted());
         let drawn = self.drawn(sampler, seen, n, rng);
@@ -315,7 +315,7 @@ impl Masql {
         matrix(q.chunks(n).enumerate().flat_map(best).collect(), n_acted)
     }
 
-    /// The part of a joint draw that the seat executes, `[batch, n_i]`.
+    /// Part of a joint draw that the seat executes, `[batch, n_i]`.
     fn own_action(&self, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
         let (seen, sampler) = (
             self.seen(seat, observations),
@@ -344,11 +344,11 @@ impl Learner {
         let critic = config.hidden().network(n_seen + n_acted, 1, 1.0, rng);
         Self {
             target_critic: critic.valid(),
-            sampler: Trained::new(
+            sampler: TrainedNetwork::new(
                 sampler,
                 Adam::new(config.actor_learning_rate, config.gradient_clip),
             ),
-            critic: Trained::new(
+            critic: TrainedNetwork::new(
                 critic,
                 Adam::new(config.critic_learning_rate, config.gradient_clip),
             ),
@@ -382,7 +382,7 @@ fn normal(rows: usize, columns: usize, rng: &mut Rng) -> Tensor<2> {
     )
 }
 
-/// Uniform on the cube between -1 and 1.
+/// Uniform draws from the cube between -1 and 1.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 fn uniform(rows: usize, columns: usize, rng: &mut Rng) -> Tensor<2> {
     matrix(
@@ -398,7 +398,8 @@ fn greatest(x: &[f32]) -> usize {
 }
 
 impl Masql {
-    /// What the sampler of a seat sees, noise for every entry of its joint action at last, and does.
+    /// Inputs and outputs of a seat's sampler as its file describes them: observations, then noise for every
+    /// entry of the joint action.
     fn ports(&self, seat: usize) -> Ports {
         let acted = 0..self.layout.n_acted();
         let mut ports = self
@@ -492,10 +493,10 @@ impl Agent for Masql {
         Ok(())
     }
 
-    /// One file per seat, in a folder with the seat's name. Inputs are what the seat sees and then standard
-    /// normal noise, one number per entry of the joint action; outputs are the joint action, of which the
-    /// seat executes its own entries. The critic lies beside in a file of its own: the best of several draws
-    /// is the one that it values most.
+    /// Writes one file per seat, in a folder with the seat's name. Inputs are the observation and then
+    /// standard normal noise, one number per entry of the joint action. Outputs are the joint action, of
+    /// which the seat executes its own entries. The critic has a file beside it: the best of several draws is
+    /// the one with the largest value.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
             let policy = Policy::new(learner.sampler.network(), self.ports(seat), Head::Tanh);

@@ -1,7 +1,7 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::{coordination as game, joint::Sight};
+use crate::shared::{coordination as game, joint::ObservationScope};
 use contract::random::stream;
 use numerics::network::Activation;
 
@@ -75,7 +75,7 @@ fn sums_of_exponentials_do_not_overflow() {
 fn scores_agree_with_finite_differences() {
     let (agent, batch) = trained(Config {
         activation: Activation::Tanh,
-        sight: Sight::Joint,
+        sight: ObservationScope::Joint,
         ..tiny()
     });
     let actions = vec![0.3f32, -0.6, 0.9, 0.1];
@@ -161,7 +161,7 @@ fn the_direction_is_that_of_each_row_by_hand() {
 }
 
 #[test]
-fn the_best_of_the_draws_is_scored() {
+fn the_evaluation_action_is_the_best_of_the_draws() {
     let (agent, batch) = trained(tiny());
     let seen = agent.seen(0, &batch.observations);
     let sampler = agent.learners[0].sampler.network().valid();
@@ -210,7 +210,7 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     game::assert_declared(&mut agent(tiny()), &metrics());
 }
 

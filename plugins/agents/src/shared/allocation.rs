@@ -1,9 +1,9 @@
-//! Shares on a simplex: equal, drawn, and made of weights.
+//! Shares on a simplex: equal ones, random ones, and those in proportion to weights.
 
 use contract::{Action, Error, Rng};
 use rand::Rng as _;
 
-/// `n` equal shares.
+/// `n` equal shares, each `1 / n`.
 #[must_use]
 #[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
 pub fn equal_shares(n: usize) -> Vec<f64> {
@@ -20,10 +20,10 @@ pub fn uniform_shares(n: usize, rng: &mut Rng) -> Vec<f64> {
     exponentials.into_iter().map(|e| e / total).collect()
 }
 
-/// Rows of `n` positive `f32` weights as one action each, shares that sum to 1 in double precision.
+/// Actions of `n` shares from rows of `n` positive `f32` weights; the shares sum to 1 in double precision.
 ///
 /// # Errors
-/// [`Error::NotFinite`] where a row makes no shares.
+/// [`Error::NotFinite`] where the weights of a row have no finite positive sum.
 pub fn actions(weights: &[f32], n: usize, step: u64) -> Result<Vec<Action>, Error> {
     weights
         .chunks(n)

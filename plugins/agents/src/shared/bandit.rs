@@ -15,7 +15,7 @@ pub fn interface() -> Interface {
     crate::shared::seat::tests::allocation(&["x"], &["best_1", "best_2", "best_3"], 3)
 }
 
-/// `n` decisions at random observations, as the agent takes them in training.
+/// Draws `n` random observations and lets the agent decide on each in training mode.
 pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition> {
     let seen: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
     let observe = |x: &f64| Observation {
@@ -48,7 +48,7 @@ pub fn train(agent: &mut dyn Agent, rounds: usize, rng: &mut Rng) -> Recorder {
     record
 }
 
-/// Mean distance of the scored actions to the best ones, over 21 observations.
+/// Mean distance of the evaluated actions to the best ones, over 21 observations.
 pub fn error(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
     let seen: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
     let observations: Vec<_> = seen
@@ -67,8 +67,8 @@ pub fn error(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
         / 21.0
 }
 
-/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
-/// went on.
+/// Asserts that an agent restored from a checkpoint makes the same updates and takes the same actions as the
+/// agent that was not interrupted.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = contract::random::stream(&["continues"]);
     let mut one = build(&mut rng);
@@ -98,7 +98,7 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     ));
 }
 
-/// Asserts that a trained agent records every declared metric and no other.
+/// Asserts that a trained agent records exactly the declared metrics.
 pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
     let mut record = train(agent, 5, &mut contract::random::stream(&["record"]));
     record.flush_means(1);
@@ -109,7 +109,7 @@ pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
     assert_eq!(recorded, declared);
 }
 
-/// Asserts that the exported policy acts as the agent does where it is scored.
+/// Asserts that the exported policy takes the agent's evaluation actions.
 pub fn assert_exports(agent: &mut dyn Agent) {
     let dir = tempfile::tempdir().unwrap();
     assert!(agent.export(dir.path()).unwrap());
@@ -133,8 +133,8 @@ pub fn assert_exports(agent: &mut dyn Agent) {
     );
 }
 
-/// Asserts that an agent which takes up the policy that another one exported is scored as that one to the
-/// bit, and that it takes up none of other channels.
+/// Asserts that an agent which imports another agent's policy takes its evaluation actions to the bit, and
+/// that a policy with other channels is refused.
 pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
     let stream = |name: &str| contract::random::stream(&["imports", name]);
     let (mut one, mut two) = (

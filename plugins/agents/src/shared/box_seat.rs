@@ -1,5 +1,5 @@
-//! The only seat of an environment, where it observes a box of channels and acts in a box with limits -1 and
-//! 1; choices among options are such a box, and the largest of a choice's entries decides.
+//! The only seat of an environment with a box of observed channels and actions in a box with limits -1 and 1.
+//! Choices among options count as such a box: the largest of a choice's entries decides.
 
 use super::joint::acted;
 use super::scaling::{ObservationScaling, Scaling};
@@ -7,17 +7,17 @@ use super::seat::{observed, only_seat};
 use contract::{Action, Error, Interface, Observation};
 use numerics::policy_file::Ports;
 
-/// How observations become numbers for networks, and their outputs actions.
+/// Maps observations to network inputs, and network outputs to actions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxSeat {
-    /// How observations are scaled.
+    /// Centres and spreads of the observed channels.
     pub scaling: Scaling,
     seen: Vec<String>,
     done: Vec<String>,
 }
 
 impl BoxSeat {
-    /// The seat of an environment.
+    /// Builds the seat of an environment.
     ///
     /// # Errors
     /// [`Error::Mismatch`] for several seats, for an observation that is no box, and for an action that is neither a
@@ -37,26 +37,26 @@ impl BoxSeat {
         })
     }
 
-    /// Entries of an observation.
+    /// Number of entries of an observation.
     #[must_use]
     pub fn n_observed(&self) -> usize {
         self.seen.len()
     }
 
-    /// Entries of an action.
+    /// Number of entries of an action.
     #[must_use]
     pub fn n_acted(&self) -> usize {
         self.done.len()
     }
 
-    /// Scaled observations one after the other, `n_observed` entries each.
+    /// Scaled observations, row by row, with `n_observed` entries each.
     #[must_use]
     pub fn scaled(&self, observations: &[Observation]) -> Vec<f32> {
         let seen = observations.iter().map(|observation| &observation.seats[0]);
         seen.flat_map(|seen| self.scaling.apply(seen)).collect()
     }
 
-    /// Outputs one after the other as actions, held within -1 and 1.
+    /// Actions from network outputs, row by row, clamped to -1 and 1.
     ///
     /// # Errors
     /// [`Error::NotFinite`] where an entry is not finite.
@@ -75,11 +75,11 @@ impl BoxSeat {
         Ok(outputs.chunks(self.n_acted()).map(action).collect())
     }
 
-    /// The positions of the observed channels whose names begin with one of `prefixes`; of all channels where
-    /// there are no prefixes.
+    /// Positions of the observed channels whose names begin with one of `prefixes`; all positions where
+    /// `prefixes` is empty.
     ///
     /// # Errors
-    /// Says which prefix no channel begins with.
+    /// Names a prefix that no channel begins with.
     pub fn positions(&self, prefixes: &[String]) -> Result<Vec<usize>, String> {
         let begins = |prefix: &String, name: &String| name.starts_with(prefix.as_str());
         let unmet = |prefix: &&String| !self.seen.iter().any(|name| begins(prefix, name));
@@ -95,18 +95,18 @@ impl BoxSeat {
             .collect())
     }
 
-    /// Blinds the seat to the channels whose names begin with none of `prefixes`: they reach networks as their typical
-    /// value. Without prefixes it sees everything.
+    /// Hides the channels whose names begin with none of `prefixes`: networks see their typical value
+    /// instead. An empty list hides nothing.
     ///
     /// # Errors
-    /// Says which prefix no channel begins with.
+    /// Names a prefix that no channel begins with.
     pub fn see_only(&mut self, prefixes: &[String]) -> Result<(), String> {
         let seen = self.positions(prefixes)?;
         self.scaling.flatten(|at| !seen.contains(&at));
         Ok(())
     }
 
-    /// What a policy file says of its inputs and outputs.
+    /// Inputs and outputs of the seat as a policy file describes them.
     #[must_use]
     pub fn ports(&self) -> Ports {
         self.scaling.ports(&self.done)

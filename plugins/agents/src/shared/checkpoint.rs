@@ -1,9 +1,9 @@
-//! The one file in which a learning agent keeps everything it needs to continue to the same bits.
+//! The file with everything that a learning agent needs to continue to the same bits.
 
 use contract::Error;
 use numerics::{
     network::Mlp,
-    optimizer::Trained,
+    optimizer::TrainedNetwork,
     policy_file::{self, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -11,14 +11,14 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::json;
 use std::path::Path;
 
-/// The file's name inside a directory.
+/// Name of the file within the folder of a checkpoint.
 pub const FILE_NAME: &str = "agent.safetensors";
 const COUNTERS: &str = "counters";
 
 /// Writes tensors and counters into `dir`.
 ///
 /// # Errors
-/// [`Error::File`] where the system refuses.
+/// [`Error::File`] where the operating system refuses.
 pub fn write(
     agent: &'static str,
     dir: &Path,
@@ -33,7 +33,7 @@ pub fn write(
 /// Reads tensors and counters from `dir`.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where they are not there or not whole.
+/// [`Error::File`] or [`Error::Checkpoint`] where a file is missing or damaged.
 pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(TensorFile, C), Error> {
     let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(error_of(agent))?;
     let counters =
@@ -41,9 +41,10 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
-/// Writes `updates`, `save` and `load` of a learner that trains from a replay by its schedule, from one list of its
-/// fields: networks with their optimisers, networks that follow them, and what else it counts. The learner has a `config`
-/// with `learning_starts` and `updates_per_step`, a `schedule` and a `replay`.
+/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The
+/// macro takes one list of the learner's fields: networks with their optimisers, target networks, and
+/// counters. The learner has a `config` with `learning_starts` and `updates_per_step`, a `schedule` and a
+/// `replay`.
 macro_rules! keeps {
     ($name:expr; trained: $($trained:ident),+; targets: $($target:ident),+; counters: $($counter:ident),*) => {
         fn updates(&self) -> Option<Updates> {
@@ -69,7 +70,7 @@ macro_rules! keeps {
             Ok(())
         }
     };
-    // The schedule alone stands without a name.
+    // A schedule without counters is stored without a name.
     (@save $self:ident;) => { $self.schedule };
     (@save $self:ident; $($counter:ident),+) => {
         serde_json::json!({ $(stringify!($counter): $self.$counter,)+ "schedule": $self.schedule })
@@ -84,22 +85,22 @@ macro_rules! keeps {
 }
 pub(crate) use keeps;
 
-/// A counter of a checkpoint.
+/// Reads a counter of a checkpoint.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] where it is something else.
+/// [`Error::Checkpoint`] where the value has another type.
 pub fn counter<C: DeserializeOwned>(agent: &'static str, value: &serde_json::Value) -> Result<C, Error> {
     C::deserialize(value).map_err(|source| misfit(agent, source))
 }
 
-/// Takes the network of a policy file in `dir` over into `policy`, whose agent would write the same ports and
-/// head.
+/// Loads the network of the policy file in `dir` into `policy`; `ports` and `head` are those that the agent
+/// itself would write.
 ///
 /// # Errors
-/// As [`read_policy`], and [`Error::Checkpoint`] for a network of another form.
+/// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
 pub fn import_policy(
     agent: &'static str,
-    policy: &mut Trained<Mlp>,
+    policy: &mut TrainedNetwork<Mlp>,
     dir: &Path,
     ports: &Ports,
     head: Head,
@@ -110,11 +111,11 @@ pub fn import_policy(
         .map_err(error_of(agent))
 }
 
-/// Reads the policy file in `dir` for an agent that would write the same ports and head.
+/// Reads the policy file in `dir`; `ports` and `head` are those that the agent itself would write.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or says something else of
-/// inputs and outputs.
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is missing, damaged, or describes other inputs and
+/// outputs.
 pub fn read_policy(agent: &'static str, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
     let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(error_of(agent))?;
     let Ports {
@@ -139,7 +140,7 @@ pub fn read_policy(agent: &'static str, dir: &Path, ports: &Ports, head: Head) -
     }
 }
 
-/// Turns an error about a file of tensors into one of the engine.
+/// Converts an error about a tensor file to an error of the engine.
 pub fn error_of(agent: &'static str) -> impl Fn(TensorFileError) -> Error {
     move |error| match error {
         TensorFileError::File { doing, path, source } => Error::File { doing, path, source },
@@ -154,10 +155,10 @@ fn misfit(agent: &'static str, source: impl std::fmt::Display) -> Error {
     }
 }
 
-/// A loss as a number, refused where it is not finite.
+/// Converts a loss to `f64` and refuses one that is not finite.
 ///
 /// # Errors
-/// [`Error::NotFinite`].
+/// [`Error::NotFinite`] with `what` and `step`.
 pub fn finite(what: &str, step: u64, value: f32) -> Result<f64, Error> {
     let value = f64::from(value);
     if value.is_finite() {

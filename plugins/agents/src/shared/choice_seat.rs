@@ -1,9 +1,9 @@
-//! Seats that take one of several named options, as an index or as the largest of a number for each.
+//! Seats that take one of several named options, by its index or by the largest of one number per option.
 
 use super::seat::{kind, mismatch, named};
 use contract::{Channel, Error, Interface, Seat, Space, choice};
 
-/// The options of a seat, of which it takes one.
+/// Options of a seat that takes one of them per step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChoiceSeat {
     action: Space,
@@ -11,10 +11,11 @@ pub struct ChoiceSeat {
 }
 
 impl ChoiceSeat {
-    /// The seat of an environment.
+    /// Builds the seat from its action space.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for an action that is no choice, for several choices at once and for none.
+    /// [`Error::Mismatch`] for an action that is no choice, for several choices at once and for a choice
+    /// without options.
     pub fn new(agent: &'static str, seat: &Seat) -> Result<Self, Error> {
         let names = match &seat.action {
             Space::Discrete(names) if !names.is_empty() => names,
@@ -37,7 +38,7 @@ impl ChoiceSeat {
         &self.names
     }
 
-    /// The action that takes an option.
+    /// Action that takes `option`.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
     pub fn action(&self, option: usize) -> Vec<f64> {
@@ -47,10 +48,10 @@ impl ChoiceSeat {
         }
     }
 
-    /// The option that an action takes.
+    /// Option that `action` takes.
     ///
     /// # Errors
-    /// [`Error::Action`] for one that takes none.
+    /// [`Error::Action`] for an action that takes none.
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -70,10 +71,10 @@ impl ChoiceSeat {
     }
 }
 
-/// The action of a seat that takes the option called `name`.
+/// Action of a seat that takes the option called `name`.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where there is none; the message lists what there is.
+/// [`Error::Mismatch`] for an unknown name; the message lists the options.
 pub fn choice(agent: &'static str, seat: &Seat, name: &str) -> Result<Vec<f64>, Error> {
     let known = ChoiceSeat::new(agent, seat)?;
     let found = known.names.iter().position(|known| known == name);
@@ -89,7 +90,7 @@ pub fn choice(agent: &'static str, seat: &Seat, name: &str) -> Result<Vec<f64>, 
 /// Positions of the channels `<seat>.<channel>` of the full state, one per seat.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where one is missing; the message says which.
+/// [`Error::Mismatch`] where a channel is missing; the message names it.
 pub fn state_of_seats(
     agent: &'static str,
     interface: &Interface,
@@ -99,10 +100,10 @@ pub fn state_of_seats(
     interface.seats.iter().map(of).collect()
 }
 
-/// Position of a channel of the full state.
+/// Position of a channel in the full state.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where there is none of that name.
+/// [`Error::Mismatch`] where no channel has that name.
 pub fn state_channel(agent: &'static str, state: &[Channel], name: &str) -> Result<usize, Error> {
     let found = state.iter().position(|channel| channel.name == name);
     found.ok_or_else(|| {
@@ -117,7 +118,8 @@ pub fn state_channel(agent: &'static str, state: &[Channel], name: &str) -> Resu
 pub(crate) mod tests {
     use super::*;
 
-    /// Seats `unit_0`, `unit_1`, .. with these choices; the state has `step` and these channels of each seat.
+    /// Environment with seats `unit_0`, `unit_1`, .. and these choices. Its state has `step` and these
+    /// channels of each seat.
     pub(crate) fn interface(n_seats: usize, choices: &[&str], channels: &[&str]) -> Interface {
         let named = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
         let seats: Vec<Seat> = (0..n_seats)

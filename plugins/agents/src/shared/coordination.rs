@@ -1,4 +1,5 @@
-//! A tiny game for the tests of agents that play several seats: all earn alike, and alone none can earn much.
+//! A tiny game for the tests of agents that play several seats. All seats earn the same, and one alone can
+//! earn little.
 
 use burn::tensor::Tensor;
 use contract::{
@@ -11,7 +12,7 @@ use numerics::{
 };
 use rand::Rng as _;
 
-/// Seats that observe and act with these numbers of entries.
+/// Interface with one seat per entry, which observes and acts with these numbers of entries.
 pub fn interface(observed: &[usize], acted: &[usize]) -> Interface {
     let channels = |word: &str, seat: usize, n: usize| {
         (0..n)
@@ -29,17 +30,17 @@ pub fn interface(observed: &[usize], acted: &[usize]) -> Interface {
     }
 }
 
-/// Two seats that both see one number `x` and choose one number each.
+/// Interface of two seats that both observe one number `x` and choose one number each.
 pub fn game() -> Interface {
     interface(&[1, 1], &[1, 1])
 }
 
-/// What both earn: the first should do `x / 2`, and the second the opposite of the first.
+/// Common reward: the first seat should do `x / 2`, the second the opposite of the first.
 fn reward(x: f64, action: &[Vec<f64>]) -> f64 {
     -(action[0][0] - 0.5 * x).powi(2) - (action[0][0] + action[1][0]).powi(2)
 }
 
-/// `n` decisions at random observations, as the agent takes them in training.
+/// Draws `n` random observations and lets the agent decide on each in training mode.
 pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition> {
     let seen: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
     let observations: Vec<Observation> = seen.iter().map(|x| observe(*x)).collect();
@@ -68,7 +69,7 @@ pub fn train(agent: &mut dyn Agent, rounds: usize, rng: &mut Rng) -> Recorder {
     record
 }
 
-/// Mean reward of the scored actions over 21 observations; the best is 0.
+/// Mean reward of the evaluated actions over 21 observations; the best possible is 0.
 pub fn score(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
     let seen: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
     let observations: Vec<_> = seen.iter().map(|x| observe(*x)).collect();
@@ -81,8 +82,8 @@ pub fn score(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
         / 21.0
 }
 
-/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
-/// went on.
+/// Asserts that an agent restored from a checkpoint makes the same updates and takes the same actions as the
+/// agent that was not interrupted.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = contract::random::stream(&["continues"]);
     let mut one = build(&mut rng);
@@ -112,7 +113,7 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     ));
 }
 
-/// Asserts that a trained agent records every declared metric and no other.
+/// Asserts that a trained agent records exactly the declared metrics.
 pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
     let mut record = train(agent, 8, &mut contract::random::stream(&["record"]));
     record.flush_means(1);
@@ -161,8 +162,8 @@ pub fn assert_gradient(network: &Mlp, loss: impl Fn(&Mlp) -> Tensor<1>) {
     }
 }
 
-/// Asserts that the exported policies act as the agent is scored; `observed` are the entries that each seat's
-/// policy reads.
+/// Asserts that the exported policies take the agent's evaluation actions; the policy of each seat reads
+/// `observed` entries.
 pub fn assert_exports(agent: &mut dyn Agent, x: f64, observed: usize) {
     let dir = tempfile::tempdir().unwrap();
     assert!(agent.export(dir.path()).unwrap());

@@ -1,5 +1,5 @@
-//! A deterministic policy that is learned from a dataset: for a box or a simplex, with inputs scaled as the
-//! dataset is spread.
+//! A deterministic policy learned from a dataset, for actions in a box or on a simplex. Inputs can be scaled
+//! by the moments of the dataset.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -8,10 +8,10 @@
 //! | pi(s) | `tanh(z)` in a box with limits -1 and 1, `softmax(z)` on a simplex | `[batch, n]` |
 //! | c(a) | a centred action: `a` in a box, `n a - 1` on a simplex, which is 0 for equal shares | `[batch, n]` |
 //!
-//! With `scale_by: dataset`, `center` is the mean of a channel over what was seen before the dataset's
-//! decisions, and `spread` its standard deviation plus a thousandth of the typical one that the environment
-//! states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend on the unit
-//! either.
+//! With `scale_by: dataset`, `center` is the mean of a channel over the observations before the dataset's
+//! decisions. `spread` is their standard deviation plus a thousandth of the typical deviation that the
+//! environment states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend
+//! on the unit either.
 
 use super::joint::acted;
 use super::replay::Batch;
@@ -24,7 +24,7 @@ use burn::{
 use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{FILE_NAME, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -33,25 +33,25 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
 
-/// Part of a channel's typical deviation that is added to the one of the dataset, so that a constant channel
-/// can be divided by it.
+/// Share of a channel's typical deviation that is added to the dataset's, so that a constant channel is not
+/// divided by zero.
 const LEAST_SPREAD: f64 = 1e-3;
 const SCALING: &str = "scaling";
 
-/// By what observations are scaled.
+/// Source of the moments by which observations are scaled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum ScaleBy {
+pub enum ScalingSource {
     /// Mean and standard deviation of each channel in the dataset.
     #[default]
     Dataset,
     /// The typical value and deviation that the environment states for each channel.
     Typical,
-    /// Not at all: as observed, in SI units.
+    /// No scaling: as observed, in SI units.
     Nothing,
 }
 
-/// Where actions live.
+/// Set of admissible actions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ActionSet {
     /// A box with limits -1 and 1.
@@ -61,7 +61,7 @@ pub enum ActionSet {
 }
 
 impl ActionSet {
-    /// The actions `[rows, n]` of a network's outputs.
+    /// Actions `[rows, n]` from the outputs of a network.
     #[must_use]
     pub fn act(self, outputs: Tensor<2>) -> Tensor<2> {
         match self {
@@ -70,7 +70,7 @@ impl ActionSet {
         }
     }
 
-    /// Actions around 0, so that distances between them are of one order for any number of shares.
+    /// Actions around 0, so that distances between them have the same order for any number of shares.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^24")]
     pub fn centred(self, actions: Tensor<2>) -> Tensor<2> {
@@ -91,23 +91,23 @@ impl ActionSet {
     }
 }
 
-/// Layers and step size of a policy.
+/// Layers, step size and scaling of a policy.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Form {
-    /// Units of each hidden layer.
+pub struct ActorSettings {
+    /// Number of units of each hidden layer.
     pub width: usize,
-    /// Hidden layers.
+    /// Number of hidden layers.
     pub layers: usize,
-    /// Step size of Adam.
+    /// Step size of Adam for the policy.
     pub learning_rate: f64,
-    /// Largest Euclidean norm of a gradient.
+    /// Largest Euclidean norm of a gradient; `None` for no limit.
     pub gradient_clip: Option<f64>,
-    /// By what observations are scaled.
-    pub scale_by: ScaleBy,
+    /// Source of the moments by which observations are scaled.
+    pub scale_by: ScalingSource,
 }
 
-impl Form {
-    /// A network of rectifiers from `inputs` to `outputs`, started as PyTorch starts its linear layers.
+impl ActorSettings {
+    /// Network of rectifiers with `inputs` and `outputs`, started as PyTorch starts its linear layers.
     pub fn network(&self, inputs: usize, outputs: usize, rng: &mut Rng) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
         Mlp::uniform(
@@ -119,37 +119,37 @@ impl Form {
     }
 }
 
-/// The policy with its optimiser.
+/// A policy for one seat, with its optimiser and scaling.
 #[derive(Debug, Clone)]
 pub struct DatasetActor {
     agent: &'static str,
-    /// Where actions live.
+    /// Set of admissible actions of the seat.
     pub actions: ActionSet,
     names: Vec<String>,
-    scale_by: ScaleBy,
+    scale_by: ScalingSource,
     scaling: Scaling,
-    /// Typical deviations of the channels.
+    /// Typical deviations that the environment states, one per observed channel.
     typical: Vec<f64>,
-    /// The network.
-    pub network: Trained<Mlp>,
+    /// Network from scaled observations to outputs `z`, with its optimiser.
+    pub network: TrainedNetwork<Mlp>,
 }
 
 impl DatasetActor {
-    /// A fresh policy for the only seat of an environment.
+    /// Builds an untrained policy for the only seat of an environment.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for several seats, for an observation that is no box and an action that is neither
-    /// shares nor within -1 and 1.
+    /// [`Error::Mismatch`] for several seats, for an observation that is no box, and for an action that is
+    /// neither on a simplex nor in a box with limits -1 and 1.
     pub fn new(
         agent: &'static str,
-        form: &Form,
+        form: &ActorSettings,
         interface: &Interface,
         rng: &mut Rng,
     ) -> Result<Self, Error> {
         let seat = seat::only_seat(agent, interface)?;
         let (actions, names) = action_set(agent, seat)?;
         let channels = seat::observed(agent, seat)?;
-        let kind = if form.scale_by == ScaleBy::Nothing {
+        let kind = if form.scale_by == ScalingSource::Nothing {
             ObservationScaling::None
         } else {
             ObservationScaling::Typical
@@ -161,26 +161,26 @@ impl DatasetActor {
             scale_by: form.scale_by,
             scaling: Scaling::new(kind, channels),
             typical: channels.iter().map(|channel| channel.spread).collect(),
-            network: Trained::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
+            network: TrainedNetwork::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
             names,
         })
     }
 
-    /// Length of an observation.
+    /// Number of entries of an observation.
     #[must_use]
     pub fn n_observed(&self) -> usize {
         self.scaling.n_channels()
     }
 
-    /// Length of an action.
+    /// Number of entries of an action.
     #[must_use]
     pub fn n_acted(&self) -> usize {
         self.names.len()
     }
 
-    /// Takes up how a dataset's observations are spread, where they are scaled by it.
+    /// Takes the moments of a dataset's observations, where observations are scaled by the dataset.
     pub fn survey(&mut self, transitions: &[Transition]) {
-        if self.scale_by == ScaleBy::Dataset && !transitions.is_empty() {
+        if self.scale_by == ScalingSource::Dataset && !transitions.is_empty() {
             let (center, sd) = moments(transitions, self.n_observed());
             let spread = sd
                 .iter()
@@ -191,7 +191,7 @@ impl DatasetActor {
         }
     }
 
-    /// Transitions as tensors, observations scaled.
+    /// Transitions as tensors, with scaled observations.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn batch(&self, transitions: &[Transition]) -> Batch {
@@ -213,10 +213,10 @@ impl DatasetActor {
         }
     }
 
-    /// Its action for each observation.
+    /// Actions of the policy, one per observation.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] where the network gives no numbers.
+    /// [`Error::NotFinite`] where an output of the network is not finite.
     pub fn act(&self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
         let scaled = observations
             .iter()
@@ -237,38 +237,38 @@ impl DatasetActor {
         }
     }
 
-    /// Puts network, optimiser and scaling into a file.
+    /// Stores network, optimiser and scaling in a file.
     pub fn store(&self, file: &mut TensorFile) {
         self.network.store("policy", file);
         let Ports { center, spread, .. } = self.ports();
         file.header[SCALING] = json!([center, spread]);
     }
 
-    /// Continues from what [`store`](Self::store) put into a file.
+    /// Restores network, optimiser and scaling that [`store`](Self::store) wrote.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file holds something else.
+    /// [`TensorFileError`] where the file does not fit.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
         self.network.restore("policy", file)?;
         self.rescale(&file.header[SCALING][0], &file.header[SCALING][1])
     }
 
-    /// Writes the policy.
+    /// Writes the policy file to `dir`.
     ///
     /// # Errors
-    /// [`Error::File`] where the system refuses.
+    /// [`Error::File`] where the operating system refuses.
     pub fn export(&self, dir: &Path) -> Result<bool, Error> {
         let policy = Policy::new(self.network.network(), self.ports(), self.actions.head());
         policy.write(dir).map_err(checkpoint::error_of(self.agent))?;
         Ok(true)
     }
 
-    /// Takes up a policy that was exported, with the scaling by the dataset that it was learned from.
+    /// Loads an exported policy together with the scaling that it was trained with.
     ///
     /// # Errors
-    /// [`Error::File`] or [`Error::Checkpoint`] where it is not there or of another form.
+    /// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or of another form.
     pub fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        if self.scale_by == ScaleBy::Dataset {
+        if self.scale_by == ScalingSource::Dataset {
             let misfit = checkpoint::error_of(self.agent);
             let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(&misfit)?;
             self.rescale(&file.header["center"], &file.header["spread"])
@@ -312,7 +312,7 @@ fn action_set(agent: &'static str, seat: &Seat) -> Result<(ActionSet, Vec<String
     }
 }
 
-/// Mean and standard deviation of each channel over what was seen before the decisions.
+/// Mean and standard deviation of each channel over the observations before the decisions.
 #[allow(
     clippy::cast_precision_loss,
     reason = "a number of transitions is far below 2^52"
@@ -386,7 +386,7 @@ pub(crate) mod tests {
         (0..n).map(|_| decide(rng)).collect()
     }
 
-    /// Lets an agent learn from batches of 64 drawn from `data`, as the protocol does.
+    /// Trains an agent on batches of 64 drawn from `data`, as the protocol does.
     pub(crate) fn fit(agent: &mut dyn Agent, data: &[Transition], batches: usize, rng: &mut Rng) -> Recorder {
         let mut record = Recorder::default();
         agent.survey(data).unwrap();
@@ -399,8 +399,8 @@ pub(crate) mod tests {
         record
     }
 
-    /// Asserts that an agent which learned from a widely spread dataset keeps its scaling where it is loaded
-    /// and where its policy is taken up.
+    /// Asserts that an agent trained on a widely spread dataset keeps its scaling when it is restored and
+    /// when its policy is imported.
     pub(crate) fn assert_scaling_is_kept(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
         let stream = |name: &str| contract::random::stream(&["scaling", name]);
         let mut data = decisions(50, &mut stream("data"), |_, _| vec![0.2, 0.3, 0.5], |_, _| 1.0);
@@ -429,8 +429,8 @@ pub(crate) mod tests {
         assert_eq!(act(two.as_mut()), act(one.as_mut()));
     }
 
-    fn form(scale_by: ScaleBy) -> Form {
-        Form {
+    fn form(scale_by: ScalingSource) -> ActorSettings {
+        ActorSettings {
             width: 8,
             layers: 2,
             learning_rate: 1e-3,
@@ -439,7 +439,7 @@ pub(crate) mod tests {
         }
     }
 
-    fn actor(scale_by: ScaleBy, interface: &Interface) -> DatasetActor {
+    fn actor(scale_by: ScalingSource, interface: &Interface) -> DatasetActor {
         DatasetActor::new(
             "tested",
             &form(scale_by),
@@ -469,7 +469,7 @@ pub(crate) mod tests {
         // Mean 4, deviation sqrt((9 + 1 + 1 + 9) / 4) = sqrt(5), and a thousandth of the typical deviation 1.
         let data = seen(&[1.0, 3.0, 5.0, 7.0]);
         let spread = 5f64.sqrt() + 1e-3;
-        let mut actor = actor(ScaleBy::Dataset, &cube());
+        let mut actor = actor(ScalingSource::Dataset, &cube());
         actor.survey(&data);
         let Batch {
             observations,
@@ -500,8 +500,8 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn other_scalings_do_not_look_at_the_dataset() {
-        for (scale_by, expected) in [(ScaleBy::Typical, 2.0), (ScaleBy::Nothing, 7.0)] {
+    fn other_scalings_do_not_depend_on_the_dataset() {
+        for (scale_by, expected) in [(ScalingSource::Typical, 2.0), (ScalingSource::Nothing, 7.0)] {
             let mut interface = cube();
             interface.seats[0].observation = Space::Box(vec![Channel::new("x", "").typical(3.0, 2.0)]);
             let mut actor = actor(scale_by, &interface);
@@ -526,7 +526,7 @@ pub(crate) mod tests {
         interface.seats[0].action = Space::Box(vec![Channel::new("force", "N").within(0.0, 5.0)]);
         let refused = DatasetActor::new(
             "tested",
-            &form(ScaleBy::Typical),
+            &form(ScalingSource::Typical),
             &interface,
             &mut contract::random::stream(&["x"]),
         );

@@ -1,54 +1,59 @@
-//! What an agent that proposes whole designs keeps: the design under way, and what those that it tried were worth.
+//! Designs of an agent that proposes whole designs: the unfinished one, and those evaluated so far with their
+//! values.
 
 use super::seat::{kind, mismatch, only_seat};
 use contract::{Choice, Error, Interface, Rng, Space, Transition, choice};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 
-/// The option taken of each choice, step by step.
+/// Index of the option of each choice, step by step.
 pub type Options = Vec<Vec<usize>>;
 
-/// A whole design that was tried.
+/// A complete design and its value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Tried {
-    /// What was taken.
+pub struct EvaluatedDesign {
+    /// Options of all its steps.
     pub options: Options,
-    /// The sum of its rewards.
+    /// Sum of its rewards; more is better.
     pub value: f64,
 }
 
-/// The design under way.
+/// A design whose episode is not over.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct UnderWay {
-    /// What was taken so far.
+pub struct PartialDesign {
+    /// Options of the steps so far.
     pub options: Options,
-    /// What was earned so far.
+    /// Sum of the rewards so far.
     pub earned: f64,
 }
 
-impl UnderWay {
-    /// Takes in one step; gives the design back where the step ended it, and begins another one.
+impl PartialDesign {
+    /// Adds one step; returns the design and begins another one where the step ended the episode.
     ///
     /// # Errors
-    /// [`Error::Action`] for an action that takes no options.
-    pub fn take(&mut self, choices: &[Choice], transition: &Transition) -> Result<Option<Tried>, Error> {
+    /// [`Error::Action`] for an action that takes no option.
+    pub fn take(
+        &mut self,
+        choices: &[Choice],
+        transition: &Transition,
+    ) -> Result<Option<EvaluatedDesign>, Error> {
         self.options.push(choice::taken(choices, &transition.action[0])?);
         self.earned += transition.rewards[0];
         if transition.end.is_none() {
             return Ok(None);
         }
         let Self { options, earned } = std::mem::take(self);
-        Ok(Some(Tried {
+        Ok(Some(EvaluatedDesign {
             options,
             value: earned,
         }))
     }
 }
 
-/// The choices of the only seat of an environment.
+/// Choices of the only seat of an environment.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for several seats and for actions of another kind.
+/// [`Error::Mismatch`] for several seats and for actions that are no choices.
 pub fn choices(agent: &'static str, interface: &Interface) -> Result<Vec<Choice>, Error> {
     match &only_seat(agent, interface)?.action {
         Space::Choices(choices) if !choices.is_empty() => Ok(choices.clone()),
@@ -60,18 +65,18 @@ pub fn choices(agent: &'static str, interface: &Interface) -> Result<Vec<Choice>
     }
 }
 
-/// One option of each choice, each as likely as another.
+/// One option of each choice, drawn uniformly.
 #[must_use]
 pub fn random_design(choices: &[Choice], rng: &mut Rng) -> Vec<usize> {
-    // Not `usize`, whose width would reach the stream.
+    // `u32`: the width of `usize` depends on the machine and would change the stream.
     #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 options")]
     let draw = |choice: &Choice| rng.random_range(0..choice.options.len() as u32) as usize;
     choices.iter().map(draw).collect()
 }
 
-/// The best of what was tried, the first of equals.
+/// Design with the largest value, the first of equals.
 #[must_use]
-pub fn best(tried: &[Tried]) -> Option<&Tried> {
+pub fn best(tried: &[EvaluatedDesign]) -> Option<&EvaluatedDesign> {
     tried
         .iter()
         .reduce(|best, other| if other.value > best.value { other } else { best })
@@ -82,8 +87,8 @@ pub(crate) mod tests {
     use super::*;
     use contract::{Action, Agent, Channel, End, Mode, Observation, Recorder, Seat};
 
-    /// Two choices in each of two steps; a design is worth the number of second options that it takes, and three
-    /// more where it takes the third one of `norm` in the second step.
+    /// Environment with two choices in each of two steps. The value of a design is the number of second
+    /// options in it, and three more where it takes the third option of `norm` in the second step.
     pub(crate) fn interface() -> Interface {
         let choices = vec![
             Choice::new("conv", &["post", "pre"]),
@@ -106,7 +111,7 @@ pub(crate) mod tests {
         second + if step == 1 && taken[1] == 2 { 3.0 } else { 0.0 }
     }
 
-    /// Lets an agent try `n` designs; what each was worth.
+    /// Lets an agent try `n` designs; returns their values.
     pub(crate) fn search(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<f64> {
         let mut record = Recorder::default();
         let mut one = || {
@@ -136,7 +141,7 @@ pub(crate) mod tests {
         (0..n).map(|_| one()).collect()
     }
 
-    /// What the agent makes where it is scored.
+    /// Value of the design that the agent makes in evaluation.
     pub(crate) fn scored(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
         agent.restart();
         (0..2)
@@ -161,7 +166,7 @@ pub(crate) mod tests {
     fn a_design_is_whole_where_its_episode_ends() {
         let interface = interface();
         let choices = choices("tested", &interface).unwrap();
-        let mut under_way = UnderWay::default();
+        let mut under_way = PartialDesign::default();
         let step = |taken: &[usize], reward: f64, end| Transition {
             observation: Observation::default(),
             action: vec![choice::vector(&choices, taken)],
@@ -173,13 +178,13 @@ pub(crate) mod tests {
         let whole = under_way
             .take(&choices, &step(&[0, 1], 1.0, Some(End::Terminated)))
             .unwrap();
-        let expected = Tried {
+        let expected = EvaluatedDesign {
             options: vec![vec![1, 2], vec![0, 1]],
             value: 1.5,
         };
         assert_eq!(whole, Some(expected.clone()));
-        assert_eq!(under_way, UnderWay::default());
-        let worse = Tried {
+        assert_eq!(under_way, PartialDesign::default());
+        let worse = EvaluatedDesign {
             value: 1.0,
             ..expected.clone()
         };

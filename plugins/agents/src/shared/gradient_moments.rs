@@ -1,4 +1,4 @@
-//! What the two estimators of a policy gradient share: the bandit's reward, the policy's mean and the moments
+//! Parts of the two estimators of a policy gradient: the bandit's reward, the policy's mean and the moments
 //! of the estimates.
 
 use super::checkpoint;
@@ -10,13 +10,13 @@ use std::path::Path;
 /// Reward `v . a - c |a|^2` of an allocation bandit, read from its full state.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Reward {
-    /// v, per entry of the action.
+    /// Values v, one per entry of the action.
     pub(crate) values: Vec<f64>,
-    /// c.
+    /// Curvature c.
     pub(crate) curvature: f64,
 }
 
-/// Where the reward's parameters stand in the full state.
+/// Positions of the reward's parameters in the full state.
 #[derive(Debug, Clone)]
 pub(crate) struct RewardChannels {
     values: Vec<usize>,
@@ -27,7 +27,7 @@ impl RewardChannels {
     /// Finds `value_1`, `value_2`, ... and `curvature` among the state channels.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where the environment does not show its reward.
+    /// [`Error::Mismatch`] where the state does not contain them.
     pub(crate) fn find(agent: &'static str, interface: &Interface) -> Result<Self, Error> {
         let position = |name: &str| interface.state.iter().position(|channel| channel.name == name);
         let values: Vec<usize> = (1..)
@@ -50,7 +50,7 @@ impl RewardChannels {
         self.values.len()
     }
 
-    /// The reward that a state describes.
+    /// Reward function with the parameters in a state.
     pub(crate) fn read(&self, state: &[f64]) -> Reward {
         Reward {
             values: self.values.iter().map(|&index| state[index]).collect(),
@@ -59,7 +59,7 @@ impl RewardChannels {
     }
 }
 
-/// The mean action, which must lie inside the simplex; equal shares where absent.
+/// Mean action of the policy: `given`, which must lie inside the simplex, or else equal shares.
 pub(crate) fn mean_action(given: Option<Vec<f64>>, entries: usize) -> Result<Vec<f64>, Error> {
     #[allow(clippy::cast_precision_loss, reason = "a handful of entries")]
     let mean = given.unwrap_or_else(|| vec![1.0 / entries as f64; entries]);
@@ -73,7 +73,7 @@ pub(crate) fn mean_action(given: Option<Vec<f64>>, entries: usize) -> Result<Vec
     Ok(mean)
 }
 
-/// Running mean and variance of single-sample gradient estimates (Welford).
+/// Running mean and variance of single-sample gradient estimates (Welford's algorithm).
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Moments {
     count: f64,
@@ -83,7 +83,7 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    /// Takes in one estimate.
+    /// Adds one estimate.
     pub(crate) fn add(&mut self, estimate: &[f64]) {
         self.mean.resize(estimate.len(), 0.0);
         self.squares.resize(estimate.len(), 0.0);
@@ -98,15 +98,15 @@ impl Moments {
     /// Writes the moments into `dir`.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the operating system refuses.
     pub(crate) fn save(&self, agent: &'static str, dir: &Path) -> Result<(), Error> {
         checkpoint::write(agent, dir, TensorFile::default(), self)
     }
 
-    /// Continues from what [`save`](Self::save) wrote for an agent whose estimates have `entries` entries.
+    /// Restores the moments that [`save`](Self::save) wrote for estimates with `entries` entries.
     ///
     /// # Errors
-    /// Where the file is not there or does not fit.
+    /// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or does not fit.
     pub(crate) fn load(&mut self, agent: &'static str, dir: &Path, entries: usize) -> Result<(), Error> {
         let (_, moments): (_, Self) = checkpoint::read(agent, dir)?;
         if ![moments.mean.len(), moments.squares.len()]
@@ -120,7 +120,7 @@ impl Moments {
         Ok(())
     }
 
-    /// Nothing is learned: an update is one of the estimate, by a batch of samples.
+    /// Counts batches: these agents learn nothing, and each batch of samples updates the estimate.
     pub(crate) fn updates(&self) -> Updates {
         Updates {
             made: self.batches,
@@ -149,12 +149,12 @@ impl Moments {
     }
 }
 
-/// Euclidean length.
+/// Euclidean norm.
 pub(crate) fn norm(vector: &[f64]) -> f64 {
     vector.iter().map(|entry| entry * entry).sum::<f64>().sqrt()
 }
 
-/// What both estimators record.
+/// Metrics of both estimators.
 pub(crate) fn metrics() -> Vec<Metric> {
     let metric = |name, about| Metric {
         better: Better::Lower,

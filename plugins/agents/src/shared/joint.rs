@@ -1,5 +1,4 @@
-//! Several seats as one vector: where the observation and the action of each seat lie in the joint
-//! observation and action.
+//! Joint observations and actions of several seats: which columns belong to which seat.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -19,7 +18,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The columns of each seat in joint vectors, and their names.
+/// Columns of each seat in joint vectors, and the names of these columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointLayout {
     seats: Vec<String>,
@@ -29,31 +28,31 @@ pub struct JointLayout {
     acted_names: Vec<String>,
 }
 
-/// What the policy of a seat sees.
+/// Observations that the policy of a seat sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Sight {
-    /// What its own seat observes.
+pub enum ObservationScope {
+    /// The observation of its own seat.
     #[default]
     Own,
-    /// What all seats observe.
+    /// The observations of all seats.
     Joint,
 }
 
-impl Sight {
-    /// The columns of the joint observation that a seat sees.
+impl ObservationScope {
+    /// Columns of the joint observation that a seat sees.
     #[must_use]
     pub fn columns(self, layout: &JointLayout, seat: usize) -> Range<usize> {
         match self {
-            Sight::Own => layout.observed(seat),
-            Sight::Joint => 0..layout.n_observed(),
+            ObservationScope::Own => layout.observed(seat),
+            ObservationScope::Joint => 0..layout.n_observed(),
         }
     }
 }
 
 impl JointLayout {
-    /// The layout of an environment all of whose seats observe a box and act in a box with limits -1 and 1, or take
-    /// choices, whose options are such a box.
+    /// Builds the layout of an environment whose seats all observe a box, and act in a box with limits -1 and
+    /// 1 or choose among options, which count as such a box.
     ///
     /// # Errors
     /// [`Error::Mismatch`] for an environment without seats and for any other space.
@@ -87,31 +86,31 @@ impl JointLayout {
         &self.seats
     }
 
-    /// Entries of the joint observation.
+    /// Number of entries of the joint observation.
     #[must_use]
     pub fn n_observed(&self) -> usize {
         self.observed_names.len()
     }
 
-    /// Entries of the joint action.
+    /// Number of entries of the joint action.
     #[must_use]
     pub fn n_acted(&self) -> usize {
         self.acted_names.len()
     }
 
-    /// The columns of a seat in the joint observation.
+    /// Columns of a seat in the joint observation.
     #[must_use]
     pub fn observed(&self, seat: usize) -> Range<usize> {
         self.observed[seat].clone()
     }
 
-    /// The columns of a seat in the joint action.
+    /// Columns of a seat in the joint action.
     #[must_use]
     pub fn acted(&self, seat: usize) -> Range<usize> {
         self.acted[seat].clone()
     }
 
-    /// Entries of each seat's action.
+    /// Number of entries of each seat's action.
     #[must_use]
     pub fn action_sizes(&self) -> Vec<usize> {
         self.acted.iter().map(ExactSizeIterator::len).collect()
@@ -130,8 +129,8 @@ impl JointLayout {
         matrix(entries.map(|entry| *entry as f32).collect(), self.n_observed())
     }
 
-    /// Rows of joint actions `[rows, n_acted]`, row by row on the host, as one vector per seat, held within
-    /// -1 and 1.
+    /// Splits rows of joint actions `[rows, n_acted]`, which lie row by row on the host, into one vector per
+    /// seat, clamped to -1 and 1.
     ///
     /// # Errors
     /// [`Error::NotFinite`] where an entry is not finite.
@@ -153,7 +152,7 @@ impl JointLayout {
         Ok(joint.chunks(self.n_acted()).map(split).collect())
     }
 
-    /// Joint actions in which the columns of one seat are `action` `[batch, ..]`.
+    /// Joint actions with the columns of one seat replaced by `action` `[batch, ..]`.
     #[must_use]
     pub fn with_action(&self, joint: &Tensor<2>, seat: usize, action: Tensor<2>) -> Tensor<2> {
         let Range { start, end } = self.acted(seat);
@@ -165,8 +164,7 @@ impl JointLayout {
         Tensor::cat(parts.into_iter().flatten().collect(), 1)
     }
 
-    /// The actions of all seats but one, in their order, `[batch, n_acted - n_i]`; `None` where there is one
-    /// seat alone.
+    /// Actions of all seats but one, in order, `[batch, n_acted - n_i]`; `None` where there is only one seat.
     #[must_use]
     pub fn others(&self, joint: &Tensor<2>, seat: usize) -> Option<Tensor<2>> {
         let Range { start, end } = self.acted(seat);
@@ -182,16 +180,16 @@ impl JointLayout {
         (end < self.n_acted()).then(|| columns(joint, end..self.n_acted()))
     }
 
-    /// Where below `dir` lies what belongs to one seat.
+    /// Path below `dir` for the files of one seat.
     #[must_use]
     pub fn place(&self, dir: &Path, seat: usize) -> PathBuf {
         dir.join(&self.seats[seat])
     }
 
-    /// The folder below `dir` for what belongs to one seat; it is there afterwards.
+    /// Path below `dir` for the files of one seat; creates the folder.
     ///
     /// # Errors
-    /// [`Error::File`] where the system refuses.
+    /// [`Error::File`] where the operating system refuses.
     pub fn folder(&self, dir: &Path, seat: usize) -> Result<PathBuf, Error> {
         let path = self.place(dir, seat);
         match std::fs::create_dir_all(&path) {
@@ -204,8 +202,7 @@ impl JointLayout {
         }
     }
 
-    /// What a policy file says of its inputs and outputs, where these are the given columns of the joint
-    /// vectors.
+    /// Inputs and outputs of a policy as its file describes them: the given columns of the joint vectors.
     #[must_use]
     pub fn ports(&self, observed: Range<usize>, acted: Range<usize>) -> Ports {
         let inputs = self.observed_names[observed].to_vec();
@@ -219,7 +216,7 @@ impl JointLayout {
     }
 }
 
-/// Some columns of a tensor.
+/// Columns `range` of a tensor.
 #[must_use]
 pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
     let [rows, width] = tensor.dims();
@@ -230,7 +227,7 @@ pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
     }
 }
 
-/// Every row `n` times in succession, `[batch n, ..]`.
+/// Each row repeated `n` times in succession, `[batch n, ..]`.
 #[must_use]
 pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
     let [rows, width] = tensor.dims();
@@ -241,8 +238,8 @@ pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
         .reshape([rows * n, width])
 }
 
-/// Names of the entries of a seat's action, each between -1 and 1: of a box with these limits, or of choices, each of
-/// which takes the option with the largest entry.
+/// Names of the entries of a seat's action, each between -1 and 1: those of a box with these limits, or of
+/// choices, each of which takes the option with its largest entry.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other action space and for one without entries.
@@ -338,7 +335,10 @@ mod tests {
             [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]
         );
         assert_eq!(
-            (Sight::Own.columns(&layout, 2), Sight::Joint.columns(&layout, 2)),
+            (
+                ObservationScope::Own.columns(&layout, 2),
+                ObservationScope::Joint.columns(&layout, 2)
+            ),
             (2..3, 0..3)
         );
         let alone = JointLayout::new("x", &interface(&[1], &[2])).unwrap();

@@ -1,4 +1,4 @@
-//! What agents share and what is none: buffers, checkpoints, schedules, layouts of seats, and the frame of
+//! Components that several agents share: buffers, checkpoints, schedules, layouts of seats, and the frame of
 //! the algorithms with opponent models.
 
 pub mod allocation;

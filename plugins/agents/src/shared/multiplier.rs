@@ -1,10 +1,10 @@
-//! A weight above zero that is learnt by its logarithm: the temperature of an entropy, the multiplier of a
-//! constraint.
+//! A positive weight that is learned by its logarithm, such as the temperature of an entropy or the
+//! multiplier of a constraint.
 
 use numerics::optimizer::ScalarAdam;
 use serde::{Deserialize, Serialize};
 
-/// The weight with its optimiser.
+/// A positive weight with its optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Multiplier {
     logarithm: f64,
@@ -12,7 +12,7 @@ pub struct Multiplier {
 }
 
 impl Multiplier {
-    /// A weight that starts at `first` and that Adam moves with this learning rate.
+    /// A weight that starts at `first` and is moved by Adam with this learning rate.
     #[must_use]
     pub fn new(first: f64, learning_rate: f64) -> Self {
         Self {
@@ -21,19 +21,19 @@ impl Multiplier {
         }
     }
 
-    /// The weight.
+    /// Current value, above 0.
     #[must_use]
     pub fn value(&self) -> f64 {
         self.logarithm.exp()
     }
 
-    /// One step of its logarithm up the product `logarithm * excess`: the weight rises where the excess is
-    /// above zero.
+    /// Takes one gradient step of the logarithm up the product `logarithm * excess`: the weight rises where
+    /// `excess` is positive.
     pub fn rise_with(&mut self, excess: f64) {
         self.logarithm = self.adam.step(self.logarithm, -excess);
     }
 
-    /// Another learning rate from the next step on.
+    /// Changes the learning rate from the next step on.
     pub fn set_learning_rate(&mut self, learning_rate: f64) {
         self.adam.set_learning_rate(learning_rate);
     }
@@ -43,7 +43,7 @@ impl Multiplier {
 mod tests {
     use super::*;
 
-    /// The first step of Adam is the learning rate, whatever the size of the gradient.
+    /// The first step of Adam has the size of the learning rate for any gradient.
     #[test]
     fn it_rises_with_an_excess_and_stays_above_zero() {
         let mut weight = Multiplier::new(0.5, 0.1);
@@ -57,7 +57,7 @@ mod tests {
         assert_eq!(weight.value(), before);
     }
 
-    /// The product that it climbs has the slope of the excess in the logarithm.
+    /// The product that it ascends has the slope `excess` in the logarithm.
     #[test]
     fn its_gradient_agrees_with_finite_differences() {
         let excess = -0.7;

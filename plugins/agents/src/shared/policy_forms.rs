@@ -1,7 +1,7 @@
-//! Forms of policies that several agents leave, as graphs for other runtimes.
+//! Forms of policies that several agents export, as graphs for other runtimes.
 //!
-//! An agent with a network of its own registers one function more: it reads `policy.safetensors` in a folder, says
-//! `None` where the file is of another form, and builds a [`Graph`] for each seat otherwise.
+//! An agent with a network of its own registers one more function. It reads `policy.safetensors` in a folder,
+//! returns `None` where the file is of another form, and builds a [`Graph`] for each seat otherwise.
 
 use super::{checkpoint, opponent_modelling};
 use contract::{Error, Registry, policy_form::PortablePolicy};
@@ -14,16 +14,16 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// What errors call a policy that is read to be written elsewhere.
+/// Subject of errors about a policy that is read for conversion.
 const WHAT: &str = "a policy";
 
-/// Registers the forms that several agents leave.
+/// Registers the forms that several agents export.
 pub(crate) fn register(registry: &mut Registry) {
     registry.policy_form("dense", dense);
     registry.policy_form("opponent_models", opponent_modelling::portable);
 }
 
-/// A fully connected network of [`numerics::policy_file`].
+/// Graph of a fully connected network of [`numerics::policy_file`].
 fn dense(dir: &Path) -> Result<Option<Vec<PortablePolicy>>, Error> {
     if tensors(dir)?.header.get("sizes").is_none() {
         return Ok(None);
@@ -41,7 +41,7 @@ fn dense(dir: &Path) -> Result<Option<Vec<PortablePolicy>>, Error> {
     )]))
 }
 
-/// Names of the entries of an action: an index has one.
+/// Names of the entries of an action; an index has a single entry.
 fn acted(head: Head, outputs: Vec<String>) -> Vec<String> {
     if head == Head::Argmax {
         vec!["choice".into()]
@@ -50,7 +50,7 @@ fn acted(head: Head, outputs: Vec<String>) -> Vec<String> {
     }
 }
 
-/// A policy with its graph; `seat` is empty where its folder says whose it is.
+/// A policy with its graph; `seat` is empty where the path of its folder names the seat.
 pub(crate) fn portable(
     seat: String,
     inputs: Vec<String>,
@@ -68,28 +68,28 @@ pub(crate) fn portable(
     }
 }
 
-/// The policy file in a folder.
+/// Reads the policy file in a folder.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`].
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or damaged.
 pub(crate) fn tensors(dir: &Path) -> Result<TensorFile, Error> {
     TensorFile::read(&dir.join(FILE_NAME)).map_err(error)
 }
 
-/// What a policy file says of itself, in the form of one kind.
+/// Parses the header of a policy file of one form.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] where it says something else.
+/// [`Error::Checkpoint`] where the header has other fields.
 pub(crate) fn header<T: DeserializeOwned>(header: &Value) -> Result<T, Error> {
     T::deserialize(header).map_err(|source| misfit(source.to_string()))
 }
 
-/// An error about a file of tensors.
+/// Converts an error about a tensor file to an error of the engine.
 pub(crate) fn error(source: TensorFileError) -> Error {
     checkpoint::error_of(WHAT)(source)
 }
 
-/// An error about what a file holds.
+/// Error about the content of a policy file.
 pub(crate) fn misfit(problem: String) -> Error {
     Error::Checkpoint { what: WHAT, problem }
 }

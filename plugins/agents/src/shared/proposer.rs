@@ -1,8 +1,8 @@
-//! An agent that proposes designs by what those that it tried were worth, without networks: the frame around a
-//! [`Method`].
+//! Frame of the agents that propose designs from the values of earlier designs, without networks. A
+//! [`Method`] chooses the next design.
 
 use super::checkpoint;
-use super::designs::{Tried, UnderWay, best, choices, random_design};
+use super::designs::{EvaluatedDesign, PartialDesign, best, choices, random_design};
 use contract::{
     Action, Agent, Choice, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates, choice,
 };
@@ -10,78 +10,80 @@ use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::path::Path;
 
-/// How the next design is come by.
+/// Rule that chooses the next design.
 pub trait Method: Send + 'static {
-    /// The agent's name.
+    /// Name under which the agent is registered.
     const NAME: &'static str;
-    /// What changes while it searches, besides what is known.
+    /// State of the search besides the [history](SearchHistory).
     type State: Default + Clone + Send + Serialize + DeserializeOwned;
 
-    /// The options of the next step of the design under way, one per choice.
-    fn propose(&self, known: &Known, state: &mut Self::State, rng: &mut Rng) -> Vec<usize>;
+    /// Options of the next step of the unfinished design, one per choice.
+    fn propose(&self, history: &SearchHistory, state: &mut Self::State, rng: &mut Rng) -> Vec<usize>;
 
-    /// Records what the last step showed; `whole` where it ended a design, which then stands last among those that
-    /// were tried.
-    fn note(&self, known: &Known, state: &Self::State, whole: bool, record: &mut Recorder);
+    /// Records metrics after a step; `whole` where the step completed a design, which is then the last of the
+    /// evaluated ones.
+    fn record_step(&self, history: &SearchHistory, state: &Self::State, whole: bool, record: &mut Recorder);
 
-    /// Designs or steps that were proposed by what is known, and transitions before the first of them.
+    /// Number of designs or steps that were proposed from the history, and of transitions before the first of
+    /// them.
     fn updates(&self, state: &Self::State) -> Updates;
 }
 
-/// What a search knows.
+/// Choices and designs of a search so far.
 #[derive(Debug, Clone)]
-pub struct Known {
-    /// What there is to choose.
+pub struct SearchHistory {
+    /// Choices of every step.
     pub choices: Vec<Choice>,
-    /// The design under way.
-    pub under_way: UnderWay,
-    /// Whole designs, in the order in which they were tried.
-    pub tried: Vec<Tried>,
+    /// Design whose episode is not over.
+    pub under_way: PartialDesign,
+    /// Complete designs in the order of their evaluation.
+    pub tried: Vec<EvaluatedDesign>,
 }
 
-/// The agent. Where it is scored it makes the best design that it has seen, and random steps beyond its end.
+/// Agent around a [`Method`]. In evaluation it makes the best design so far, and takes random steps beyond
+/// its end.
 #[derive(Debug, Clone)]
 pub struct Proposer<M: Method> {
     method: M,
-    known: Known,
+    history: SearchHistory,
     state: M::State,
-    /// Steps of the design that is made where it is scored.
+    /// Number of steps made so far of the design in evaluation.
     scored: usize,
 }
 
-/// What is stored of it.
+/// Content of the agent's checkpoint.
 #[derive(Serialize, Deserialize)]
-struct Stored<S> {
-    under_way: UnderWay,
-    tried: Vec<Tried>,
+struct Checkpoint<S> {
+    under_way: PartialDesign,
+    tried: Vec<EvaluatedDesign>,
     state: S,
 }
 
 impl<M: Method> Proposer<M> {
-    /// The agent for one seat that chooses among options.
+    /// Builds the agent for one seat that chooses among options.
     ///
     /// # Errors
     /// [`Error::Mismatch`] for any other seat.
     pub fn new(method: M, interface: &Interface) -> Result<Self, Error> {
-        let known = Known {
+        let history = SearchHistory {
             choices: choices(M::NAME, interface)?,
-            under_way: UnderWay::default(),
+            under_way: PartialDesign::default(),
             tried: Vec::new(),
         };
         Ok(Self {
             method,
-            known,
+            history,
             state: M::State::default(),
             scored: 0,
         })
     }
 
     fn best_so_far(&mut self, rng: &mut Rng) -> Vec<usize> {
-        let taken = best(&self.known.tried).and_then(|best| best.options.get(self.scored));
+        let taken = best(&self.history.tried).and_then(|best| best.options.get(self.scored));
         self.scored += 1;
         taken
             .cloned()
-            .unwrap_or_else(|| random_design(&self.known.choices, rng))
+            .unwrap_or_else(|| random_design(&self.history.choices, rng))
     }
 }
 
@@ -89,20 +91,20 @@ impl<M: Method> Agent for Proposer<M> {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let mut row = |_| {
             let taken = match mode {
-                Mode::Train => self.method.propose(&self.known, &mut self.state, rng),
+                Mode::Train => self.method.propose(&self.history, &mut self.state, rng),
                 Mode::Evaluate => self.best_so_far(rng),
             };
-            vec![choice::vector(&self.known.choices, &taken)]
+            vec![choice::vector(&self.history.choices, &taken)]
         };
         Ok(observations.iter().map(&mut row).collect())
     }
 
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for transition in transitions {
-            let whole = self.known.under_way.take(&self.known.choices, transition)?;
+            let whole = self.history.under_way.take(&self.history.choices, transition)?;
             let ended = whole.is_some();
-            self.known.tried.extend(whole);
-            self.method.note(&self.known, &self.state, ended, record);
+            self.history.tried.extend(whole);
+            self.method.record_step(&self.history, &self.state, ended, record);
         }
         Ok(())
     }
@@ -120,17 +122,17 @@ impl<M: Method> Agent for Proposer<M> {
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
-        let stored = Stored {
-            under_way: self.known.under_way.clone(),
-            tried: self.known.tried.clone(),
+        let stored = Checkpoint {
+            under_way: self.history.under_way.clone(),
+            tried: self.history.tried.clone(),
             state: self.state.clone(),
         };
         checkpoint::write(M::NAME, dir, TensorFile::default(), &stored)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (_, stored): (_, Stored<M::State>) = checkpoint::read(M::NAME, dir)?;
-        (self.known.under_way, self.known.tried) = (stored.under_way, stored.tried);
+        let (_, stored): (_, Checkpoint<M::State>) = checkpoint::read(M::NAME, dir)?;
+        (self.history.under_way, self.history.tried) = (stored.under_way, stored.tried);
         self.state = stored.state;
         Ok(())
     }

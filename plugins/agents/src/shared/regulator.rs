@@ -1,9 +1,9 @@
 //! A tiny problem for the tests of agents that act in a box over several steps: a plant that does not return
 //! to rest by itself.
 //!
-//! `x' = x + 0.5 a` with a cost of `x^2 + 0.05 a^2` per step, of which the reward is the negative; what is
-//! observed is `x` and a second channel that says nothing. Episodes start with `x` uniform in `[-1, 1]` and
-//! are cut off after 10 steps. Doing nothing keeps `x` where it is.
+//! The dynamics are `x' = x + 0.5 a`, and the reward per step is `-(x^2 + 0.05 a^2)`. The agent observes `x`
+//! and a second channel without information. Episodes start with `x` uniform in `[-1, 1]` and are cut off
+//! after 10 steps. Doing nothing keeps `x` where it is.
 
 use contract::{
     Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition,
@@ -11,12 +11,12 @@ use contract::{
 use numerics::policy_file::Policy;
 use rand::Rng as _;
 
-/// Steps of an episode.
+/// Number of steps of an episode.
 const EPISODE: u32 = 10;
-/// Plants that are stepped together while learning.
-const TOGETHER: usize = 8;
+/// Number of plants that are stepped in parallel while learning.
+const N_PLANTS: usize = 8;
 
-/// One seat that observes two channels and acts with one entry.
+/// Interface of one seat with two observed channels and one entry of the action.
 pub fn interface() -> Interface {
     let seat = Seat {
         name: String::new(),
@@ -29,25 +29,25 @@ pub fn interface() -> Interface {
     }
 }
 
-/// Plants that are stepped together, each at its own place of its episode.
+/// Plants that are stepped in parallel, each at a different step of its episode.
 #[derive(Debug, Clone)]
 pub struct Plants {
     places: Vec<(f64, u32)>,
-    /// What is added to every reward.
+    /// Constant added to every reward.
     pub bonus: f64,
 }
 
 impl Plants {
-    /// Plants at random starts, their episodes cut off at different steps.
+    /// Plants at random starts, with episodes that end at different steps.
     pub fn new(rng: &mut Rng) -> Self {
         let place = |at: usize| (rng.random_range(-1.0..1.0), (at as u32) % EPISODE);
         Self {
-            places: (0..TOGETHER).map(place).collect(),
+            places: (0..N_PLANTS).map(place).collect(),
             bonus: 0.0,
         }
     }
 
-    /// One step of every plant, as the agent acts in training.
+    /// Steps every plant once with the agent's training actions.
     pub fn step(&mut self, agent: &mut dyn Agent, rng: &mut Rng) -> Vec<Transition> {
         let observations: Vec<_> = self.places.iter().map(|(x, _)| observe(*x)).collect();
         let actions = agent.act(&observations, Mode::Train, rng).unwrap();
@@ -70,12 +70,12 @@ impl Plants {
     }
 }
 
-/// Where a plant is next, and the reward.
+/// Next position of a plant, and the reward.
 fn advance(x: f64, action: f64) -> (f64, f64) {
     (x + 0.5 * action, -(x * x + 0.05 * action * action))
 }
 
-/// What is seen of a plant.
+/// Observation of a plant at `x`.
 pub fn observe(x: f64) -> Observation {
     Observation {
         seats: vec![vec![x, 0.5]],
@@ -83,7 +83,7 @@ pub fn observe(x: f64) -> Observation {
     }
 }
 
-/// Lets an agent learn for a number of rounds of 8 steps.
+/// Lets an agent learn for `rounds` rounds of 8 steps.
 pub fn train(agent: &mut dyn Agent, plants: &mut Plants, rounds: usize, rng: &mut Rng) -> Recorder {
     let mut record = Recorder::default();
     for _ in 0..rounds {
@@ -93,14 +93,14 @@ pub fn train(agent: &mut dyn Agent, plants: &mut Plants, rounds: usize, rng: &mu
     record
 }
 
-/// The action at each of these places where it is scored.
+/// Evaluation action at each of these positions.
 pub fn scored(agent: &mut dyn Agent, places: &[f64]) -> Vec<f64> {
     let seen: Vec<_> = places.iter().map(|x| observe(*x)).collect();
     let actions = agent.act(&seen, Mode::Evaluate, &mut contract::random::stream(&["scored"]));
     actions.unwrap().into_iter().map(|action| action[0][0]).collect()
 }
 
-/// Mean return of episodes that start at -1, -0.9, ..., 1, for a rule that acts at each place.
+/// Mean return of episodes that start at -1, -0.9, ..., 1, for a rule that acts on each position.
 pub fn mean_return(mut act: impl FnMut(&[f64]) -> Vec<f64>) -> f64 {
     let mut places: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
     let mut sum = 0.0;
@@ -115,8 +115,8 @@ pub fn mean_return(mut act: impl FnMut(&[f64]) -> Vec<f64>) -> f64 {
     sum / 21.0
 }
 
-/// Asserts that an agent learns: after `rounds` rounds its return is less than a third of that of doing
-/// nothing and a fifth of that of random actions away from zero, and before them it was not.
+/// Asserts that an agent learns: after `rounds` rounds, and not before, its return is less than a third of
+/// that of doing nothing and a fifth of that of random actions away from zero.
 pub fn assert_learns(agent: &mut dyn Agent, rounds: usize) {
     let mut rng = contract::random::stream(&["regulator"]);
     let idle = mean_return(|places| vec![0.0; places.len()]);
@@ -132,8 +132,8 @@ pub fn assert_learns(agent: &mut dyn Agent, rounds: usize) {
     );
 }
 
-/// Asserts that an agent which was saved in the middle of episodes and loaded takes the same next updates and
-/// actions as the one that went on.
+/// Asserts that an agent restored from a checkpoint in the middle of episodes makes the same updates and
+/// takes the same actions as the agent that was not interrupted.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = contract::random::stream(&["continues"]);
     let (mut one, mut plants) = (build(&mut rng), Plants::new(&mut rng));
@@ -159,7 +159,7 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     ));
 }
 
-/// Asserts that a trained agent records these metrics and no others.
+/// Asserts that a trained agent records exactly these metrics.
 pub fn assert_records(agent: &mut dyn Agent, expected: &[&str]) {
     let mut rng = contract::random::stream(&["record"]);
     let mut plants = Plants::new(&mut rng);
@@ -177,7 +177,7 @@ pub fn names(declared: &[Metric]) -> Vec<&str> {
     declared.iter().map(|metric| metric.name.as_str()).collect()
 }
 
-/// Asserts that the exported policy acts as the agent is scored, and that a fresh agent takes it up.
+/// Asserts that the exported policy takes the agent's evaluation actions, and that a new agent imports it.
 pub fn assert_exports(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = contract::random::stream(&["exports"]);
     let (mut one, mut two) = (build(&mut rng), build(&mut rng));

@@ -1,5 +1,5 @@
-//! Replay buffer: the last transitions of all seats (Lin 1992; Mnih et al. 2015). An environment of one seat
-//! is a game of one.
+//! Replay buffer: the latest transitions of all seats (Lin 1992; Mnih et al. 2015). An environment of one
+//! seat is a game with one player.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -21,7 +21,7 @@ use rand::{Rng, RngCore};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
-/// Below this, rewards count as all alike.
+/// Smallest standard deviation by which rewards are divided; below it they count as equal.
 const SMALLEST_SD: f64 = 1e-8;
 
 /// A ring of transitions, each one row of `f32`: observation, action, rewards, next observation, continues.
@@ -33,7 +33,7 @@ pub struct Replay {
     sums: Vec<RewardSums>,
 }
 
-/// Running sums of one seat's rewards, as distances from the first of them so that no digits cancel.
+/// Running sums of one seat's rewards, as differences from the first reward so that no digits cancel.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 struct RewardSums {
     origin: f64,
@@ -41,24 +41,24 @@ struct RewardSums {
     sum_of_squares: f64,
 }
 
-/// Transitions as plain tensors.
+/// A batch of transitions as tensors without gradients.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// What all seats saw, `[batch, n_observed]`.
+    /// Observations of all seats, `[batch, n_observed]`.
     pub observations: Tensor<2>,
-    /// What all seats did, `[batch, n_acted]`.
+    /// Actions of all seats, `[batch, n_acted]`.
     pub actions: Tensor<2>,
-    /// What each seat earned, `[batch, n_seats]`.
+    /// Rewards of each seat, `[batch, n_seats]`.
     pub rewards: Tensor<2>,
-    /// What all seats saw next, `[batch, n_observed]`.
+    /// Next observations of all seats, `[batch, n_observed]`.
     pub next_observations: Tensor<2>,
     /// 0 after a terminal step, else 1, `[batch, 1]`.
     pub continues: Tensor<2>,
 }
 
 impl Replay {
-    /// An empty buffer for `capacity` transitions of `n_seats` seats, whose observations have `n_observed`
-    /// entries and whose actions `n_acted`, all seats taken together.
+    /// Creates an empty buffer for `capacity` transitions of `n_seats` seats with `n_observed` entries of the
+    /// joint observation and `n_acted` of the joint action.
     #[must_use]
     pub fn new(capacity: usize, n_observed: usize, n_acted: usize, n_seats: usize) -> Self {
         let sums = vec![RewardSums::default(); n_seats];
@@ -70,26 +70,26 @@ impl Replay {
         }
     }
 
-    /// An empty buffer for `capacity` transitions of the seats of a layout.
+    /// Creates an empty buffer for `capacity` transitions of the seats of a layout.
     #[must_use]
     pub fn of_seats(capacity: usize, layout: &JointLayout) -> Self {
         Self::new(capacity, layout.n_observed(), layout.n_acted(), layout.n_seats())
     }
 
-    /// Number of transitions that are stored.
+    /// Number of stored transitions.
     #[must_use]
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// True before the first transition.
+    /// Whether no transition is stored.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Adds one step of all seats, as they observed it; the oldest transition gives way where the buffer is
-    /// full.
+    /// Adds one step of all seats, with observations as they are; replaces the oldest transition where the
+    /// buffer is full.
     ///
     /// # Panics
     /// Where the observations, the actions and the rewards do not have the lengths of the buffer.
@@ -99,7 +99,8 @@ impl Replay {
         });
     }
 
-    /// As [`Replay::push`] for an environment of one seat, whose observations are scaled.
+    /// Adds one step of an environment with one seat, with scaled observations; otherwise as
+    /// [`Replay::push`].
     ///
     /// # Panics
     /// Where the observation, the action and the reward do not have the lengths of the buffer.
@@ -125,7 +126,7 @@ impl Replay {
                 self.add_to_sums(&left, -1.0);
                 self.add_to_sums(&row, 1.0);
                 if self.rows.oldest() == 0 {
-                    self.sum_anew();
+                    self.recompute_sums();
                 }
             }
         }
@@ -149,7 +150,7 @@ impl Replay {
         self.picked(&distinct(n, self.len(), rng))
     }
 
-    /// The `n` latest transitions, the oldest of them first; all where fewer are stored.
+    /// The `n` latest transitions, the oldest of them first; all of them where fewer are stored.
     #[must_use]
     pub fn latest(&self, n: usize) -> Batch {
         let (stored, n) = (self.len(), n.min(self.len()));
@@ -159,8 +160,8 @@ impl Replay {
         self.picked(&picked)
     }
 
-    /// Mean and population standard deviation of a seat's rewards over everything that is stored; zeros for
-    /// an empty buffer.
+    /// Mean and population standard deviation of a seat's rewards over all stored transitions; zeros for an
+    /// empty buffer.
     #[must_use]
     #[allow(
         clippy::cast_precision_loss,
@@ -180,8 +181,8 @@ impl Replay {
         )
     }
 
-    /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all
-    /// that are stored and divided by their standard deviation (by 1 where they are all alike).
+    /// Rewards of one seat in a batch, `[batch, 1]`. Where `standardised`, the mean of all stored rewards is
+    /// subtracted and their standard deviation divides (1 where they are equal).
     #[must_use]
     pub fn rewards_of(&self, batch: &Batch, seat: usize, standardised: bool) -> Tensor<2> {
         let rewards = columns(&batch.rewards, seat..seat + 1);
@@ -192,13 +193,13 @@ impl Replay {
         (rewards - mean) / if sd > SMALLEST_SD { sd } else { 1.0 }
     }
 
-    /// Puts the buffer into a file.
+    /// Stores the buffer in a file.
     pub fn store(&self, file: &mut TensorFile) {
         self.rows.store("replay", file);
         file.header["replay"]["reward_sums"] = serde_json::json!(self.sums);
     }
 
-    /// Continues from what [`Replay::store`] put into a file.
+    /// Restores the buffer that [`Replay::store`] wrote.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file holds no buffer or one of another shape.
@@ -255,8 +256,9 @@ impl Replay {
         }
     }
 
-    /// Once per turn of the ring, so that the rounding of additions and subtractions does not pile up.
-    fn sum_anew(&mut self) {
+    /// Recomputes the sums once per turn of the ring, so that the rounding of additions and subtractions does
+    /// not accumulate.
+    fn recompute_sums(&mut self) {
         for sums in &mut self.sums {
             (sums.sum, sums.sum_of_squares) = (0.0, 0.0);
         }
@@ -271,7 +273,7 @@ impl Replay {
     }
 }
 
-/// `n` different numbers below `total`, every subset as likely as any other (Floyd; Bentley 1987,
+/// `n` different numbers below `total`, every subset with the same probability (Floyd; Bentley 1987,
 /// Communications of the ACM 30).
 fn distinct(n: usize, total: usize, rng: &mut impl RngCore) -> Vec<usize> {
     let mut taken = HashSet::with_capacity(n);
@@ -299,7 +301,7 @@ fn row(transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) -> Vec<
     row
 }
 
-/// Numbers as networks compute with them.
+/// Numbers in the precision of networks.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 fn single<'a>(entries: impl Iterator<Item = &'a f64>) -> impl Iterator<Item = f32> {
     entries.map(|entry| *entry as f32)
@@ -312,7 +314,7 @@ mod tests {
     use contract::{Channel, random::stream};
     use numerics::network::values;
 
-    /// Two seats that observe 2 and 1 entries and act with 1 and 2.
+    /// Buffer for two seats with 2 and 1 observed entries, and 1 and 2 entries of the action.
     fn replay(capacity: usize) -> Replay {
         Replay::new(capacity, 3, 3, 2)
     }
@@ -361,7 +363,7 @@ mod tests {
                 (x + 1.0, f32::from(u8::from(x != 3.0)))
             );
         }
-        // Without replacement, three of three are all of them.
+        // Three distinct draws of three rows are all rows.
         drawn.sort_by(f32::total_cmp);
         assert_eq!(drawn, [3.0, 4.0, 5.0]);
     }
@@ -380,8 +382,8 @@ mod tests {
             seen.iter()
                 .for_each(|reward| counts[(reward / 10.0) as usize - 1] += 1);
         }
-        // Each of ten is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 * 0.6) =
-        // 22.
+        // Each of ten rows is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 *
+        // 0.6) = 22.
         assert!(
             counts.iter().all(|count| (710..890).contains(count)),
             "{counts:?}"
@@ -393,7 +395,7 @@ mod tests {
         let (replay, mut rng) = (filled(20, 4), stream(&["replaced"]));
         let rewards = values(replay.sample_with_replacement(4_000, &mut rng).rewards);
         for x in 1..=4u8 {
-            // Each is expected 1000 times, with a deviation of sqrt(4000 * 0.25 * 0.75) = 27.
+            // Each row is expected 1000 times, with a deviation of sqrt(4000 * 0.25 * 0.75) = 27.
             let count = rewards
                 .iter()
                 .filter(|reward| **reward == 10.0 * f32::from(x))
@@ -447,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_what_is_stored() {
+    fn moments_are_those_of_the_stored_rewards() {
         assert_eq!(replay(3).reward_moments(0), (0.0, 0.0));
         assert_eq!(filled(3, 1).reward_moments(0), (10.0, 0.0));
         // 3, 4, 5: mean 4, variance 2/3.

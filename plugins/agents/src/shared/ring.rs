@@ -1,8 +1,8 @@
-//! Rows of numbers of one length, of which the oldest gives way where there is no more room.
+//! Ring buffer of rows of numbers: a full buffer replaces its oldest row.
 
 use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
 
-/// The rows.
+/// Rows of one length in a buffer of bounded size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ring {
     capacity: usize,
@@ -12,7 +12,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// No rows yet of `width` numbers, at most `capacity` and at least one.
+    /// Creates an empty buffer for at most `capacity` rows, at least one, of `width` numbers.
     #[must_use]
     pub fn new(capacity: usize, width: usize) -> Self {
         Self {
@@ -23,45 +23,45 @@ impl Ring {
         }
     }
 
-    /// Number of rows that are stored.
+    /// Number of stored rows.
     #[must_use]
     pub fn len(&self) -> usize {
         self.rows.len() / self.width
     }
 
-    /// True before the first row.
+    /// Whether no row is stored.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Length of a row.
+    /// Number of entries of a row.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Place of the row that leaves next, 0 until all places are taken.
+    /// Index of the row that is replaced next; 0 until the buffer is full.
     #[must_use]
     pub fn oldest(&self) -> usize {
         self.oldest
     }
 
-    /// The row at a place, `[width]`.
+    /// Row at index `at`, `[width]`.
     ///
     /// # Panics
-    /// Where no row is there.
+    /// Where no row is stored at `at`.
     #[must_use]
     pub fn row(&self, at: usize) -> &[f32] {
         &self.rows[at * self.width..(at + 1) * self.width]
     }
 
-    /// All rows by their places, each `[width]`.
+    /// All rows in the order of their indices, each `[width]`.
     pub fn rows(&self) -> impl Iterator<Item = &[f32]> {
         self.rows.chunks(self.width)
     }
 
-    /// Adds a row; gives back the one that left for it.
+    /// Adds a row; returns the row that it replaced.
     ///
     /// # Panics
     /// Where the row has another length.
@@ -78,7 +78,7 @@ impl Ring {
         Some(left)
     }
 
-    /// Puts the rows under a name into a file and its header.
+    /// Stores the rows under `name` in a file and its header.
     pub fn store(&self, name: &str, file: &mut TensorFile) {
         let tensor = HostTensor {
             shape: vec![self.len(), self.width],
@@ -88,10 +88,10 @@ impl Ring {
         file.header[name]["oldest"] = serde_json::json!(self.oldest);
     }
 
-    /// Continues from what [`Ring::store`] put into a file.
+    /// Restores the rows that [`Ring::store`] wrote.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file holds no such rows or some of another shape.
+    /// [`TensorFileError`] where the file does not contain such rows or they have another shape.
     pub fn restore(&mut self, name: &str, file: &TensorFile) -> Result<(), TensorFileError> {
         let stored = file.get(name)?;
         let oldest = file.header[name]["oldest"].as_u64();
@@ -123,7 +123,7 @@ mod tests {
         let mut ring = Ring::new(3, 2);
         for row in 0..rows {
             let left = ring.push(&[f32::from(row), -1.0]);
-            // From the fourth row on each takes the place of the third before it.
+            // From the fourth row on, each replaces the third one before it.
             let expected = row.checked_sub(3).map(|gone| vec![f32::from(gone), -1.0]);
             assert_eq!(left, expected);
         }
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stored_goes_on_and_another_shape_is_refused() {
+    fn a_restored_ring_continues_and_another_shape_is_refused() {
         let mut file = TensorFile::default();
         let mut ring = filled(5);
         ring.store("rows", &mut file);

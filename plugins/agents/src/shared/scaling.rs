@@ -1,11 +1,11 @@
-//! How observations reach a network: centred and divided by a typical deviation, channel by channel.
+//! Scaling of observations for a network: each channel is centred and divided by a typical deviation.
 
 use contract::Channel;
 use numerics::policy_file::Ports;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Whether observations are scaled.
+/// Scaling of observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObservationScaling {
@@ -17,7 +17,7 @@ pub enum ObservationScaling {
     None,
 }
 
-/// The scaling of one seat's observation.
+/// Center and spread of each channel of one seat's observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scaling {
     names: Vec<String>,
@@ -26,7 +26,7 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// The scaling of these channels.
+    /// Builds the scaling of these channels.
     #[must_use]
     pub fn new(kind: ObservationScaling, channels: &[Channel]) -> Self {
         let names = channels.iter().map(|channel| channel.name.clone()).collect();
@@ -44,7 +44,7 @@ impl Scaling {
         }
     }
 
-    /// The same channels with other values to subtract and to divide by.
+    /// Replaces the values that are subtracted and those that divide.
     #[must_use]
     pub fn with(self, center: Vec<f64>, spread: Vec<f64>) -> Self {
         Self {
@@ -54,8 +54,8 @@ impl Scaling {
         }
     }
 
-    /// Lets the channels at these positions reach networks as 0, whatever is observed: divided by a spread so large
-    /// that nothing is left in single precision.
+    /// Hides the channels at positions where `blind` holds: networks see 0 for them. Their spread becomes so
+    /// large that nothing is left in single precision.
     pub fn flatten(&mut self, blind: impl Fn(usize) -> bool) {
         let flattened = self.spread.iter_mut().enumerate().filter(|(at, _)| blind(*at));
         flattened.for_each(|(_, spread)| *spread = f64::MAX);
@@ -67,7 +67,7 @@ impl Scaling {
         self.names.len()
     }
 
-    /// One observation as a network sees it.
+    /// Scaled observation as the input of a network.
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn apply<'a>(&'a self, observation: &'a [f64]) -> impl Iterator<Item = f32> + 'a {
         observation
@@ -77,7 +77,7 @@ impl Scaling {
             .map(|((x, center), spread)| ((x - center) / spread) as f32)
     }
 
-    /// What a policy file says of its inputs and outputs.
+    /// Inputs and outputs of a policy as its file describes them.
     #[must_use]
     pub fn ports(&self, outputs: &[String]) -> Ports {
         let Self {

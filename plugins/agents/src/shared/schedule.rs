@@ -1,9 +1,10 @@
-//! When an off-policy agent updates: a number of updates per environment step, after a first stretch without.
+//! Update schedule of an off-policy agent: a number of updates per environment step, after a first stretch
+//! without updates.
 
 use contract::Updates;
 use serde::{Deserialize, Serialize};
 
-/// Counts environment steps and says how many updates are due.
+/// Counter of environment steps that tells how many updates are due.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct UpdateSchedule {
     n_steps: u64,
@@ -12,7 +13,7 @@ pub struct UpdateSchedule {
 }
 
 impl UpdateSchedule {
-    /// A schedule at its start.
+    /// Creates a schedule before the first step.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -22,25 +23,25 @@ impl UpdateSchedule {
         }
     }
 
-    /// Environment steps so far, all environments counted.
+    /// Number of environment steps so far, over all environments.
     #[must_use]
     pub fn n_steps(&self) -> u64 {
         self.n_steps
     }
 
-    /// Updates so far.
+    /// Number of updates so far.
     #[must_use]
     pub fn n_updates(&self) -> u64 {
         self.n_updates
     }
 
-    /// Counts an update that was made.
+    /// Counts one update.
     pub fn count_update(&mut self) {
         self.n_updates += 1;
     }
 
-    /// What an agent that follows this schedule says of its updates: none is due before the step told,
-    /// however many environments are stepped together.
+    /// Declared updates of an agent that follows this schedule. None is due before the declared step, for any
+    /// number of parallel environments.
     #[must_use]
     #[allow(
         clippy::cast_possible_truncation,
@@ -54,7 +55,7 @@ impl UpdateSchedule {
         }
     }
 
-    /// Takes in `n_new` environment steps; returns the updates that are due now and carries the fraction.
+    /// Adds `n_new` environment steps; returns the number of updates that are due and carries the fraction.
     #[allow(
         clippy::cast_precision_loss,
         clippy::cast_possible_truncation,
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn no_update_is_due_before_the_step_that_is_told() {
+    fn no_update_is_due_before_the_declared_step() {
         for (together, starts, per_step) in [
             (1, 100, 1.0),
             (64, 128, 0.0625),

@@ -1,8 +1,9 @@
-//! What agents ask of the seats they are built for: the kind of space, the positions of channels by name.
+//! Checks and look-ups of the seats that agents are built for: the kind of space, and positions of channels
+//! by name.
 
 use contract::{Channel, Error, Interface, Seat, Space};
 
-/// The only seat of a single-agent environment.
+/// Seat of an environment that has a single one.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where there is not exactly one seat.
@@ -16,7 +17,7 @@ pub fn only_seat<'a>(agent: &'static str, interface: &'a Interface) -> Result<&'
     }
 }
 
-/// Names of the entries of a seat's action, which has to live on a simplex.
+/// Names of the shares of a seat that acts on a simplex.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other action space and for a simplex without entries.
@@ -33,7 +34,7 @@ pub fn simplex<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [String], 
     }
 }
 
-/// The observed channels of a seat, in order.
+/// Observed channels of a seat, in order.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where the observation is not a box.
@@ -53,7 +54,7 @@ pub fn observed<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel]
 /// Position of the channel called `name`.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where there is none; the message lists what there is.
+/// [`Error::Mismatch`] for an unknown name; the message lists the channels.
 pub fn position(agent: &'static str, channels: &[Channel], name: &str) -> Result<usize, Error> {
     channels
         .iter()
@@ -67,8 +68,8 @@ pub fn position(agent: &'static str, channels: &[Channel], name: &str) -> Result
         })
 }
 
-/// What follows `prefix` in the names of the channels that start with it, in the order of the channels; one
-/// per asset.
+/// Rest of the name after `prefix`, for each channel whose name starts with it, in the order of the channels:
+/// one per asset.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where their number is not `n_assets`.
@@ -112,7 +113,7 @@ pub fn positions(
 /// Checks that the full state has one channel per entry of the target.
 ///
 /// # Errors
-/// [`Error::Mismatch`] where it has another number.
+/// [`Error::Mismatch`] where the numbers differ.
 pub fn state_of_length(agent: &'static str, interface: &Interface, n_targets: usize) -> Result<(), Error> {
     let found = interface.state.len();
     if found == n_targets {
@@ -124,7 +125,7 @@ pub fn state_of_length(agent: &'static str, interface: &Interface, n_targets: us
     ))
 }
 
-/// The error of an agent that does not fit an environment.
+/// Error of an agent that does not fit an environment.
 #[must_use]
 pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
     Error::Mismatch {
@@ -133,7 +134,7 @@ pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
     }
 }
 
-/// A seat, as messages name it.
+/// Phrase for a seat in messages.
 #[must_use]
 pub fn named(seat: &Seat) -> String {
     match seat.name.as_str() {
@@ -142,7 +143,7 @@ pub fn named(seat: &Seat) -> String {
     }
 }
 
-/// The kind of a space, as messages name it.
+/// Phrase for the kind of a space in messages.
 #[must_use]
 pub fn kind(space: &Space) -> &'static str {
     match space {
@@ -159,7 +160,7 @@ pub fn kind(space: &Space) -> &'static str {
 pub(crate) mod tests {
     use super::*;
 
-    /// An interface with one seat whose action is a simplex of `n` shares.
+    /// Interface of one seat that acts on a simplex of `n` shares.
     pub(crate) fn allocation(observed: &[&str], state: &[&str], n: usize) -> Interface {
         let channels = |names: &[&str]| {
             names
@@ -180,7 +181,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_missing_channel_is_named_with_what_there_is() {
+    fn a_missing_channel_is_named_with_the_existing_ones() {
         let interface = allocation(&["voltage_1", "current_1"], &[], 1);
         let channels = observed("rule", &interface.seats[0]).unwrap();
         assert_eq!(position("rule", channels, "current_1").unwrap(), 1);

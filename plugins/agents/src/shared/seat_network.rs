@@ -1,22 +1,22 @@
-//! The networks of agents that play several seats: fully connected, all hidden layers alike.
+//! Fully connected networks for the seats of a game, with equal hidden layers.
 
 use contract::Error;
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
 
-/// Hidden layers of a network.
+/// Size and activation of the hidden layers of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Hidden {
-    /// Units of each layer.
+pub struct HiddenLayers {
+    /// Number of units of each layer.
     pub width: usize,
     /// Number of layers.
     pub layers: usize,
-    /// What follows each of them.
+    /// Activation after each layer.
     pub activation: Activation,
 }
 
-impl Hidden {
-    /// A network to be trained, `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
+impl HiddenLayers {
+    /// Creates a network to be trained, from `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
     pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
         Mlp::new(
@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn all_hidden_layers_are_alike() {
-        let hidden = Hidden {
+        let hidden = HiddenLayers {
             width: 7,
             layers: 3,
             activation: Activation::Tanh,

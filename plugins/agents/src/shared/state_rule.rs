@@ -1,17 +1,17 @@
-//! Rules that decide from the full state alone, as agents.
+//! Agents that follow rules of the full state.
 
 use contract::{Action, Agent, Error, Mode, Observation, Rng};
 
-/// A rule without memory and chance.
+/// A rule without memory and randomness.
 pub trait StateRule: Send {
     /// The action of every seat in a full state.
     fn decide(&self, state: &[f64]) -> Action;
 }
 
-/// The agent that does what a rule says. It records nothing.
-pub struct Ruled<R>(pub R);
+/// Agent that follows a rule and records nothing.
+pub struct RuleAgent<R>(pub R);
 
-impl<R: StateRule> Agent for Ruled<R> {
+impl<R: StateRule> Agent for RuleAgent<R> {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         Ok(observations
             .iter()

@@ -1,4 +1,4 @@
-//! What critics are trained towards, and how far they are from it.
+//! Targets of critics, and the loss between critics and targets.
 
 use burn::tensor::Tensor;
 use numerics::network::values;

@@ -2,7 +2,7 @@
 
 use crate::shared::{
     scaling::ObservationScaling,
-    seat_network::{Hidden, check_batch},
+    seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -10,26 +10,26 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// How the values of the seats become what is learned.
+/// Mixing of the seats' values into the value that is learned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Mixing {
-    /// Not at all: every seat learns the value of its own choices from its own reward, and takes the others for a part
-    /// of the environment (independent Q-learning).
+pub enum ValueMixing {
+    /// None: every seat learns the value of its own choices from its own reward, and treats the others as a
+    /// part of the environment (independent Q-learning).
     None,
-    /// By their sum (VDN).
+    /// The sum of the seats' values (VDN).
     Sum,
-    /// By a network that grows in each of them and reads the full state (QMIX).
+    /// A network that grows in each value and reads the full state (QMIX).
     #[default]
     Monotonic,
 }
 
-/// Hyper-parameters. The defaults are those of QMIX as far as it has them.
+/// Hyper-parameters. The defaults are those of QMIX where it states them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// How the values of the seats become what is learned.
-    pub mixing: Mixing,
+    /// Mixing of the seats' values into the value that is learned.
+    pub mixing: ValueMixing,
     /// Step size of Adam.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Rashid et al. 2018, appendix C.1, of RMSprop"))]
     pub learning_rate: f64,
@@ -48,7 +48,7 @@ pub struct Config {
     /// Units of each hidden layer of the seats' network.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Rashid et al. 2018, appendix C.1"))]
     pub width: usize,
-    /// Hidden layers of the seats' network.
+    /// Number of hidden layers of the seats' network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "own choice"))]
     pub hidden_layers: usize,
     /// Units of the hidden layer of the mixing network.
@@ -72,19 +72,20 @@ pub struct Config {
     /// Environment steps of the linear decline of exploration; 0 starts with the final one.
     #[schemars(extend("x-source" = "Rashid et al. 2018, appendix C.1"))]
     pub exploration_steps: u64,
-    /// What rewards are multiplied by before anything is learned of them, so that values are of the size of 1.
+    /// Factor of all rewards, so that values are of order 1.
     #[schemars(range(min = 1e-9, max = 1e9), extend("x-source" = "own choice"))]
     pub reward_scale: f64,
-    /// How observations and the full state are scaled.
+    /// Scaling of observations and of the full state.
     pub observation_scaling: ObservationScaling,
-    /// How much choices that are not in the data are held down against those that are; 0 for not at all. For learning
-    /// from datasets: nothing else there corrects a choice that is thought too good and was never made.
+    /// Weight by which the values of choices outside the data are held down against those in the data; 0 for
+    /// none. It is for learning from datasets, where no experience corrects a choice that is overestimated
+    /// and was never made.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "Kumar et al. 2020, eq. 4, as alpha"))]
     #[serde(skip_serializing_if = "is_zero")]
     pub conservatism: f64,
 }
 
-/// For a key that is written only where it says something.
+/// Whether a key has its default 0 and is left out of stored configs.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
@@ -93,7 +94,7 @@ fn is_zero(value: &f64) -> bool {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            mixing: Mixing::default(),
+            mixing: ValueMixing::default(),
             learning_rate: 5e-4,
             batch_size: 128,
             discount: 0.99,
@@ -138,7 +139,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         check_batch(self.batch_size, self.replay_capacity)?;
         if self.final_exploration <= self.exploration {
@@ -149,7 +150,7 @@ impl Config {
         Err(Error::config("final_exploration", problem))
     }
 
-    /// Probability of a random choice: a straight line from the first to the final one.
+    /// Probability of a random choice at a step: a straight line from the first to the final one.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
     pub fn exploration_at(&self, step: u64) -> f64 {
@@ -160,10 +161,10 @@ impl Config {
         self.exploration + gone * (self.final_exploration - self.exploration)
     }
 
-    /// The hidden layers of the seats' network.
+    /// Size and activation of the hidden layers of the seats' network.
     #[must_use]
-    pub fn hidden(&self) -> Hidden {
-        Hidden {
+    pub fn hidden(&self) -> HiddenLayers {
+        HiddenLayers {
             width: self.width,
             layers: self.hidden_layers,
             activation: Activation::Relu,

@@ -1,4 +1,4 @@
-//! The mixing network of QMIX: one value of the team that grows in the value of every seat.
+//! The mixing network of QMIX: one value of the team that increases with the value of every seat.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -14,7 +14,7 @@ use burn::{module::Module, tensor::Tensor};
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
 
-/// Networks that make the weights of the mixing network from the state.
+/// Networks that compute the weights of the mixing network from the state.
 #[derive(Module, Debug, Default)]
 pub struct MonotonicMixer {
     first_weights: Mlp,
@@ -26,7 +26,7 @@ pub struct MonotonicMixer {
 }
 
 impl MonotonicMixer {
-    /// Networks to be trained.
+    /// Creates the networks.
     pub fn new(n_state: usize, n_seats: usize, width: usize, rng: &mut impl RngCore) -> Self {
         let device = device().autodiff();
         let mut affine = |outputs: usize| Mlp::new(&[n_state, outputs], &[], 1.0, rng, &device);
@@ -41,7 +41,7 @@ impl MonotonicMixer {
         }
     }
 
-    /// Q_tot `[batch, 1]`.
+    /// Value of the team Q_tot, `[batch, 1]`.
     #[must_use]
     pub fn forward(&self, values: Tensor<2>, state: &Tensor<2>) -> Tensor<2> {
         let [batch, n_seats] = values.dims();
@@ -54,7 +54,7 @@ impl MonotonicMixer {
     }
 }
 
-/// `x` above 0, `e^x - 1` below.
+/// Exponential linear unit: `x` above 0, `e^x - 1` below.
 fn elu(x: Tensor<2>) -> Tensor<2> {
     x.clone().clamp_min(0.0) + x.clamp_max(0.0).exp() - 1.0
 }
@@ -84,7 +84,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_team_never_loses_by_what_a_seat_gains(
+        fn the_value_of_the_team_never_falls_with_that_of_a_seat(
             seed in 0u32..1000,
             q in prop::array::uniform3(-20.0f32..20.0),
             state in prop::array::uniform2(-3.0f32..3.0),
@@ -95,7 +95,7 @@ mod tests {
             let mut more = q;
             more[seat] += gain;
             let (before, after) = (mixed(&mixer, q, state), mixed(&mixer, more, state));
-            // Equal where a weight is 0 or the exponential is flat.
+            // The values are equal where a weight is 0 or the exponential is flat.
             prop_assert!(after >= before - 1e-4 * before.abs().max(1.0), "{before} {after}");
         }
     }

@@ -1,4 +1,4 @@
-//! Value decomposition: seats with one choice each learn one value of the team, and choose alone.
+//! Value decomposition: seats with one choice each learn one value of the team, and choose independently.
 //!
 //! - QMIX: T. Rashid, M. Samvelyan, C. Schroeder de Witt, G. Farquhar, J. Foerster and S. Whiteson, "QMIX: monotonic
 //!   value function factorisation for deep multi-agent reinforcement learning", ICML 2018, arXiv:1803.11485.
@@ -8,7 +8,7 @@
 //!   1993; with deep networks V. Mnih and others, Nature 518 (2015) 529.
 //!
 //! | paper | here | shape |
-//! |---|---|---|
+//! | tau_a | `observation` of seat a, and the index of the seat (one entry per seat) | `[batch n, n_observed + n]` |
 //! | tau_a | `observation` of seat a, and which seat it is (one entry each) | `[batch n, n_observed + n]` |
 //! | Q_a(tau_a, u_a) | `seat` network, one for all seats | `[batch n, n_choices]` |
 //! | s | `state`, for QMIX alone | `[batch, n_state]` |
@@ -19,25 +19,25 @@
 //!
 //! `y = r + gamma (1 - d) Q_tot(s', tau', argmax_u Q(tau', u; theta); theta^-)` (eq. 6, with the choices of the
 //! learned network and the values of its target: H. van Hasselt, A. Guez and D. Silver, "Deep reinforcement learning
-//! with double Q-learning", AAAI 2016, as in the authors' code). Since Q_tot grows in every Q_a, what each seat likes
-//! best is what the team likes best (eq. 5).
+//! with double Q-learning", AAAI 2016, as in the authors' code). Since Q_tot increases with every Q_a, the
+//! best choice of each seat is the best choice of the team (eq. 5).
 //!
 //! - Conservative Q-learning: A. Kumar, A. Zhou, G. Tucker and S. Levine, "Conservative Q-learning for offline
 //!   reinforcement learning", NeurIPS 2020, arXiv:2006.04779.
 //!
-//! With `conservatism` alpha above 0, what is minimised has `alpha (ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a))`
-//! besides, the mean over batch and seats (their eq. 4 for choices, of each seat's value): where a dataset is all
-//! there is, a choice that nobody made is not thought better than those that were.
+//! With `conservatism` alpha above 0, the loss has the further term `alpha (ln sum_u exp Q_a(tau_a, u) -
+//! Q_a(tau_a, u_a))`, the mean over batch and seats (their eq. 4 for choices, of each seat's value). Where
+//! there is only a dataset, a choice that was never made is then not valued above those that were.
 //!
 //! Departures from the papers
-//! - Networks see one observation and remember nothing: they are for observations that hold what is known, such as
-//!   beliefs. The papers have a recurrent layer. So the buffer holds steps, not episodes.
-//! - Adam in the place of RMSprop; targets follow by a moving average in the place of copies now and then; half of the
+//! - Networks see one observation and remember nothing: they are for observations with complete information,
+//!   such as beliefs. The papers have a recurrent layer. So the buffer holds steps, not episodes.
+//! - Adam instead of RMSprop; targets follow by a moving average instead of occasional copies; half of the
 //!   squared error.
 //! - The full state is scaled by the typical values of its channels, and so are observations.
 //!
-//! The policy of every seat is one file in its folder, all with the one network: the last inputs are 1 for the
-//! seat that looks and 0 for the others.
+//! The policy of every seat is one file in its folder, all with the same network: the last inputs are 1 for
+//! the acting seat and 0 for the others.
 //!
 //! Metrics, means over updates since the last measurement: `value_loss` half the squared error, `value` the mean of
 //! Q_tot in the batch, `exploration` the probability of a random choice.
@@ -47,7 +47,7 @@ mod mixer;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Config, Mixing};
+pub use config::{Config, ValueMixing};
 pub use mixer::MonotonicMixer;
 
 use crate::shared::{
@@ -67,7 +67,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{self, Head, Policy, Ports},
     tensor_file::TensorFile,
@@ -77,34 +77,34 @@ use std::path::Path;
 
 const NAME: &str = "value_decomposition";
 
-/// The agent.
+/// Value decomposition for all seats.
 #[derive(Debug, Clone)]
 pub struct ValueDecomposition {
     config: Config,
     team: Team,
-    networks: Trained<Networks>,
+    networks: TrainedNetwork<Networks>,
     target: Networks,
     replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// What is learned together.
+/// Networks that are trained jointly.
 #[derive(Module, Debug, Default)]
 struct Networks {
     seat: Mlp,
-    /// None without mixing and for a sum.
+    /// Mixing network; `None` without mixing and for a sum.
     mixer: Option<MonotonicMixer>,
 }
 
-/// Seats that observe alike and choose among as many.
+/// Seats with equal spaces of observations and choices.
 #[derive(Debug, Clone)]
 struct Team {
     n_seats: usize,
     n_choices: usize,
-    /// Names of the seats, and how each says what it takes.
+    /// Names of the seats, and the encoding of their choices.
     seats: Vec<(String, ChoiceSeat)>,
     observation: Scaling,
-    /// Of the full state where it is read, else of no channels.
+    /// Scaling of the full state where it is read, else of no channels.
     state: Scaling,
 }
 
@@ -120,16 +120,16 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     registry.agent(NAME, version, about, traits, build);
 }
 
-/// Builds the agent for seats that observe boxes of one size and take one of as many choices.
+/// Builds the agent for seats that observe boxes of one size and take one of equally many choices.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other seats and, with monotonic mixing, for an environment without a full state;
-/// [`Error::Config`] for settings that contradict each other.
+/// [`Error::Mismatch`] for any other seats and, with monotonic mixing, for an environment without a full
+/// state; [`Error::Config`] for settings that contradict each other.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(ValueDecomposition::new(config, interface, rng)?))
 }
 
-/// What [`ValueDecomposition::learn`] records.
+/// Metrics that [`ValueDecomposition::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("value_loss", "", "half the squared error of the value").lower_is_better(),
@@ -161,12 +161,12 @@ impl Team {
             }
             seats.push((seat.name.clone(), options));
         }
-        let state = if config.mixing == Mixing::Monotonic {
+        let state = if config.mixing == ValueMixing::Monotonic {
             &interface.state[..]
         } else {
             &[]
         };
-        if config.mixing == Mixing::Monotonic && state.is_empty() {
+        if config.mixing == ValueMixing::Monotonic && state.is_empty() {
             return Err(mismatch(
                 NAME,
                 "`mixing: monotonic` reads the full state, and there is none",
@@ -181,7 +181,8 @@ impl Team {
         })
     }
 
-    /// What the network sees and gives out: an observation, and which seat looks.
+    /// Inputs and outputs of the network as a policy file describes them: an observation and the index of the
+    /// seat, and one value per choice.
     fn ports(&self) -> Ports {
         let mut ports = self.observation.ports(self.seats[0].1.names());
         for (seat, _) in &self.seats {
@@ -196,13 +197,13 @@ impl Team {
         self.n_seats * self.observation.n_channels()
     }
 
-    /// What all seats see and, where it is read, the state: scaled, one seat after the other.
+    /// Scaled observations of all seats, one after the other, and the full state where it is read.
     fn scaled(&self, seen: &Observation) -> Vec<f32> {
         let seats = seen.seats.iter().flat_map(|seat| self.observation.apply(seat));
         seats.chain(self.state.apply(&seen.state)).collect()
     }
 
-    /// A step as the buffer keeps it: scaled, the state as one more seat, choices as their positions.
+    /// A step as the buffer stores it: scaled, with the state as one more seat and choices as indices.
     ///
     /// # Errors
     /// [`Error::Action`] for an action that takes no option.
@@ -223,7 +224,8 @@ impl Team {
         })
     }
 
-    /// Q_a of all choices of all seats, `[batch n, n_choices]`, from rows that begin with the observations.
+    /// Values Q_a of all choices of all seats, `[batch n, n_choices]`, from rows that begin with the
+    /// observations.
     fn values(&self, network: &Mlp, rows: &Tensor<2>) -> Tensor<2> {
         let (batch, n) = (rows.dims()[0], self.n_seats);
         let seen = columns(rows, 0..self.n_observed()).reshape([batch * n, self.observation.n_channels()]);
@@ -233,7 +235,7 @@ impl Team {
         network.forward(Tensor::cat(vec![seen, matrix(which, n)], 1))
     }
 
-    /// The values `[batch, n]` of one choice per seat.
+    /// Values `[batch, n]` of one choice per seat.
     fn of_choices(&self, values: Tensor<2>, chosen: &[usize]) -> Tensor<2> {
         let is_chosen =
             |choice: usize| (0..self.n_choices).map(move |other| f32::from(u8::from(other == choice)));
@@ -242,7 +244,7 @@ impl Team {
         of_seats.reshape([chosen.len() / self.n_seats, self.n_seats])
     }
 
-    /// What each seat likes best, the first of equals.
+    /// Choice of each seat with the largest value, the first of equals.
     fn best(&self, values: &[f32]) -> Vec<usize> {
         let best =
             |row: &[f32]| (1..row.len()).fold(0, |best, at| if row[at] > row[best] { at } else { best });
@@ -257,12 +259,12 @@ impl ValueDecomposition {
         let (n, n_state) = (team.n_seats, team.state.n_channels());
         let inputs = team.observation.n_channels() + n;
         let seat = config.hidden().network(inputs, team.n_choices, 1.0, rng);
-        let mixer = (config.mixing == Mixing::Monotonic)
+        let mixer = (config.mixing == ValueMixing::Monotonic)
             .then(|| MonotonicMixer::new(n_state, n, config.mixing_width, rng));
         let networks = Networks { seat, mixer };
         Ok(Self {
             target: networks.valid(),
-            networks: Trained::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
+            networks: TrainedNetwork::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
             replay: Replay::new(config.replay_capacity, team.n_observed() + n_state, n, n),
             schedule: UpdateSchedule::new(),
             team,
@@ -292,7 +294,7 @@ impl ValueDecomposition {
         Ok(())
     }
 
-    /// Q_tot of what was done; where it counts, how much better all choices are thought together than those.
+    /// Q_tot of the stored choices and, with conservatism, the excess of all choices' values over theirs.
     fn value(&self, networks: &Networks, batch: &Batch) -> (Tensor<2>, Option<Tensor<1>>) {
         #[allow(
             clippy::cast_possible_truncation,
@@ -309,7 +311,7 @@ impl ValueDecomposition {
         (self.mixed(networks, of_done, &batch.observations), excess)
     }
 
-    /// Eq. 6: the target of Q_tot.
+    /// Target of Q_tot, eq. 6.
     fn target(&self, batch: &Batch) -> Tensor<2> {
         let next = &batch.next_observations;
         let likes = self.team.values(&self.networks.network().seat.valid(), next);
@@ -317,17 +319,17 @@ impl ValueDecomposition {
         let of_all = self.team.values(&self.target.seat, next);
         let value = self.mixed(&self.target, self.team.of_choices(of_all, &best), next);
         let rewards = match self.config.mixing {
-            Mixing::None => batch.rewards.clone(),
-            Mixing::Sum | Mixing::Monotonic => batch.rewards.clone().mean_dim(1),
+            ValueMixing::None => batch.rewards.clone(),
+            ValueMixing::Sum | ValueMixing::Monotonic => batch.rewards.clone().mean_dim(1),
         };
         bootstrapped(rewards, batch.continues.clone(), value, self.config.discount)
     }
 
-    /// What is learned of the seats' values `[batch, n]`, given rows that end with the state.
+    /// Mixed value from the seats' values `[batch, n]` and rows that end with the state.
     fn mixed(&self, networks: &Networks, of_seats: Tensor<2>, rows: &Tensor<2>) -> Tensor<2> {
         match (self.config.mixing, &networks.mixer) {
-            (Mixing::Sum, _) => of_seats.sum_dim(1),
-            (Mixing::Monotonic, Some(mixer)) => {
+            (ValueMixing::Sum, _) => of_seats.sum_dim(1),
+            (ValueMixing::Monotonic, Some(mixer)) => {
                 let width = rows.dims()[1];
                 mixer.forward(of_seats, &columns(rows, self.team.n_observed()..width))
             }
@@ -335,22 +337,22 @@ impl ValueDecomposition {
         }
     }
 
-    /// One choice per seat of every row, at random now and then.
+    /// `choice`, or with the probability of exploration a random one.
     fn explored(&self, choice: usize, rng: &mut Rng) -> usize {
         if rng.random::<f64>() >= self.config.exploration_at(self.schedule.n_steps()) {
             return choice;
         }
-        // Not `usize`, whose width would reach the stream.
+        // `u32`: the width of `usize` depends on the machine and would change the stream.
         #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
         let drawn = rng.random_range(0..self.team.n_choices as u32);
         drawn as usize
     }
 }
 
-/// `ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a)`, mean over batch and seats, of values of all choices
-/// `[batch n, n_choices]` and of those that were made `[batch, n]`.
+/// `ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a)`, mean over batch and seats, from values of all choices
+/// `[batch n, n_choices]` and of the stored ones `[batch, n]`.
 fn excess(of_all: Tensor<2>, of_done: Tensor<2>) -> Tensor<1> {
-    // The largest value is taken out, so that no exponential overflows; it moves nothing.
+    // The largest value is subtracted so that no exponential overflows; the result is unchanged.
     let largest = of_all.clone().max_dim(1).detach();
     let together = (of_all - largest.clone()).exp().sum_dim(1).log() + largest;
     together.mean() - of_done.mean()
@@ -408,7 +410,7 @@ impl Agent for ValueDecomposition {
     }
 
     fn reads_state(&self) -> bool {
-        self.config.mixing == Mixing::Monotonic
+        self.config.mixing == ValueMixing::Monotonic
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {

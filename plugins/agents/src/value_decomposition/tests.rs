@@ -7,8 +7,8 @@ use numerics::{
     parameters::{parameters, with_parameters},
 };
 
-/// The two-step game of Rashid et al. 2018, section 5.1: in the first step the first seat chooses between two matrix
-/// games. In one the team earns 7 whatever it does; in the other 0, 1, 1 or 8.
+/// The two-step game of Rashid et al. 2018, section 5.1: in the first step the first seat chooses between two
+/// matrix games. In one the team always earns 7; in the other 0, 1, 1 or 8.
 mod two_step {
     use super::*;
 
@@ -39,7 +39,7 @@ mod two_step {
         }
     }
 
-    /// The state that follows, the reward, and whether the episode ends.
+    /// Next state, reward, and whether the episode ends.
     pub(super) fn play(state: usize, action: &Action) -> (usize, f64, bool) {
         let [one, two] = [action[0][0] > 0.5, action[1][0] > 0.5];
         match state {
@@ -53,7 +53,7 @@ mod two_step {
         }
     }
 
-    /// What the scored choices earn.
+    /// Return of the choices in evaluation.
     pub(super) fn score(agent: &mut dyn Agent) -> f64 {
         let (mut state, mut sum) = (0, 0.0);
         loop {
@@ -91,7 +91,7 @@ mod two_step {
     }
 }
 
-fn tiny(mixing: Mixing) -> Config {
+fn tiny(mixing: ValueMixing) -> Config {
     Config {
         mixing,
         width: 16,
@@ -111,19 +111,19 @@ fn agent(config: Config) -> ValueDecomposition {
     ValueDecomposition::new(config, &two_step::interface(), &mut stream(&["decomposition"])).unwrap()
 }
 
-fn trained(mixing: Mixing) -> (ValueDecomposition, Batch) {
+fn trained(mixing: ValueMixing) -> (ValueDecomposition, Batch) {
     let mut agent = agent(tiny(mixing));
     two_step::train(&mut agent, 100, &mut stream(&["some"]));
     let batch = agent.replay.sample_distinct(6, &mut stream(&["batch"]));
     (agent, batch)
 }
 
-/// QMIX learns that the second game is worth 8. With all choices equally likely a sum cannot say so: of 0, 1, 1, 8 the
-/// nearest sums of two values are -1.5, 2.5, 2.5 and 6.5, so that the first game looks better (appendix B of the
-/// paper).
+/// QMIX learns that the second game is worth 8. With all choices equally likely a sum cannot represent this:
+/// the nearest sums of two values to 0, 1, 1, 8 are -1.5, 2.5, 2.5 and 6.5, so that the first game looks
+/// better (appendix B of the paper).
 #[test]
 fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_added() {
-    for (mixing, expected) in [(Mixing::Monotonic, 8.0), (Mixing::Sum, 7.0)] {
+    for (mixing, expected) in [(ValueMixing::Monotonic, 8.0), (ValueMixing::Sum, 7.0)] {
         let mut agent = agent(tiny(mixing));
         two_step::train(&mut agent, 3000, &mut stream(&["game"]));
         assert_eq!(two_step::score(&mut agent), expected, "{mixing:?}");
@@ -131,7 +131,7 @@ fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_add
 }
 
 #[test]
-fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
+fn options_as_numbers_are_learned_like_options_as_indices() {
     let named = contract::Choice::new("game", &["a", "b"]);
     let spaces = [
         Space::Discrete(named.options.clone()),
@@ -143,7 +143,7 @@ fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
             .seats
             .iter_mut()
             .for_each(|seat| seat.action = space.clone());
-        ValueDecomposition::new(tiny(Mixing::Monotonic), &interface, &mut stream(&["both"])).unwrap()
+        ValueDecomposition::new(tiny(ValueMixing::Monotonic), &interface, &mut stream(&["both"])).unwrap()
     });
     let (mut rngs, mut state) = ([stream(&["run"]), stream(&["run"])], 0);
     for _ in 0..120 {
@@ -182,12 +182,12 @@ fn options_said_by_numbers_are_learned_as_those_said_by_their_index() {
 }
 
 #[test]
-fn a_sum_of_values_is_what_the_closest_sum_is() {
-    let mut agent = agent(tiny(Mixing::Sum));
+fn a_sum_of_values_is_the_closest_sum() {
+    let mut agent = agent(tiny(ValueMixing::Sum));
     two_step::train(&mut agent, 3000, &mut stream(&["sum"]));
     let rows = matrix([0.0, 0.0, 1.0].repeat(2), 6);
     let q = values(agent.team.values(&agent.networks.network().seat.valid(), &rows));
-    // Single steps of Adam leave some noise; the values of the game itself would be 1.5 away.
+    // Single steps of Adam leave some noise; the true values of the game would be 1.5 away.
     let sums = [q[0] + q[2], q[0] + q[3], q[1] + q[2], q[1] + q[3]];
     assert!(
         sums.iter()
@@ -199,15 +199,15 @@ fn a_sum_of_values_is_what_the_closest_sum_is() {
 
 #[test]
 fn independent_learners_earn_the_safe_game() {
-    let mut agent = agent(tiny(Mixing::None));
+    let mut agent = agent(tiny(ValueMixing::None));
     two_step::train(&mut agent, 3000, &mut stream(&["independent"]));
-    // Given a random partner a seat earns 0.5 or 4.5 in the second game, and 7 in the first.
+    // With a random partner a seat earns 0.5 or 4.5 in the second game, and 7 in the first.
     assert_eq!(two_step::score(&mut agent), 7.0);
 }
 
 #[test]
 fn targets_are_of_the_targets_value_of_the_learned_choice() {
-    for mixing in [Mixing::None, Mixing::Sum, Mixing::Monotonic] {
+    for mixing in [ValueMixing::None, ValueMixing::Sum, ValueMixing::Monotonic] {
         let (agent, batch) = trained(mixing);
         let (y, r, continues) = (
             values(agent.target(&batch)),
@@ -229,12 +229,12 @@ fn targets_are_of_the_targets_value_of_the_learned_choice() {
                 q(&agent.target.seat, row, seat)[usize::from(likes[1] > likes[0])]
             });
             let expected: Vec<f32> = match (mixing, &agent.target.mixer) {
-                (Mixing::None, _) => vec![
+                (ValueMixing::None, _) => vec![
                     r[2 * i] + 0.99 * continues[i] * best[0],
                     r[2 * i + 1] + 0.99 * continues[i] * best[1],
                 ],
-                (Mixing::Sum, _) => vec![r[2 * i] + 0.99 * continues[i] * (best[0] + best[1])],
-                (Mixing::Monotonic, Some(mixer)) => {
+                (ValueMixing::Sum, _) => vec![r[2 * i] + 0.99 * continues[i] * (best[0] + best[1])],
+                (ValueMixing::Monotonic, Some(mixer)) => {
                     let mixed = mixer.forward(matrix(best.to_vec(), 2), &matrix(row[6..].to_vec(), 3));
                     vec![r[2 * i] + 0.99 * continues[i] * values(mixed)[0]]
                 }
@@ -254,7 +254,7 @@ fn targets_are_of_the_targets_value_of_the_learned_choice() {
 
 #[test]
 fn gradients_of_the_loss_agree_with_finite_differences() {
-    for mixing in [Mixing::None, Mixing::Sum, Mixing::Monotonic] {
+    for mixing in [ValueMixing::None, ValueMixing::Sum, ValueMixing::Monotonic] {
         let (mut agent, batch) = trained(mixing);
         assert!(agent.value(agent.networks.network(), &batch).1.is_none());
         agent.config.conservatism = 0.7;
@@ -279,7 +279,7 @@ fn gradients_of_the_loss_agree_with_finite_differences() {
                 };
                 let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
                 let gradient = analytic[p][i];
-                // Steps pass over kinks of the activations now and then.
+                // Some steps cross kinks of the activations.
                 assert!(
                     (difference - gradient).abs() < 0.04 * largest.max(0.05),
                     "{mixing:?} {} {i}: {difference} {gradient} of {largest}",
@@ -292,19 +292,20 @@ fn gradients_of_the_loss_agree_with_finite_differences() {
 
 #[test]
 fn the_excess_by_hand() {
-    // Of two seats: ln(1 + 3) - 0 and ln(1 + 1) - 0, whatever is added to both values of a seat.
+    // For two seats: ln(1 + 3) - 0 and ln(1 + 1) - 0, independent of a constant added to both values of a
+    // seat.
     let of_all = || Tensor::from_inner(matrix(vec![0.0, 3f32.ln(), 90.0, 90.0], 2));
     let found = values(excess(of_all(), Tensor::from_inner(matrix(vec![0.0, 90.0], 2))))[0];
     assert!((found - (4f32.ln() + 2f32.ln()) / 2.0).abs() < 1e-5, "{found}");
 }
 
-/// What nobody ever did is not thought better than what was done, however badly that went.
+/// Choices outside the data are not valued above those in the data, even where these earned little.
 #[test]
-fn what_is_not_in_the_data_is_held_down() {
+fn choices_outside_the_data_are_held_down() {
     let lead = |conservatism: f64| {
         let mut agent = agent(Config {
             conservatism,
-            ..tiny(Mixing::Sum)
+            ..tiny(ValueMixing::Sum)
         });
         let mut rng = stream(&["data"]);
         let step = || Transition {
@@ -332,7 +333,7 @@ fn what_is_not_in_the_data_is_held_down() {
 }
 
 #[test]
-fn exploration_declines_and_is_absent_from_what_is_scored() {
+fn exploration_declines_and_is_absent_in_evaluation() {
     let config = Config {
         exploration_steps: 100,
         ..Config::default()
@@ -344,7 +345,7 @@ fn exploration_declines_and_is_absent_from_what_is_scored() {
         ..config
     };
     assert!((at_once.exploration_at(0) - 0.05).abs() < 1e-12);
-    let mut agent = agent(tiny(Mixing::Sum));
+    let mut agent = agent(tiny(ValueMixing::Sum));
     let rows = vec![two_step::observation(1); 400];
     let mut chosen = |mode| agent.act(&rows, mode, &mut stream(&["rows"])).unwrap();
     let scored = chosen(Mode::Evaluate);
@@ -357,7 +358,7 @@ fn exploration_declines_and_is_absent_from_what_is_scored() {
 
 #[test]
 fn a_saved_agent_continues() {
-    for mixing in [Mixing::None, Mixing::Monotonic] {
+    for mixing in [ValueMixing::None, ValueMixing::Monotonic] {
         let mut rng = stream(&["continues"]);
         let mut one = agent(tiny(mixing));
         two_step::train(&mut one, 100, &mut rng);
@@ -393,8 +394,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
-    let mut record = two_step::train(&mut agent(tiny(Mixing::Monotonic)), 80, &mut stream(&["record"]));
+fn recorded_metrics_are_declared() {
+    let mut record = two_step::train(
+        &mut agent(tiny(ValueMixing::Monotonic)),
+        80,
+        &mut stream(&["record"]),
+    );
     record.flush_means(1);
     let mut recorded: Vec<_> = record.names().to_vec();
     recorded.sort_unstable();
@@ -402,9 +407,9 @@ fn what_it_records_is_declared() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn misfits_are_refused() {
     let refused = |change: &dyn Fn(&mut Config, &mut Interface)| {
-        let (mut config, mut interface) = (tiny(Mixing::Monotonic), two_step::interface());
+        let (mut config, mut interface) = (tiny(ValueMixing::Monotonic), two_step::interface());
         change(&mut config, &mut interface);
         build(config, &interface, &mut stream(&["x"]))
             .err()

@@ -1,10 +1,10 @@
-//! Draws.
+//! Tests of draws.
 
 use super::*;
 
 const N: u64 = 200_000;
 
-/// The distance of Kolmogorov and Smirnov of draws from a distribution function, times the root of their number. By
+/// Kolmogorov-Smirnov distance of draws from a distribution function, times the root of their number. By
 /// chance it is above 1.95 once in a thousand.
 fn distance(mut draws: Vec<f64>, distribution: impl Fn(f64) -> f64) -> f64 {
     draws.sort_by(f64::total_cmp);
@@ -19,7 +19,7 @@ fn distance(mut draws: Vec<f64>, distribution: impl Fn(f64) -> f64) -> f64 {
     steps.fold(0.0, f64::max) * n.sqrt()
 }
 
-/// `P(shape, x)`, by its series.
+/// Distribution function `P(shape, x)`, by its series.
 fn gamma_distribution(shape: f64, x: f64) -> f64 {
     let (mut term, mut sum, mut argument) = (1.0 / shape, 1.0 / shape, shape);
     while term > 1e-17 * sum || argument < x {
@@ -82,7 +82,7 @@ fn gamma_draws_take_words_as_stated() {
         taken += 1;
         1 << 63
     };
-    // The normal number is next to zero and the uniform one next to a half, so that the first try is taken.
+    // The normal number is next to zero and the uniform one next to a half, so that the first try succeeds.
     let draw = log_gamma(4.0 / 3.0, &mut words);
     assert!(draw.abs() < 1e-14);
     let below = log_gamma(1.0 / 3.0, &mut words);

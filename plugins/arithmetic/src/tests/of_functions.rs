@@ -1,11 +1,11 @@
-//! Functions of `f32` and `f64`.
+//! Tests of functions of `f32` and `f64`.
 
 use super::*;
 
 /// Values with 40 digits (`fixtures/values.py`).
 const VALUES: &str = include_str!("../../fixtures/values.txt");
 
-/// The errors that the modules state, in units in the last place.
+/// Largest errors that the modules state, in units in the last place.
 const STATED: [(&str, f64); 12] = [
     ("exp", 0.85),
     ("exp_m1", 1.5),
@@ -44,7 +44,7 @@ fn double_functions_are_within_the_stated_errors() {
     assert!(n_values > 1000);
 }
 
-/// Every 997th argument of all; the C library's `f64` is exact to a billionth of a unit of `f32`.
+/// Tests every 997th argument; the C library's `f64` is exact to a billionth of a unit of `f32`.
 #[test]
 #[allow(clippy::cast_possible_truncation, reason = "inputs are below 2^32")]
 fn single_functions_are_within_the_stated_errors() {
@@ -137,7 +137,7 @@ fn special_values_of_double_functions() {
     bits(trigonometry::sin(trigonometry::HALF_PI_HIGH), 1.0);
 }
 
-/// Special cases are those of IEEE 754, as the C library has them.
+/// Tests the special cases of IEEE 754, as the C library has them.
 #[test]
 fn powers_of_special_numbers_are_those_of_the_c_library() {
     let numbers = [
@@ -176,7 +176,7 @@ fn whole_powers_by_hand() {
     assert_eq!(power::powi(-2.0, -3), -0.125);
     assert_eq!(power::powi(0.0, 0), 1.0);
     assert_eq!(power::powi(2.0, i32::MIN), 0.0);
-    // Factors x, x^4, from the lowest bit on.
+    // The factors are x and x^4, from the lowest bit on.
     let x = 1.1;
     assert_eq!(power::powi(x, 5), x * ((x * x) * (x * x)));
 }

@@ -1,8 +1,8 @@
-//! Products, sums and steps.
+//! Tests of products, sums and steps.
 
 use super::*;
 
-/// Numbers whose products and sums are rounded.
+/// Numbers whose products and sums need rounding.
 #[allow(clippy::cast_possible_truncation, reason = "any number will do")]
 fn numbers(seed: u64, n: usize) -> Vec<f32> {
     (0..n as u64)
@@ -10,7 +10,7 @@ fn numbers(seed: u64, n: usize) -> Vec<f32> {
         .collect()
 }
 
-/// One entry, one chain at a time, compiled without wider vectors.
+/// One entry of a product, one chain at a time, compiled without wider vectors.
 fn entry(n: usize, a: impl Fn(usize) -> f32, b: impl Fn(usize) -> f32) -> f32 {
     let chain = |from: usize| (from..n.min(from + 512)).fold(0.0f32, |c, k| a(k).mul_add(b(k), c));
     let further = (512..n).step_by(512).map(chain);

@@ -9,16 +9,16 @@
 //!
 //! Backward, from the gradient `dy`: `dx` is the convolution of `dy` with the kernel turned by half a circle
 //! and its channels exchanged, `dW` the sum over pixels of shifted `x` times `dy`, `db` the sum of `dy`. Only
-//! what some parent asks for is computed. A PyTorch weight `[outputs, inputs, 3, 3]` is one here after
-//! `permute(2, 3, 1, 0)`.
+//! the gradients of tracked parents are computed. A PyTorch weight `[outputs, inputs, 3, 3]` is one here
+//! after `permute(2, 3, 1, 0)`.
 
 use super::column_sums;
 use super::direct_convolution::{Sizes, convolve, image_gradient, weight_gradient};
-use super::operation::{Host, Operation, host, of_three, shape};
+use super::operation::{Operation, PlainTensor, host, of_three, shape};
 use burn::Tensor;
 use std::sync::Arc;
 
-/// The convolution of `image` `[batch, height, width, inputs]` with `weight` `[3, 3, inputs, outputs]`, zeros
+/// Convolution of `image` `[batch, height, width, inputs]` with `weight` `[3, 3, inputs, outputs]`, zeros
 /// around the image, plus `bias` `[outputs]`.
 ///
 /// # Panics
@@ -34,8 +34,8 @@ pub fn convolve_3x3(image: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>) -> Ten
     of_three(image, weight, bias, Arc::new(Convolution { side: 3 }))
 }
 
-/// Every pixel of `image` `[batch, height, width, inputs]` times `weight` `[inputs, outputs]`, plus `bias`
-/// `[outputs]`.
+/// Product of every pixel of `image` `[batch, height, width, inputs]` with `weight` `[inputs, outputs]`, plus
+/// `bias` `[outputs]`.
 ///
 /// # Panics
 /// Where the shapes do not fit, one of them is 0, or a tensor is not `f32`.
@@ -70,7 +70,7 @@ impl Convolution {
 }
 
 impl Operation for Convolution {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let [image, weight, bias] = &inputs[..] else {
             unreachable!("a convolution has an image, a weight and a bias")
         };
@@ -81,14 +81,19 @@ impl Operation for Convolution {
         (output, inputs[..2].to_vec())
     }
 
-    fn backward(&self, kept: &[Host], upstream: &Host, wanted: &[bool]) -> Vec<Option<Host>> {
+    fn backward(
+        &self,
+        kept: &[PlainTensor],
+        upstream: &PlainTensor,
+        wanted: &[bool],
+    ) -> Vec<Option<PlainTensor>> {
         let (image, weight, dy) = (&kept[0], &kept[1], upstream.storage::<f32>());
         let sizes = self.sizes(shape(image), shape(upstream)[3]);
         vec![
             wanted[0].then(|| host(image_gradient(weight.storage(), dy, sizes), shape(image))),
             wanted[1].then(|| {
                 let gradient = weight_gradient(image.storage(), dy, sizes);
-                Host::from_data(burn::tensor::TensorData::new(
+                PlainTensor::from_data(burn::tensor::TensorData::new(
                     gradient,
                     weight.layout().shape().clone(),
                 ))

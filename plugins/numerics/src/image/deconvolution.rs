@@ -7,17 +7,17 @@
 //! | b | bias | `[outputs]` |
 //! | y | output | `[batch, 2 height, 2 width, outputs]` |
 //!
-//! The squares do not overlap, so it is one product of each pixel with `W` as `[inputs, 4 outputs]`, whose four
-//! parts are then put in their places. A PyTorch weight `[inputs, outputs, 2, 2]` is one here after `permute(0,
-//! 2, 3, 1)`.
+//! The squares do not overlap. One product multiplies each pixel with `W` as `[inputs, 4 outputs]`, and its
+//! four parts are then moved to their pixels. A PyTorch weight `[inputs, outputs, 2, 2]` is one here after
+//! `permute(0, 2, 3, 1)`.
 
 use super::column_sums;
 use super::direct_convolution::{Sizes, convolve, image_gradient, weight_gradient};
-use super::operation::{Host, Operation, host, of_three, shape};
+use super::operation::{Operation, PlainTensor, host, of_three, shape};
 use burn::Tensor;
 use std::sync::Arc;
 
-/// The deconvolution of `image` `[batch, height, width, inputs]` with `weight` `[inputs, 2, 2, outputs]`, plus
+/// Deconvolution of `image` `[batch, height, width, inputs]` with `weight` `[inputs, 2, 2, outputs]`, plus
 /// `bias` `[outputs]`.
 ///
 /// # Panics
@@ -48,8 +48,8 @@ fn product([n_images, height, width, n_inputs]: [usize; 4], n_outputs: usize) ->
     }
 }
 
-/// Calls `place` with each run of two neighbouring output pixels: where it is in the product, and where in the
-/// output. A run has `2 * n_outputs` numbers.
+/// Calls `place` with each run of two neighbouring output pixels: its start in the product and its start in
+/// the output. A run has `2 * n_outputs` numbers.
 fn for_each_run(sizes: &Sizes, mut place: impl FnMut(usize, usize)) {
     let run = sizes.n_outputs / 2;
     for row in 0..sizes.n_images * sizes.height {
@@ -63,7 +63,7 @@ fn for_each_run(sizes: &Sizes, mut place: impl FnMut(usize, usize)) {
 }
 
 impl Operation for Deconvolution {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let [image, weight, bias] = &inputs[..] else {
             unreachable!("a deconvolution has an image, a weight and a bias")
         };
@@ -81,7 +81,12 @@ impl Operation for Deconvolution {
         (output, inputs[..2].to_vec())
     }
 
-    fn backward(&self, kept: &[Host], upstream: &Host, wanted: &[bool]) -> Vec<Option<Host>> {
+    fn backward(
+        &self,
+        kept: &[PlainTensor],
+        upstream: &PlainTensor,
+        wanted: &[bool],
+    ) -> Vec<Option<PlainTensor>> {
         let (image, weight, n_outputs) = (&kept[0], &kept[1], shape(upstream)[3]);
         let (sizes, dy) = (product(shape(image), n_outputs), upstream.storage::<f32>());
         let (mut parts, run) = (vec![0.0; dy.len()], 2 * n_outputs);

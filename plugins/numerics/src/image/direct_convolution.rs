@@ -22,9 +22,9 @@ mod weight_gradient;
 use pulp::{Simd, WithSimd};
 use weight_gradient::WeightGradient;
 
-/// The narrow width of a panel of outputs; whole registers of every processor divide it.
+/// Narrow width of a panel of outputs; whole registers of every processor divide it.
 const PANEL: usize = 16;
-/// So many pixels are worth the start of a loop.
+/// Number of pixels that justify the start of a loop.
 const PIXELS_OF_A_GROUP: usize = 128;
 
 /// Sizes of a convolution.
@@ -44,12 +44,12 @@ impl Sizes {
         self.height * self.width
     }
 
-    /// Numbers of one run.
+    /// Length of one run.
     fn run(&self) -> usize {
         self.side * self.n_inputs
     }
 
-    /// Numbers of one row of a frame.
+    /// Length of one row of a frame.
     fn frame_row(&self) -> usize {
         (self.width + self.side - 1) * self.n_inputs
     }
@@ -62,7 +62,7 @@ impl Sizes {
         self.side * self.run() * self.n_outputs
     }
 
-    /// The convolution of gradients back to the inputs.
+    /// Sizes of the convolution of gradients back to the inputs.
     fn reversed(self) -> Self {
         Self {
             n_inputs: self.n_outputs,
@@ -76,21 +76,21 @@ impl Sizes {
     }
 }
 
-/// `y` from `x`, `W` and, where there is one, `b`.
+/// Output `y` from `x`, `W` and an optional `b`.
 pub(super) fn convolve(image: &[f32], weight: &[f32], bias: Option<&[f32]>, sizes: Sizes) -> Vec<f32> {
-    pulp::Arch::new().dispatch(Convolve {
+    pulp::Arch::new().dispatch(ConvolutionPass {
         image,
         panels: panels(weight, bias, &sizes),
         sizes,
     })
 }
 
-/// The gradient in `x` from `W` and the gradient in `y`.
+/// Gradient in `x` from `W` and the gradient in `y`.
 pub(super) fn image_gradient(weight: &[f32], upstream: &[f32], sizes: Sizes) -> Vec<f32> {
     convolve(upstream, &turned(weight, &sizes), None, sizes.reversed())
 }
 
-/// The gradient in `W` from `x` and the gradient in `y`.
+/// Gradient in `W` from `x` and the gradient in `y`.
 pub(super) fn weight_gradient(image: &[f32], upstream: &[f32], sizes: Sizes) -> Vec<f32> {
     pulp::Arch::new().dispatch(WeightGradient {
         image,
@@ -99,7 +99,7 @@ pub(super) fn weight_gradient(image: &[f32], upstream: &[f32], sizes: Sizes) -> 
     })
 }
 
-/// The kernel turned by half a circle, `[k, k, outputs, inputs]`.
+/// Kernel turned by half a circle, `[k, k, outputs, inputs]`.
 fn turned(weight: &[f32], sizes: &Sizes) -> Vec<f32> {
     let (n_inputs, n_outputs) = (sizes.n_inputs, sizes.n_outputs);
     let mut turned = vec![0.0; weight.len()];
@@ -118,11 +118,11 @@ fn turned(weight: &[f32], sizes: &Sizes) -> Vec<f32> {
     turned
 }
 
-/// The weights and biases of 16 or 32 neighbouring outputs.
+/// Weights and biases of 16 or 32 neighbouring outputs.
 struct Panel {
     first: usize,
     width: usize,
-    /// `[weights of one output, width]`.
+    /// Weights `[weights of one output, width]`.
     weights: Vec<f32>,
     bias: Vec<f32>,
 }
@@ -153,7 +153,7 @@ fn panels(weight: &[f32], bias: Option<&[f32]>, sizes: &Sizes) -> Vec<Panel> {
         .collect()
 }
 
-/// First output and width of each panel: twice the narrow width while more than that is left.
+/// First output and width of each panel: twice the narrow width while more outputs than that remain.
 fn widths(n_outputs: usize) -> impl Iterator<Item = (usize, usize)> {
     let wide = move |first: usize| {
         if n_outputs - first > PANEL {
@@ -168,7 +168,7 @@ fn widths(n_outputs: usize) -> impl Iterator<Item = (usize, usize)> {
     })
 }
 
-/// The images of a group, in frames of zeros where the kernel reaches out of them.
+/// Images of a group, in frames of zeros where the kernel is larger than a pixel.
 fn framed<'a>(group: &'a [f32], sizes: &Sizes, frames: &'a mut Vec<f32>) -> &'a [f32] {
     if sizes.side == 1 {
         return group;
@@ -193,7 +193,7 @@ fn framed<'a>(group: &'a [f32], sizes: &Sizes, frames: &'a mut Vec<f32>) -> &'a 
     frames
 }
 
-/// Where the first run of each pixel of `n_images` frames begins.
+/// Start of the first run of each pixel in `n_images` frames.
 fn starts(n_images: usize, sizes: &Sizes) -> Vec<usize> {
     let place = |image, y, x| image * sizes.frame() + y * sizes.frame_row() + x * sizes.n_inputs;
     (0..n_images)
@@ -213,16 +213,16 @@ fn store<S: Simd>(_: S, vector: S::f32s, numbers: &mut [f32]) {
         .copy_from_slice(bytemuck::bytes_of(&vector));
 }
 
-struct Convolve<'a> {
+struct ConvolutionPass<'a> {
     image: &'a [f32],
     panels: Vec<Panel>,
     sizes: Sizes,
 }
 
-impl WithSimd for Convolve<'_> {
+impl WithSimd for ConvolutionPass<'_> {
     type Output = Vec<f32>;
 
-    /// Tiles as large as the registers hold.
+    /// Chooses the largest tiles that the registers hold.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         match S::F32_LANES {
@@ -233,8 +233,8 @@ impl WithSimd for Convolve<'_> {
     }
 }
 
-impl Convolve<'_> {
-    /// Tiles of `P` pixels by at most `R` registers.
+impl ConvolutionPass<'_> {
+    /// Computes tiles of `P` pixels by at most `R` registers.
     #[inline(always)]
     fn run<S: Simd, const P: usize, const R: usize>(self, simd: S) -> Vec<f32> {
         let sizes = self.sizes;
@@ -276,7 +276,7 @@ impl Convolve<'_> {
     }
 }
 
-/// Some pixels by some outputs of a panel.
+/// A block of pixels by outputs of a panel.
 struct Tile<'a> {
     frames: &'a [f32],
     at: &'a [usize],
@@ -309,7 +309,7 @@ impl Tile<'_> {
             }
         }
         let (first, n_outputs) = (self.panel.first + self.column, self.sizes.n_outputs);
-        // Constant bounds, so that the sums stay in registers.
+        // The bounds are constant, so that the sums stay in registers.
         for (p, sums) in sums.into_iter().enumerate() {
             if p < self.at.len() {
                 let output = &mut output[p * n_outputs..][..n_outputs];
@@ -321,7 +321,7 @@ impl Tile<'_> {
     }
 }
 
-/// What of a vector that begins at `first` lies within a row.
+/// Stores the part of a vector from output `first` on that lies within a row.
 #[inline(always)]
 fn store_within<S: Simd>(simd: S, vector: S::f32s, row: &mut [f32], first: usize) {
     if first + S::F32_LANES <= row.len() {

@@ -8,13 +8,13 @@
 //! |---|---|
 //! | convolution 3x3 and 1x1 with bias | [`convolution`] |
 //! | deconvolution 2x2 with stride 2 | [`deconvolution`] |
-//! | batch and instance normalisation, with a rectifier where asked for | [`normalisation`] |
+//! | batch and instance normalisation, with an optional rectifier | [`normalisation`] |
 //! | enlarging, resizing, average pooling, sums over pixels | [`resize`] |
 //! | rectifier and hyperbolic tangent | [`pointwise`] |
 //! | division by the largest singular value | [`spectral`] |
 //!
-//! Every sum has one order, which depends on the sizes alone and never on how many numbers a vector register
-//! holds: results are the same bits with AVX2 and AVX-512. Batch normalisation apart, a row of the batch
+//! Every sum has one order, which depends on the sizes alone and never on the width of a vector register:
+//! results have the same bits with AVX2 and AVX-512. Except for batch normalisation, a row of the batch
 //! depends on its own row of the input.
 
 pub mod convolution;
@@ -29,13 +29,13 @@ pub mod spectral;
 #[cfg(test)]
 mod oracle_tests;
 
-/// Runs loops with the widest vectors that the processor has. What it calls is to be inlined.
+/// Runs loops with the processor's widest vectors. The functions that they call have to be inlined.
 #[inline(always)]
 fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)
 }
 
-/// The sum over the rows of each column.
+/// Sum of each column over the rows.
 fn column_sums(rows: &[f32], n_columns: usize) -> Vec<f32> {
     widest(
         #[inline(always)]

@@ -1,4 +1,4 @@
-//! Normalisation of the channels of images, with a rectifier where asked for, as one autodiff operation.
+//! Normalisation of the channels of images with an optional rectifier, as one autodiff operation.
 //!
 //! Batch normalisation (Ioffe and Szegedy 2015, arXiv:1502.03167, algorithm 1) takes the statistics of each
 //! channel over all pixels of the batch, instance normalisation (Ulyanov et al. 2016, arXiv:1607.08022) over
@@ -16,29 +16,29 @@
 //! sum(dy)`, `dx = gamma (m dy - sum(dy) - h sum(dy h)) / (m sqrt(sigma^2 + epsilon))`; with given statistics
 //! `dx = gamma dy / sqrt(sigma^2 + epsilon)`.
 
-use super::operation::{Host, Operation, host, of_one, of_three, shape};
+use super::operation::{Operation, PlainTensor, host, of_one, of_three, shape};
 use super::pointwise::{rectified, rectified_gradient};
 use super::widest;
 use burn::Tensor;
 use std::sync::{Arc, OnceLock};
 
-/// What keeps a constant channel from being divided by zero (PyTorch's default).
+/// Summand that prevents division by zero for a constant channel (PyTorch's default).
 pub const EPSILON: f32 = 1e-5;
 
 /// Weight of a new batch in running statistics (PyTorch's default).
 pub const MOMENTUM: f32 = 0.1;
 
-/// Mean and variance of each channel; that of a batch is biased.
+/// Mean and variance of each channel; the variance of a batch is biased.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
-    /// `[channels]`.
+    /// Means, `[channels]`.
     pub mean: Vec<f32>,
-    /// `[channels]`.
+    /// Variances, `[channels]`.
     pub variance: Vec<f32>,
 }
 
 impl Statistics {
-    /// Mean 0 and variance 1 of each channel.
+    /// Statistics with mean 0 and variance 1 of each channel.
     #[must_use]
     pub fn neutral(n_channels: usize) -> Self {
         Self {
@@ -47,8 +47,8 @@ impl Statistics {
         }
     }
 
-    /// Running statistics move towards those of a batch of `n_pixels`; the variance that counts is the unbiased
-    /// one, so the variance of running statistics is unbiased.
+    /// Moves running statistics towards those of a batch of `n_pixels`. They take the unbiased variance of
+    /// the batch, so their own variance is unbiased.
     #[allow(
         clippy::cast_precision_loss,
         reason = "a batch has far fewer than 2^24 pixels"
@@ -64,8 +64,8 @@ impl Statistics {
     }
 }
 
-/// Batch normalisation of `image` `[batch, height, width, channels]` with `weight` and `bias` `[channels]`, and
-/// a rectifier after it where `relu` is set; also the statistics of the batch.
+/// Batch normalisation of `image` `[batch, height, width, channels]` with `weight` and `bias` `[channels]`,
+/// followed by a rectifier where `relu` is set. Also returns the statistics of the batch.
 ///
 /// # Panics
 /// Where the shapes do not fit, one of them is 0, or a tensor is not `f32`.
@@ -78,7 +78,7 @@ pub fn normalise_batch(
 ) -> (Tensor<4>, Statistics) {
     let operation = Arc::new(Normalisation::of_batch(relu));
     let output = affine(image, weight, bias, operation.clone());
-    // The forward pass has just filled it.
+    // The forward pass has just filled the cell.
     let statistics = operation
         .statistics
         .get()
@@ -86,7 +86,7 @@ pub fn normalise_batch(
     (output, statistics[0].clone())
 }
 
-/// As [`normalise_batch`], by given statistics: the form for evaluation.
+/// Normalisation as in [`normalise_batch`] with given statistics: the form for evaluation.
 ///
 /// # Panics
 /// Where the shapes do not fit, one of them is 0, or a tensor is not `f32`.
@@ -107,8 +107,8 @@ pub fn normalise_by(
     affine(image, weight, bias, Arc::new(Normalisation::by(statistics, relu)))
 }
 
-/// Instance normalisation of `image` `[batch, height, width, channels]` without weights, and a rectifier after
-/// it where `relu` is set.
+/// Instance normalisation of `image` `[batch, height, width, channels]` without weights, followed by a
+/// rectifier where `relu` is set.
 ///
 /// # Panics
 /// Where a dimension is 0 or the tensor is not `f32`.
@@ -127,30 +127,30 @@ fn affine(image: Tensor<4>, weight: Tensor<1>, bias: Tensor<1>, operation: Arc<N
     of_three(image, weight, bias, operation)
 }
 
-/// Whose pixels are normalised together.
+/// Set of pixels that is normalised by its own statistics.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Over {
+enum StatisticsScope {
     Batch,
     Instance,
 }
 
 #[derive(Debug)]
 struct Normalisation {
-    over: Over,
-    /// The statistics are constants.
+    scope: StatisticsScope,
+    /// Whether the statistics are constants.
     given: bool,
     relu: bool,
-    /// One entry per group of pixels; those of the inputs are filled in by the forward pass.
+    /// Statistics, one entry per group of pixels; the forward pass fills in those of the inputs.
     statistics: OnceLock<Vec<Statistics>>,
 }
 
 /// One number per channel.
-type Channels = Vec<f32>;
+type ChannelValues = Vec<f32>;
 
 impl Normalisation {
     fn of_batch(relu: bool) -> Self {
         Self {
-            over: Over::Batch,
+            scope: StatisticsScope::Batch,
             given: false,
             relu,
             statistics: OnceLock::new(),
@@ -159,7 +159,7 @@ impl Normalisation {
 
     fn of_instances(relu: bool) -> Self {
         Self {
-            over: Over::Instance,
+            scope: StatisticsScope::Instance,
             ..Self::of_batch(relu)
         }
     }
@@ -172,15 +172,19 @@ impl Normalisation {
         }
     }
 
-    /// Numbers of a group of pixels.
+    /// Length of a group of pixels, in numbers.
     fn group(&self, [n_images, height, width, n_channels]: [usize; 4]) -> usize {
-        let n_images = if self.over == Over::Batch { n_images } else { 1 };
+        let n_images = if self.scope == StatisticsScope::Batch {
+            n_images
+        } else {
+            1
+        };
         n_images * height * width * n_channels
     }
 }
 
 impl Operation for Normalisation {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let (x, shape) = (inputs[0].storage::<f32>(), shape(&inputs[0]));
         let (group, n_channels) = (self.group(shape), shape[3]);
         let weight = numbers(inputs.get(1));
@@ -206,7 +210,12 @@ impl Operation for Normalisation {
         (output, kept)
     }
 
-    fn backward(&self, kept: &[Host], upstream: &Host, wanted: &[bool]) -> Vec<Option<Host>> {
+    fn backward(
+        &self,
+        kept: &[PlainTensor],
+        upstream: &PlainTensor,
+        wanted: &[bool],
+    ) -> Vec<Option<PlainTensor>> {
         let shape = shape(upstream);
         let (group, n_channels) = (self.group(shape), shape[3]);
         let weight = numbers((wanted.len() == 3).then(|| &kept[1]));
@@ -214,7 +223,7 @@ impl Operation for Normalisation {
         let dy = masked.as_deref().unwrap_or_else(|| upstream.storage::<f32>());
         let mut dx = vec![0.0; dy.len()];
         let (mut d_weight, mut d_bias) = (vec![0.0; n_channels], vec![0.0; n_channels]);
-        // The forward pass has filled it.
+        // The forward pass has filled the cell.
         let statistics = self.statistics.get().expect("statistics of the forward pass");
         let groups = kept[0]
             .storage::<f32>()
@@ -236,11 +245,11 @@ impl Operation for Normalisation {
     }
 }
 
-fn numbers(tensor: Option<&Host>) -> Option<&[f32]> {
-    tensor.map(Host::storage::<f32>)
+fn numbers(tensor: Option<&PlainTensor>) -> Option<&[f32]> {
+    tensor.map(PlainTensor::storage::<f32>)
 }
 
-fn masked(output: &Host, upstream: &Host) -> Vec<f32> {
+fn masked(output: &PlainTensor, upstream: &PlainTensor) -> Vec<f32> {
     let (y, dy) = (output.storage::<f32>(), upstream.storage::<f32>());
     widest(
         #[inline(always)]
@@ -252,7 +261,7 @@ fn add(sums: &mut [f32], other: &[f32]) {
     sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
 }
 
-/// Mean and biased variance of each channel of pixels that lie one after the other.
+/// Mean and biased variance of each channel over contiguous pixels.
 #[allow(
     clippy::cast_precision_loss,
     reason = "a batch has far fewer than 2^24 pixels"
@@ -280,8 +289,8 @@ fn inverse_sd(variance: f32) -> f32 {
     1.0 / (variance + EPSILON).sqrt()
 }
 
-/// `gamma / sqrt(sigma^2 + epsilon)`.
-fn scale(statistics: &Statistics, weight: Option<&[f32]>) -> Channels {
+/// Factor `gamma / sqrt(sigma^2 + epsilon)` of each channel.
+fn scale(statistics: &Statistics, weight: Option<&[f32]>) -> ChannelValues {
     let inverse = statistics.variance.iter().map(|variance| inverse_sd(*variance));
     match weight {
         Some(weight) => inverse
@@ -292,7 +301,8 @@ fn scale(statistics: &Statistics, weight: Option<&[f32]>) -> Channels {
     }
 }
 
-/// `y = scale (x - mu) + beta`, in which no mean that is far above the deviation costs digits.
+/// Output `y = scale (x - mu) + beta`; the mean is subtracted first, so that a mean far above the deviation
+/// costs no digits.
 fn apply(x: &[f32], y: &mut [f32], [mean, scale, bias]: [&[f32]; 3], relu: bool) {
     let n_channels = scale.len();
     let pixels = x.chunks_exact(n_channels).zip(y.chunks_exact_mut(n_channels));
@@ -314,10 +324,10 @@ fn apply(x: &[f32], y: &mut [f32], [mean, scale, bias]: [&[f32]; 3], relu: bool)
 
 /// Sums over pixels, one number per channel.
 struct GradientSums {
-    /// `sum(dy)`.
-    alone: Channels,
-    /// `sum(dy h)`.
-    with_input: Channels,
+    /// Sum of `dy`.
+    alone: ChannelValues,
+    /// Sum of `dy h`.
+    with_input: ChannelValues,
 }
 
 fn gradient_sums(x: &[f32], dy: &[f32], statistics: &Statistics) -> GradientSums {
@@ -343,7 +353,8 @@ fn gradient_sums(x: &[f32], dy: &[f32], statistics: &Statistics) -> GradientSums
     GradientSums { alone, with_input }
 }
 
-/// `dx = scale dy + of_x (x - mu) + constant`; the last two are zero where the statistics are constants.
+/// Input gradient `dx = scale dy + of_x (x - mu) + constant`; the last two terms are zero where the
+/// statistics are constants.
 #[allow(
     clippy::cast_precision_loss,
     reason = "a batch has far fewer than 2^24 pixels"

@@ -1,7 +1,7 @@
-//! What every operation here shares: one node of the autodiff graph whose two passes run on the host.
+//! Frame of the operations on images: one node of the autodiff graph whose two passes run on the host.
 //!
-//! An [`Operation`] says how its output is made and what it sends back; this file puts it into the graph. It
-//! is registered for the CPU back end; on a device of another one it panics.
+//! An [`Operation`] computes its output and the gradients of its inputs; this module puts it into the graph.
+//! It is registered for the CPU backend and panics on a device of another backend.
 
 use burn::Tensor;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
@@ -15,19 +15,24 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-/// A plain tensor in the processor's memory.
-pub(super) type Host = FloatTensor<Flex>;
+/// A tensor without gradients in the processor's memory.
+pub(super) type PlainTensor = FloatTensor<Flex>;
 
-/// Two passes over plain tensors.
+/// Forward and backward pass over plain tensors.
 pub(super) trait Operation: Debug + Send + Sync {
-    /// The output of the inputs, which lie row by row, and what the backward pass needs.
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>);
+    /// Output for inputs that lie row by row, and the tensors that the backward pass needs.
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>);
 
-    /// The gradient in each input that wants one, from what was kept and the gradient in the output.
-    fn backward(&self, kept: &[Host], upstream: &Host, wanted: &[bool]) -> Vec<Option<Host>>;
+    /// Gradient in each wanted input, from the kept tensors and the gradient in the output.
+    fn backward(
+        &self,
+        kept: &[PlainTensor],
+        upstream: &PlainTensor,
+        wanted: &[bool],
+    ) -> Vec<Option<PlainTensor>>;
 }
 
-/// An operation on one tensor.
+/// Applies an operation to one tensor.
 pub(super) fn of_one<const D: usize>(input: Tensor<D>, operation: Arc<dyn Operation>) -> Tensor<D> {
     Tensor::from_dispatch(<Dispatch as HostOperation>::of_one(
         input.into_dispatch(),
@@ -35,7 +40,7 @@ pub(super) fn of_one<const D: usize>(input: Tensor<D>, operation: Arc<dyn Operat
     ))
 }
 
-/// An operation on an image with a weight and a bias.
+/// Applies an operation to an image with a weight and a bias.
 pub(super) fn of_three<const D: usize>(
     image: Tensor<4>,
     weight: Tensor<D>,
@@ -52,23 +57,23 @@ pub(super) fn of_three<const D: usize>(
     ))
 }
 
-/// A tensor of numbers with a shape.
-pub(super) fn host<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> Host {
-    Host::from_data(TensorData::new(values, shape))
+/// Tensor of numbers with a shape.
+pub(super) fn host<const D: usize>(values: Vec<f32>, shape: [usize; D]) -> PlainTensor {
+    PlainTensor::from_data(TensorData::new(values, shape))
 }
 
-/// `[batch, height, width, channels]` of an image.
-pub(super) fn shape(image: &Host) -> [usize; 4] {
+/// Shape `[batch, height, width, channels]` of an image.
+pub(super) fn shape(image: &PlainTensor) -> [usize; 4] {
     image.layout().shape().dims()
 }
 
 /// The operation on the tensors of one backend.
 #[backend_extension(Flex, Autodiff)]
 trait HostOperation: Backend {
-    /// See the free function of this name.
+    /// The free function of this name on tensors of the backend.
     fn of_one(input: FloatTensor<Self>, operation: Arc<dyn Operation>) -> FloatTensor<Self>;
 
-    /// See the free function of this name.
+    /// The free function of this name on tensors of the backend.
     fn of_three(
         image: FloatTensor<Self>,
         weight: FloatTensor<Self>,
@@ -77,15 +82,15 @@ trait HostOperation: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// The backends whose tensors are in the processor's memory.
+/// Backends whose tensors are in the processor's memory.
 trait HostBackend: Backend {
-    /// [`Operation::forward`].
+    /// Runs [`Operation::forward`].
     fn forward(
         operation: &dyn Operation,
         inputs: Vec<FloatTensor<Self>>,
     ) -> (FloatTensor<Self>, Vec<FloatTensor<Self>>);
 
-    /// [`Operation::backward`].
+    /// Runs [`Operation::backward`].
     fn backward(
         operation: &dyn Operation,
         kept: &[FloatTensor<Self>],
@@ -95,26 +100,31 @@ trait HostBackend: Backend {
 }
 
 impl HostBackend for Flex {
-    fn forward(operation: &dyn Operation, inputs: Vec<Host>) -> (Host, Vec<Host>) {
-        operation.forward(inputs.iter().map(Host::to_contiguous).collect())
+    fn forward(operation: &dyn Operation, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
+        operation.forward(inputs.iter().map(PlainTensor::to_contiguous).collect())
     }
 
     fn backward(
         operation: &dyn Operation,
-        kept: &[Host],
-        upstream: Host,
+        kept: &[PlainTensor],
+        upstream: PlainTensor,
         wanted: &[bool],
-    ) -> Vec<Option<Host>> {
+    ) -> Vec<Option<PlainTensor>> {
         operation.backward(kept, &upstream.to_contiguous(), wanted)
     }
 }
 
 impl HostOperation for Flex {
-    fn of_one(input: Host, operation: Arc<dyn Operation>) -> Host {
+    fn of_one(input: PlainTensor, operation: Arc<dyn Operation>) -> PlainTensor {
         Self::forward(&*operation, vec![input]).0
     }
 
-    fn of_three(image: Host, weight: Host, bias: Host, operation: Arc<dyn Operation>) -> Host {
+    fn of_three(
+        image: PlainTensor,
+        weight: PlainTensor,
+        bias: PlainTensor,
+        operation: Arc<dyn Operation>,
+    ) -> PlainTensor {
         Self::forward(&*operation, vec![image, weight, bias]).0
     }
 }
@@ -151,11 +161,11 @@ fn in_the_graph<B: HostBackend, C: CheckpointStrategy, const N: usize>(
     }
 }
 
-/// The backward step of an operation on `N` tensors.
+/// Backward step of an operation on `N` tensors.
 #[derive(Debug)]
 struct HostBackward<B, const N: usize>(PhantomData<fn() -> B>);
 
-/// The operation and what it kept.
+/// An operation with the tensors that it kept.
 #[derive(Debug, Clone)]
 struct State<B: Backend> {
     operation: Arc<dyn Operation>,

@@ -1,4 +1,5 @@
-//! Every operation against PyTorch (`tests/fixtures/images`), against finite differences, and row by row.
+//! Tests of every operation against PyTorch (`tests/fixtures/images`), against finite differences, and row by
+//! row.
 
 use super::{convolution, deconvolution, normalisation, pointwise, resize, spectral};
 use crate::network::{device, values};
@@ -7,7 +8,7 @@ use serde_json::Value;
 
 const REFERENCE: &str = include_str!("../../../../tests/fixtures/images/operations.json");
 
-/// The formula of `numbers_and_thinning.py`; every number is exact in `f32`.
+/// Numbers by the formula of `numbers_and_thinning.py`; each is exact in `f32`.
 pub(super) fn numbers(count: usize, seed: usize) -> Vec<f32> {
     let integer = |i: usize| (i * i * 37 + i * 101 + seed * 53) % 2003;
     (0..count)
@@ -22,16 +23,16 @@ fn plain<const D: usize>(shape: [usize; D], seed: usize) -> Tensor<D> {
     )
 }
 
-/// What an operation is computed from. Not every operation takes all of it.
+/// Inputs of an operation, which may use only some of them.
 #[derive(Clone)]
-struct Leaves {
+struct Operands {
     image: Tensor<4>,
-    /// One dimension; an operation gives it its shape.
+    /// Weight in one dimension; an operation reshapes it.
     weight: Tensor<1>,
     bias: Tensor<1>,
 }
 
-impl Leaves {
+impl Operands {
     fn of(case: &Value) -> Self {
         let sizes = sizes(case);
         let (n_inputs, n_outputs) = (sizes[3], sizes.get(4).copied().unwrap_or(sizes[3]));
@@ -68,7 +69,7 @@ fn sizes(case: &Value) -> Vec<usize> {
     sizes.iter().map(|n| n.as_u64().unwrap() as usize).collect()
 }
 
-fn compute(case: &Value, leaves: &Leaves) -> Tensor<4> {
+fn compute(case: &Value, leaves: &Operands) -> Tensor<4> {
     let (sizes, relu) = (sizes(case), case["relu"].as_bool().unwrap_or_default());
     let (x, w, b) = (leaves.image.clone(), leaves.weight.clone(), leaves.bias.clone());
     let given = || {
@@ -95,7 +96,7 @@ fn compute(case: &Value, leaves: &Leaves) -> Tensor<4> {
     }
 }
 
-/// Backwards from an upstream gradient by the formula.
+/// Gradients for an upstream gradient by the formula.
 fn gradients<const D: usize>(output: &Tensor<D>) -> Gradients {
     let upstream = plain(output.dims(), 7);
     (output.clone() * Tensor::from_inner(upstream)).sum().backward()
@@ -140,7 +141,7 @@ fn on_images() -> impl Iterator<Item = Value> {
 fn values_and_gradients_agree_with_pytorch() {
     for case in on_images() {
         let what = |part: &str| format!("{part} of {} {:?}", case["operation"], sizes(&case));
-        let (leaves, expected) = (Leaves::of(&case).tracked(), &case["expected"]);
+        let (leaves, expected) = (Operands::of(&case).tracked(), &case["expected"]);
         let output = compute(&case, &leaves);
         let gradients = gradients(&output);
         assert_close(&values(output), &expected["output"], &what("output"));
@@ -204,9 +205,9 @@ fn power_iteration_reaches_the_largest_singular_value() {
 fn only_wanted_gradients_are_sent_back() {
     let case = on_images().next().unwrap();
     for tracked in [[true, false, false], [false, true, false], [false, false, true]] {
-        let (all, plain) = (Leaves::of(&case).tracked(), Leaves::of(&case));
+        let (all, plain) = (Operands::of(&case).tracked(), Operands::of(&case));
         let expected = gradients(&compute(&case, &all));
-        let leaves = Leaves {
+        let leaves = Operands {
             image: if tracked[0] {
                 all.image.clone()
             } else {
@@ -235,8 +236,8 @@ fn only_wanted_gradients_are_sent_back() {
     }
 }
 
-/// The loss whose gradients [`gradients`] gives, summed in `f64`.
-fn loss(case: &Value, leaves: &Leaves) -> f64 {
+/// Loss with the gradients of [`gradients`], summed in `f64`.
+fn loss(case: &Value, leaves: &Operands) -> f64 {
     let output = values(compute(case, leaves));
     let upstream = numbers(output.len(), 7);
     output
@@ -250,7 +251,7 @@ fn loss(case: &Value, leaves: &Leaves) -> f64 {
 fn gradients_agree_with_finite_differences() {
     const STEP: f32 = 1.0 / 256.0;
     for case in on_images() {
-        let leaves = Leaves::of(&case);
+        let leaves = Operands::of(&case);
         let tracked = leaves.tracked();
         let gradient = values(tracked.image.grad(&gradients(&compute(&case, &tracked))).unwrap());
         let (shape, x) = (leaves.image.dims(), values(leaves.image.clone()));
@@ -265,7 +266,7 @@ fn gradients_agree_with_finite_differences() {
                 let image = Tensor::from_data(TensorData::new(x, shape), &device());
                 loss(
                     &case,
-                    &Leaves {
+                    &Operands {
                         image,
                         ..leaves.clone()
                     },
@@ -275,7 +276,7 @@ fn gradients_agree_with_finite_differences() {
             tried += 1;
             missed += usize::from((difference - f64::from(gradient[at])).abs() > 0.02 * largest + 1e-3);
         }
-        // A rectifier may have its corner between the two points.
+        // A rectifier may have its kink between the two points.
         let allowed = if case["relu"].as_bool().unwrap_or(case["operation"] == "relu") {
             1
         } else {
@@ -293,12 +294,12 @@ fn gradients_agree_with_finite_differences() {
 #[test]
 fn rows_of_the_batch_are_independent() {
     for case in on_images().filter(|case| case["operation"] != "normalise_batch") {
-        let all = Leaves::of(&case);
+        let all = Operands::of(&case);
         let whole = values(compute(&case, &all));
         let n_images = all.image.dims()[0];
         for row in 0..n_images {
             let image = all.image.clone().narrow(0, row, 1);
-            let alone = values(compute(&case, &Leaves { image, ..all.clone() }));
+            let alone = values(compute(&case, &Operands { image, ..all.clone() }));
             let length = whole.len() / n_images;
             assert_eq!(alone, whole[row * length..][..length], "{}", case["operation"]);
         }

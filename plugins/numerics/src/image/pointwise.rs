@@ -1,21 +1,21 @@
 //! Rectifier and hyperbolic tangent of every number of an image.
 //!
-//! The slopes come from the output: `1` where it is positive, `1 - y^2`. The tangent is that of
+//! The slopes are computed from the output: `1` where it is positive, and `1 - y^2`. The tangent is that of
 //! [`crate::activation`], which is the same on every machine.
 
-use super::operation::{Host, Operation, host, of_one, shape};
+use super::operation::{Operation, PlainTensor, host, of_one, shape};
 use super::widest;
 use crate::activation;
 use burn::Tensor;
 use std::sync::Arc;
 
-/// `max(x, 0)` of an image `[batch, height, width, channels]`.
+/// Rectifier `max(x, 0)` of an image `[batch, height, width, channels]`.
 #[must_use]
 pub fn relu(image: Tensor<4>) -> Tensor<4> {
     of_one(image, Arc::new(Pointwise::Relu))
 }
 
-/// `tanh x` of an image `[batch, height, width, channels]`.
+/// Hyperbolic tangent of an image `[batch, height, width, channels]`.
 #[must_use]
 pub fn tanh(image: Tensor<4>) -> Tensor<4> {
     of_one(image, Arc::new(Pointwise::Tanh))
@@ -27,13 +27,13 @@ enum Pointwise {
     Tanh,
 }
 
-/// `max(x, 0)`; a NaN stays one.
+/// Rectifier `max(x, 0)`; a NaN stays one.
 #[inline(always)]
 pub(super) fn rectified(x: f32) -> f32 {
     if x <= 0.0 { 0.0 } else { x }
 }
 
-/// `dx` of the rectifier from `y` and `dy`.
+/// Input gradient `dx` of the rectifier from `y` and `dy`.
 #[inline(always)]
 pub(super) fn rectified_gradient(output: &[f32], upstream: &[f32]) -> Vec<f32> {
     let pairs = output.iter().zip(upstream);
@@ -41,7 +41,7 @@ pub(super) fn rectified_gradient(output: &[f32], upstream: &[f32]) -> Vec<f32> {
 }
 
 impl Operation for Pointwise {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let x = inputs[0].storage::<f32>();
         let y: Vec<f32> = match self {
             Pointwise::Relu => widest(
@@ -54,7 +54,7 @@ impl Operation for Pointwise {
         (output.clone(), vec![output])
     }
 
-    fn backward(&self, kept: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, kept: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let (y, dy) = (kept[0].storage::<f32>(), upstream.storage::<f32>());
         let dx = match self {
             Pointwise::Relu => widest(

@@ -1,27 +1,27 @@
-//! Images of other heights and widths.
+//! Changes of the height and width of images.
 //!
 //! Centres of pixels lie at halves: pixel `o` of `n` resized ones lies at `p = (o + 1/2) m / n - 1/2` of `m`
-//! pixels (PyTorch's `align_corners=False`), not before the first. Bilinear resizing mixes the two neighbours
-//! of `p` in each direction; downwards it does not smooth. All are linear, so the backward passes are their
-//! transposed sums.
+//! pixels (PyTorch's `align_corners=False`), but not before the first one. Bilinear resizing mixes the two
+//! neighbours of `p` in each direction; it does not smooth when it shrinks an image. All operations are
+//! linear, so the backward passes are their transposed sums.
 
-use super::operation::{Host, Operation, host, of_one, shape};
+use super::operation::{Operation, PlainTensor, host, of_one, shape};
 use super::{column_sums, widest};
 use burn::Tensor;
 use std::sync::Arc;
 
-/// Every pixel of `image` `[batch, height, width, channels]` as a square of `factor * factor`.
+/// Enlarges every pixel of `image` `[batch, height, width, channels]` to a square of `factor * factor`.
 ///
 /// # Panics
 /// Where `factor` is 0 or the tensor is not `f32`.
 #[must_use]
 pub fn enlarge_nearest(image: Tensor<4>, factor: usize) -> Tensor<4> {
     assert!(factor > 0, "an image cannot be enlarged by 0");
-    of_one(image, Arc::new(Nearest { factor }))
+    of_one(image, Arc::new(NearestEnlargement { factor }))
 }
 
-/// `image` `[batch, height, width, channels]` as one of `[height, width]` by bilinear interpolation; either may
-/// grow or shrink.
+/// Resizes `image` `[batch, height, width, channels]` to `[height, width]` by bilinear interpolation; either
+/// side may grow or shrink.
 ///
 /// # Panics
 /// Where a side is 0 or the tensor is not `f32`.
@@ -32,7 +32,7 @@ pub fn resize_bilinear(image: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<
         height.min(width).min(from_height).min(from_width) > 0,
         "a side of {from_height} x {from_width} to {height} x {width} is 0"
     );
-    let operation = Bilinear {
+    let operation = BilinearResize {
         from: [from_height, from_width],
         rows: neighbours(from_height, height),
         columns: neighbours(from_width, width),
@@ -40,7 +40,7 @@ pub fn resize_bilinear(image: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<
     of_one(image, Arc::new(operation))
 }
 
-/// The mean of each square of 2x2 pixels of `image` `[batch, height, width, channels]`.
+/// Mean of each square of 2x2 pixels of `image` `[batch, height, width, channels]`.
 ///
 /// # Panics
 /// Where height or width is odd, or the tensor is not `f32`.
@@ -54,7 +54,7 @@ pub fn average_pool(image: Tensor<4>) -> Tensor<4> {
     of_one(image, Arc::new(AveragePool))
 }
 
-/// The sum over the pixels of each channel of `image` `[batch, height, width, channels]`: `[batch, 1, 1,
+/// Sum over the pixels of each channel of `image` `[batch, height, width, channels]`: `[batch, 1, 1,
 /// channels]`.
 ///
 /// # Panics
@@ -64,19 +64,19 @@ pub fn sum_pixels(image: Tensor<4>) -> Tensor<4> {
     let [_, height, width, _] = image.dims();
     of_one(
         image,
-        Arc::new(Sum {
+        Arc::new(PixelSum {
             from: [height, width],
         }),
     )
 }
 
 #[derive(Debug)]
-struct Nearest {
+struct NearestEnlargement {
     factor: usize,
 }
 
-impl Operation for Nearest {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+impl Operation for NearestEnlargement {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let [n_images, height, width, n_channels] = shape(&inputs[0]);
         let (factor, x) = (self.factor, inputs[0].storage::<f32>());
         let wide = width * factor * n_channels;
@@ -104,7 +104,7 @@ impl Operation for Nearest {
         )
     }
 
-    fn backward(&self, _: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, _: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let [n_images, height, width, n_channels] = shape(upstream);
         let (factor, dy) = (self.factor, upstream.storage::<f32>());
         let (height, narrow) = (height / factor, width / factor * n_channels);
@@ -141,7 +141,7 @@ fn add_scaled(sums: &mut [f32], factor: f32, other: &[f32]) {
         .for_each(|(sum, other)| *sum += factor * other);
 }
 
-/// `near + share (far - near)`.
+/// Interpolates `near + share (far - near)`.
 #[inline(always)]
 fn mix(mixed: &mut [f32], near: &[f32], far: &[f32], share: f32) {
     let pairs = near.iter().zip(far);
@@ -151,7 +151,7 @@ fn mix(mixed: &mut [f32], near: &[f32], far: &[f32], share: f32) {
         .for_each(|(mixed, (near, far))| *mixed = near + share * (far - near));
 }
 
-/// The two pixels that one resized pixel mixes, and the share of the second.
+/// Two pixels that one resized pixel mixes, and the share of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Neighbours {
     near: usize,
@@ -181,23 +181,23 @@ fn neighbours(from: usize, to: usize) -> Vec<Neighbours> {
 }
 
 #[derive(Debug)]
-struct Bilinear {
-    /// Height and width before.
+struct BilinearResize {
+    /// Height and width of the input.
     from: [usize; 2],
     rows: Vec<Neighbours>,
     columns: Vec<Neighbours>,
 }
 
-impl Bilinear {
-    /// Numbers of a row and of an image with `n_channels`, before and after.
+impl BilinearResize {
+    /// Lengths of a row and of an image with `n_channels`, for input and output.
     fn lengths(&self, n_channels: usize) -> [(usize, usize); 2] {
         let (before, after) = (self.from[1] * n_channels, self.columns.len() * n_channels);
         [(before, before * self.from[0]), (after, after * self.rows.len())]
     }
 }
 
-impl Operation for Bilinear {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+impl Operation for BilinearResize {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let ([n_images, .., n_channels], x) = (shape(&inputs[0]), inputs[0].storage::<f32>());
         let [(row, image), (new_row, new_image)] = self.lengths(n_channels);
         let mut y = vec![0.0; n_images * new_image];
@@ -227,7 +227,7 @@ impl Operation for Bilinear {
         )
     }
 
-    fn backward(&self, _: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, _: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let ([n_images, .., n_channels], dy) = (shape(upstream), upstream.storage::<f32>());
         let [(row, image), (new_row, new_image)] = self.lengths(n_channels);
         let mut dx = vec![0.0; n_images * image];
@@ -260,7 +260,7 @@ impl Operation for Bilinear {
 struct AveragePool;
 
 impl Operation for AveragePool {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let ([n_images, height, width, n_channels], x) = (shape(&inputs[0]), inputs[0].storage::<f32>());
         let row = width * n_channels;
         let mut y = vec![0.0; x.len() / 4];
@@ -286,7 +286,7 @@ impl Operation for AveragePool {
         (host(y, [n_images, height / 2, width / 2, n_channels]), Vec::new())
     }
 
-    fn backward(&self, _: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, _: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let ([n_images, height, width, n_channels], dy) = (shape(upstream), upstream.storage::<f32>());
         let row = 2 * width * n_channels;
         let mut dx = vec![0.0; dy.len() * 4];
@@ -312,20 +312,20 @@ impl Operation for AveragePool {
 }
 
 #[derive(Debug)]
-struct Sum {
-    /// Height and width before.
+struct PixelSum {
+    /// Height and width of the input.
     from: [usize; 2],
 }
 
-impl Operation for Sum {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+impl Operation for PixelSum {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let ([n_images, height, width, n_channels], x) = (shape(&inputs[0]), inputs[0].storage::<f32>());
         let images = x.chunks_exact(height * width * n_channels);
         let sums = images.flat_map(|image| column_sums(image, n_channels)).collect();
         (host(sums, [n_images, 1, 1, n_channels]), Vec::new())
     }
 
-    fn backward(&self, _: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, _: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let ([n_images, .., n_channels], [height, width]) = (shape(upstream), self.from);
         let rows = upstream.storage::<f32>().chunks_exact(n_channels);
         let dx = rows.flat_map(|dy| dy.repeat(height * width)).collect();

@@ -1,4 +1,4 @@
-//! A weight divided by its largest singular value, as one autodiff operation.
+//! Division of a weight by its largest singular value, as one autodiff operation.
 //!
 //! Miyato et al. 2018, "Spectral normalization for generative adversarial networks", arXiv:1802.05957,
 //! algorithm 1.
@@ -10,20 +10,20 @@
 //! | sigma(W) | `v^T W u` | scalar |
 //!
 //! The paper's matrix is the transposed one, so its `u` belongs to the outputs here too. One step of power
-//! iteration is `v = W u / |W u|`, `u = W^T v / |W^T v|`; both are constants of the graph (as in PyTorch, and
-//! by appendix A of the paper exact where they have converged). Backward, with `y = W / sigma`: `dW = (dy - (sum
-//! of dy y) v u^T) / sigma`.
+//! iteration is `v = W u / |W u|`, `u = W^T v / |W^T v|`. Both are constants of the graph (as in PyTorch, and
+//! by appendix A of the paper exact where they have converged). Backward, with `y = W / sigma`: `dW = (dy -
+//! (sum of dy y) v u^T) / sigma`.
 
-use super::operation::{Host, Operation, host, of_one};
+use super::operation::{Operation, PlainTensor, host, of_one};
 use super::widest;
 use burn::Tensor;
 use burn::tensor::TensorData;
 use std::sync::Arc;
 
-/// What keeps a zero vector from being divided by its length (PyTorch's default).
+/// Smallest length by which a vector is divided, so that a zero vector stays finite (PyTorch's default).
 const EPSILON: f32 = 1e-12;
 
-/// Estimates of the singular vectors that belong to the largest singular value.
+/// Estimates of the singular vectors of the largest singular value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SingularVectors {
     /// `u`, one number per output.
@@ -33,10 +33,10 @@ pub struct SingularVectors {
 }
 
 impl SingularVectors {
-    /// One step of power iteration from `u` for `weight` `[.., outputs]`.
+    /// Takes one step of power iteration from `u` for `weight` `[.., outputs]`.
     ///
     /// # Panics
-    /// Where the numbers of outputs and rows are not those of the weight.
+    /// Where the vectors do not have the numbers of outputs and rows of the weight.
     pub fn iterate<const D: usize>(&mut self, weight: &Tensor<D>) {
         let weight = crate::network::values(weight.clone());
         assert_eq!(
@@ -49,16 +49,16 @@ impl SingularVectors {
     }
 }
 
-/// `weight` `[.., outputs]` divided by `v^T W u`.
+/// Weight `[.., outputs]` divided by `v^T W u`.
 ///
 /// # Panics
-/// Where the numbers of outputs and rows are not those of the weight.
+/// Where the vectors do not have the numbers of outputs and rows of the weight.
 #[must_use]
 pub fn normalised<const D: usize>(weight: Tensor<D>, vectors: &SingularVectors) -> Tensor<D> {
-    of_one(weight, Arc::new(Division(vectors.clone())))
+    of_one(weight, Arc::new(SpectralDivision(vectors.clone())))
 }
 
-/// Eight interleaved chains, whatever the processor's vectors hold, then their sum in order.
+/// Dot product in eight interleaved chains for every width of vectors, then their sum in order.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut chains = [0.0; 8];
     let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -76,12 +76,12 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     chains.iter().sum::<f32>() + rest
 }
 
-/// `W u`.
+/// Product `W u`.
 fn times(weight: &[f32], u: &[f32]) -> Vec<f32> {
     weight.chunks_exact(u.len()).map(|row| dot(row, u)).collect()
 }
 
-/// `W^T v`.
+/// Product `W^T v`.
 fn transposed_times(weight: &[f32], v: &[f32]) -> Vec<f32> {
     let n_outputs = weight.len() / v.len();
     let mut product = vec![0.0; n_outputs];
@@ -98,10 +98,10 @@ fn unit(mut vector: Vec<f32>) -> Vec<f32> {
 }
 
 #[derive(Debug)]
-struct Division(SingularVectors);
+struct SpectralDivision(SingularVectors);
 
-impl Operation for Division {
-    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+impl Operation for SpectralDivision {
+    fn forward(&self, inputs: Vec<PlainTensor>) -> (PlainTensor, Vec<PlainTensor>) {
         let SingularVectors { of_outputs, of_rows } = &self.0;
         let weight = inputs[0].storage::<f32>();
         assert_eq!(
@@ -111,11 +111,11 @@ impl Operation for Division {
         );
         let sigma = dot(&times(weight, of_outputs), of_rows);
         let scaled = weight.iter().map(|w| w / sigma).collect();
-        let output = Host::from_data(TensorData::new(scaled, inputs[0].layout().shape().clone()));
+        let output = PlainTensor::from_data(TensorData::new(scaled, inputs[0].layout().shape().clone()));
         (output.clone(), vec![output, host(vec![sigma], [1])])
     }
 
-    fn backward(&self, kept: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+    fn backward(&self, kept: &[PlainTensor], upstream: &PlainTensor, _: &[bool]) -> Vec<Option<PlainTensor>> {
         let (y, dy, sigma) = (
             kept[0].storage::<f32>(),
             upstream.storage::<f32>(),
@@ -136,6 +136,6 @@ impl Operation for Division {
             },
         );
         let shape = upstream.layout().shape().clone();
-        vec![Some(Host::from_data(TensorData::new(dw, shape)))]
+        vec![Some(PlainTensor::from_data(TensorData::new(dw, shape)))]
     }
 }

@@ -1,4 +1,5 @@
-//! How the outputs of a network become an action, and a whole policy file as a graph.
+//! Heads of policies, which compute an action from the outputs of a network, and the graph of a whole policy
+//! file.
 
 use super::{Dense, Graph, Setting, Value, dense_layers};
 use crate::parameters::store;
@@ -6,7 +7,7 @@ use crate::policy_file::{Head, PREFIX, Policy, PolicyHeader};
 use crate::tensor_file::{TensorFile, TensorFileError};
 
 impl Policy {
-    /// The policy as a graph, from an observation in the units of the channels to an action in its units.
+    /// Graph of the policy, from an observation in the units of the channels to an action in its units.
     ///
     /// # Errors
     /// [`TensorFileError`] for a network without layers.
@@ -29,14 +30,14 @@ impl Policy {
         let x = graph.scaled(&observation, center, spread);
         let x = graph.network(&x, &layers, activations);
         let action = graph.head(&x, *head);
-        // An index has the first of the entries that units are given for, as where this program acts.
+        // An index has one entry, in the first of the units; [`Policy::act`] does the same.
         let units = |numbers: &[f64]| numbers[..n_acted.min(numbers.len())].to_vec();
         let action = graph.in_units(&action, &units(action_center), &units(action_spread));
         Ok(graph.acting(&action, n_acted))
     }
 }
 
-/// Layers of which the last one has its first `n` outputs alone.
+/// Layers of which the last one keeps its first `n` outputs.
 #[must_use]
 pub fn with_first_outputs(mut layers: Vec<Dense>, n: usize) -> Vec<Dense> {
     if let Some(last) = layers.last_mut() {
@@ -46,7 +47,7 @@ pub fn with_first_outputs(mut layers: Vec<Dense>, n: usize) -> Vec<Dense> {
 }
 
 impl Head {
-    /// Entries of the action that it makes of `n` outputs.
+    /// Number of entries of the action for `n` outputs.
     #[must_use]
     pub fn n_entries(self, n: usize) -> usize {
         if self == Head::Argmax { 1 } else { n }
@@ -54,7 +55,7 @@ impl Head {
 }
 
 impl Graph {
-    /// The action `[batch, m]` of outputs `[batch, n]`.
+    /// Action `[batch, m]` from outputs `[batch, n]`.
     pub fn head(&mut self, x: &Value, head: Head) -> Value {
         match head {
             Head::DirichletMean => {
@@ -78,7 +79,7 @@ impl Graph {
         }
     }
 
-    /// `max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`: `ln(1 + e^x)`.
+    /// Softplus `ln(1 + e^x)` as `max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`.
     fn softplus(&mut self, x: &Value) -> Value {
         let magnitude = self.node("Abs", &[x], &[]);
         let negative = self.node("Neg", &[&magnitude], &[]);
@@ -92,7 +93,7 @@ impl Graph {
         self.node("Add", &[&positive, &logarithm], &[])
     }
 
-    /// Each entry over the sum of its row.
+    /// Each entry divided by the sum of its row.
     fn shares(&mut self, x: &Value) -> Value {
         let columns = self.positions("columns", &[1], &[1]);
         let total = self.node("ReduceSum", &[x, &columns], &[("keepdims", Setting::Int(1))]);

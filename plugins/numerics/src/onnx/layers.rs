@@ -1,4 +1,4 @@
-//! Layers of networks and the scaling around them.
+//! Layers of networks, and the scaling of inputs and outputs.
 
 use super::{Graph, Value};
 use crate::activation::Activation;
@@ -7,17 +7,17 @@ use crate::tensor_file::{HostTensor, TensorFile, TensorFileError};
 /// A layer `x W + b`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dense {
-    /// What its constants are called.
+    /// Prefix of the names of its constants.
     pub name: String,
-    /// `[inputs, outputs]`.
+    /// Numbers of inputs and outputs.
     pub shape: [usize; 2],
-    /// W, row by row.
+    /// Weight W, row by row.
     pub weight: Vec<f32>,
-    /// b.
+    /// Bias b.
     pub bias: Vec<f32>,
 }
 
-/// The layers that a network's module stored as `<prefix>.layers.<k>.weight` and `.bias`.
+/// Reads the layers that a network's module stored as `<prefix>.layers.<k>.weight` and `.bias`.
 ///
 /// # Errors
 /// [`TensorFileError`] where there is no layer, where one has no bias, and where shapes do not follow each other.
@@ -59,7 +59,7 @@ impl Dense {
         }
     }
 
-    /// The layer with its first `n` outputs alone.
+    /// Layer with its first `n` outputs alone.
     #[must_use]
     pub fn first_outputs(&self, n: usize) -> Self {
         let [rows, columns] = self.shape;
@@ -76,7 +76,7 @@ impl Dense {
         }
     }
 
-    /// The rows of the weight at `positions`, one after the other.
+    /// Rows of the weight at `positions`, concatenated.
     #[must_use]
     pub fn rows(&self, positions: impl IntoIterator<Item = usize>) -> Vec<f32> {
         let columns = self.shape[1];
@@ -90,7 +90,8 @@ fn shown(inputs: Option<usize>) -> String {
 }
 
 impl Graph {
-    /// A fully connected network `[batch, inputs]` to `[batch, outputs]`: an activation after each layer that has one.
+    /// Fully connected network `[batch, inputs]` to `[batch, outputs]`, with an activation after each layer
+    /// that has one.
     pub fn network(&mut self, x: &Value, layers: &[Dense], activations: &[Activation]) -> Value {
         let mut x = x.clone();
         for (at, layer) in layers.iter().enumerate() {
@@ -108,7 +109,7 @@ impl Graph {
         self.node("Gemm", &[x, &weight, &bias], &[])
     }
 
-    /// `(x - center) / spread`, channel by channel; nothing where that changes nothing.
+    /// Scaled input `(x - center) / spread`, channel by channel; adds no node where that changes nothing.
     pub fn scaled(&mut self, x: &Value, center: &[f64], spread: &[f64]) -> Value {
         let mut x = x.clone();
         let (near, rest): (Vec<f32>, Vec<f32>) = center.iter().map(|center| in_two_parts(*center)).unzip();
@@ -126,7 +127,7 @@ impl Graph {
         x
     }
 
-    /// `x spread + center`, entry by entry; an empty one leaves `x` as it is.
+    /// Output in units `x spread + center`, entry by entry; an empty `center` or `spread` changes nothing.
     pub fn in_units(&mut self, x: &Value, center: &[f64], spread: &[f64]) -> Value {
         let mut x = x.clone();
         for (operator, name, numbers) in [("Mul", "action_spread", spread), ("Add", "action_center", center)]
@@ -140,7 +141,7 @@ impl Graph {
         x
     }
 
-    /// Learnt scale and shift of inputs that running moments normalise, as one `x factor + shift`.
+    /// Learned scale and shift of inputs that running moments normalise, as one `x factor + shift`.
     ///
     /// # Errors
     /// [`TensorFileError`] where a tensor is missing or of another length than the others.
@@ -180,13 +181,13 @@ impl Graph {
     }
 }
 
-/// A number as the sum of two that single precision holds.
+/// Two numbers of single precision with the sum `number`.
 fn in_two_parts(number: f64) -> (f32, f32) {
     let near = single(number);
     (near, single(number - f64::from(near)))
 }
 
-/// The nearest finite number of single precision: a spread so large that nothing is left of a channel stays one.
+/// Nearest finite number of single precision: the spread of a hidden channel exceeds that precision.
 #[allow(clippy::cast_possible_truncation, reason = "rounding is what is asked for")]
 fn single(number: f64) -> f32 {
     (number as f32).clamp(f32::MIN, f32::MAX)

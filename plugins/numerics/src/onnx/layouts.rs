@@ -1,11 +1,11 @@
-//! Operators that lay numbers out in other shapes, and change none.
+//! Operators that change the layout of numbers and not their values.
 
 use super::{
     operators::{Inputs, Settings},
-    tensor::{Kind, Spread, Tensor, common, count},
+    tensor::{Broadcast, Kind, Tensor, common, count},
 };
 
-/// The axis that a number means, which counts from the last one where it is negative.
+/// Axis of a number, which counts from the last axis where it is negative.
 pub(super) fn axis_of(axis: i64, rank: usize) -> Result<usize, String> {
     let count = i64::try_from(rank).unwrap_or(i64::MAX);
     let found = if axis < 0 { axis + count } else { axis };
@@ -32,13 +32,13 @@ pub(super) fn laid_out(operator: &str, settings: &Settings, inputs: &Inputs<'_>)
     }
 }
 
-/// Lengths that are given as numbers.
+/// Lengths from integers.
 fn lengths(numbers: &[i64]) -> Result<Vec<usize>, String> {
     let length = |number: &i64| usize::try_from(*number).map_err(|_| format!("a length of {number}"));
     numbers.iter().map(length).collect()
 }
 
-/// The lengths from one axis up to another.
+/// Lengths of the axes in a range.
 fn shape_of(settings: &Settings, tensor: &Tensor) -> Tensor {
     let lengths = tensor
         .shape
@@ -52,7 +52,7 @@ fn shape_of(settings: &Settings, tensor: &Tensor) -> Tensor {
     Tensor::whole(&lengths[from..to])
 }
 
-/// 0 stands for the length that was there, -1 for what is left.
+/// Reshapes a tensor: 0 keeps a length, and -1 takes the remaining one.
 fn reshape(settings: &Settings, tensor: &Tensor, to: &Tensor) -> Result<Tensor, String> {
     let mut numbers = to.numbers();
     for (at, number) in numbers.iter_mut().enumerate() {
@@ -123,7 +123,7 @@ fn unsqueeze(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String>
     tensor.reshaped(shape.ok_or("an axis is named twice")?)
 }
 
-/// Numbers at the places that a function gives for each place of a shape.
+/// Numbers at the indices that `place` returns for each position of a shape.
 fn picked(tensor: &Tensor, shape: Vec<usize>, place: impl Fn(&[usize]) -> usize) -> Tensor {
     let count: usize = shape.iter().product();
     let mut at = vec![0; shape.len()];
@@ -141,7 +141,7 @@ fn picked(tensor: &Tensor, shape: Vec<usize>, place: impl Fn(&[usize]) -> usize)
     Tensor::new(tensor.kind, shape, values)
 }
 
-/// The place of the entry at a position.
+/// Index of the entry at a position.
 fn place_of(position: impl Iterator<Item = usize>, shape: &[usize]) -> usize {
     position
         .zip(shape)
@@ -199,7 +199,7 @@ fn concat(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     Ok(Tensor::new(first.kind, shape, values))
 }
 
-/// The entries of an axis from one on, as many as asked.
+/// Part of an axis of the given length, from entry `from` on.
 fn part_of(tensor: &Tensor, axis: usize, from: usize, length: usize) -> Tensor {
     let mut shape = tensor.shape.clone();
     shape[axis] = length;
@@ -213,7 +213,7 @@ fn part_of(tensor: &Tensor, axis: usize, from: usize, length: usize) -> Tensor {
     picked(tensor, shape, shifted)
 }
 
-/// `Split` in equal parts, or in parts of the lengths that are given.
+/// Operator `Split` in equal parts, or in parts of given lengths.
 pub(super) fn split(settings: &Settings, inputs: &Inputs<'_>, parts: usize) -> Result<Vec<Tensor>, String> {
     let tensor = inputs.at(0)?;
     let axis = axis_of(settings.whole("axis", 0), tensor.shape.len())?;
@@ -238,7 +238,7 @@ pub(super) fn split(settings: &Settings, inputs: &Inputs<'_>, parts: usize) -> R
     Ok(wanted.iter().map(next).collect())
 }
 
-/// Axis after axis: from where, up to where, and in which steps.
+/// Operator `Slice`: start, end and step of each axis.
 fn slice(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let mut tensor = inputs.at(0)?.clone();
     let starts = settings
@@ -286,7 +286,7 @@ fn gather(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
 
 fn expand(tensor: &Tensor, to: &Tensor) -> Result<Tensor, String> {
     let shape = common(&tensor.shape, &lengths(&to.numbers())?)?;
-    let spread = Spread::over(&tensor.shape, &shape);
+    let spread = Broadcast::over(&tensor.shape, &shape);
     let count = shape.iter().product();
     let values = (0..count).map(|at| tensor.values[spread.at(at)]).collect();
     Ok(Tensor::new(tensor.kind, shape, values))

@@ -1,4 +1,4 @@
-//! The messages of ONNX in Protocol Buffers, as far as fully connected networks need them; numbers of fields and
+//! Messages of ONNX in Protocol Buffers, as far as fully connected networks need them. Numbers of fields and
 //! kinds are those of `onnx/onnx.proto` of ONNX 1.12.
 
 use prost::Message;
@@ -14,7 +14,7 @@ pub(super) const DOUBLE: i32 = 11;
 /// `TensorProto.DataType.INT64`.
 pub(super) const INT64: i32 = 7;
 
-/// A file.
+/// `ModelProto`: a file.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Model {
     #[prost(int64, tag = "1")]
@@ -29,7 +29,7 @@ pub(super) struct Model {
     pub(super) metadata_props: Vec<Property>,
 }
 
-/// Which version of which operators.
+/// `OperatorSetIdProto`: the version of a set of operators.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct OperatorSet {
     #[prost(string, tag = "1")]
@@ -47,7 +47,7 @@ pub(super) struct Property {
     pub(super) value: String,
 }
 
-/// Nodes in an order in which they can be computed.
+/// `GraphProto`: nodes in an order in which they can be computed.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Graph {
     #[prost(message, repeated, tag = "1")]
@@ -62,7 +62,7 @@ pub(super) struct Graph {
     pub(super) output: Vec<ValueInfo>,
 }
 
-/// One operation.
+/// `NodeProto`: one operation.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Node {
     #[prost(string, repeated, tag = "1")]
@@ -75,12 +75,12 @@ pub(super) struct Node {
     pub(super) op_type: String,
     #[prost(message, repeated, tag = "5")]
     pub(super) attribute: Vec<Attribute>,
-    /// Whose operator it is; empty for ONNX itself.
+    /// Origin of the operator; empty for ONNX itself.
     #[prost(string, tag = "7")]
     pub(super) domain: String,
 }
 
-/// A setting of an operation.
+/// `AttributeProto`: a setting of an operation.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Attribute {
     #[prost(string, tag = "1")]
@@ -100,7 +100,7 @@ pub(super) struct Attribute {
     pub(super) kind: i32,
 }
 
-/// A constant.
+/// `TensorProto`: a constant.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Tensor {
     #[prost(int64, repeated, packed = "false", tag = "1")]
@@ -115,17 +115,17 @@ pub(super) struct Tensor {
     pub(super) int64_data: Vec<i64>,
     #[prost(string, tag = "8")]
     pub(super) name: String,
-    /// The entries, low byte first.
+    /// Entries, low byte first.
     #[prost(bytes = "vec", tag = "9")]
     pub(super) raw_data: Vec<u8>,
     #[prost(double, repeated, tag = "10")]
     pub(super) double_data: Vec<f64>,
-    /// 1 where the entries lie in another file.
+    /// Location of the entries: 1 for another file.
     #[prost(int32, tag = "14")]
     pub(super) data_location: i32,
 }
 
-/// An input or output with its type.
+/// `ValueInfoProto`: an input or output with its type.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct ValueInfo {
     #[prost(string, tag = "1")]
@@ -157,7 +157,7 @@ pub(super) struct Shape {
     pub(super) dim: Vec<Dimension>,
 }
 
-/// A length that is known, or one with a name.
+/// A known length, or a named one.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Dimension {
     #[prost(int64, optional, tag = "1")]

@@ -1,18 +1,19 @@
-//! Policies as ONNX files, for runtimes that know nothing of this program; and those of other programs, read and
-//! computed ([`Network`]).
+//! Policies as ONNX files for runtimes that are independent of this program; and reading and running those of
+//! other programs ([`Network`]).
 //!
-//! A file is one graph from `observation` `[batch, n]` to `action` `[batch, m]`, both `float32`, in the operators of
-//! opset 17 (IR version 8). What a channel is called, and whose policy it is, stands in the file's properties.
+//! A file is one graph from `observation` `[batch, n]` to `action` `[batch, m]`, both `float32`, in the
+//! operators of opset 17 (IR version 8). Its properties have the names of the channels and the owner of the
+//! policy.
 //!
-//! Everything is computed in `float32`, as the networks are. Scaling of inputs and outputs is known in `f64`:
-//! - `(x - center) / spread` subtracts the centre in two parts, its `float32` and what that leaves, so that nothing is
-//!   lost where a channel varies little around a large value; the spread is its `float32`.
+//! Everything is computed in `float32`, as the networks are. Scaling of inputs and outputs is given in `f64`:
+//! - `(x - center) / spread` subtracts the centre in two parts, its `float32` and the remainder, so that no
+//!   digit is lost where a channel varies little around a large value; the spread is its `float32`.
 //! - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which is `ln(1 + t)` to the last digits also
 //!   where `t` is small, in operators that need no `log1p`.
 //!
-//! Of the same `float32` observation, as an environment shows it, a runtime and
-//! [`Policy::act`](crate::policy_file::Policy::act) come to actions that differ by less than 1e-6 of the action's
-//! scale; `tests/portable_policies.rs` holds two runtimes to it.
+//! For the same `float32` observation, as an environment shows it, the actions of a runtime and of
+//! [`Policy::act`](crate::policy_file::Policy::act) differ by less than 1e-6 of the action's scale;
+//! `tests/portable_policies.rs` checks two runtimes.
 
 mod heads;
 mod layers;
@@ -40,18 +41,18 @@ use prost::Message;
 
 /// Version of the operators.
 pub const OPSET: i64 = 17;
-/// Version of the file's form, that of ONNX 1.12.
+/// Version of the file format, that of ONNX 1.12.
 const IR_VERSION: i64 = 8;
 /// Name of the input of a policy.
 pub const OBSERVATION: &str = "observation";
-/// Name of its output.
+/// Name of the output of a policy.
 pub const ACTION: &str = "action";
 
-/// What an operation gives out or takes in, by its name in the graph.
+/// An input or output of an operation, by its name in the graph.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Value(String);
 
-/// A graph under way.
+/// A graph that is being built.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Graph {
     message: GraphMessage,
@@ -60,16 +61,16 @@ pub struct Graph {
 /// A setting of an operation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Setting {
-    /// A number.
+    /// A real number.
     Float(f32),
-    /// A whole number.
+    /// An integer.
     Int(i64),
-    /// Whole numbers.
+    /// Several integers.
     Ints(Vec<i64>),
 }
 
 impl Graph {
-    /// A graph that takes `observation` `[batch, n_observed]`, and that input.
+    /// Creates a graph with the input `observation` `[batch, n_observed]`; returns that input too.
     #[must_use]
     pub fn of_observation(n_observed: usize) -> (Self, Value) {
         let mut graph = Self::default();
@@ -78,7 +79,7 @@ impl Graph {
         (graph, Value(OBSERVATION.into()))
     }
 
-    /// Constants of a shape, the last dimension running fastest.
+    /// Adds a constant of a shape, the last dimension running fastest.
     ///
     /// # Panics
     /// Where the number of entries is not the product of the shape.
@@ -92,7 +93,7 @@ impl Graph {
         self.tensor(name, FLOAT, shape, bytes)
     }
 
-    /// Whole numbers of a shape, as positions are.
+    /// Adds a constant of integers, such as positions, with a shape.
     ///
     /// # Panics
     /// Where the number of entries is not the product of the shape.
@@ -121,7 +122,7 @@ impl Graph {
         Value(name)
     }
 
-    /// What an operator of the opset makes of its inputs.
+    /// Adds an operator of the opset; returns its output.
     pub fn node(&mut self, operator: &str, inputs: &[&Value], settings: &[(&str, Setting)]) -> Value {
         let output = self.free(&operator.to_lowercase());
         self.add(operator, inputs, settings, output.clone());
@@ -142,7 +143,7 @@ impl Graph {
         });
     }
 
-    /// The name, or one that begins with it and that nothing in the graph has.
+    /// `name`, or a name that begins with it and is free in the graph.
     fn free(&self, name: &str) -> String {
         let taken = |name: &str| {
             let graph = &self.message;
@@ -156,7 +157,7 @@ impl Graph {
         candidates.find(|name| !taken(name)).expect("a free name")
     }
 
-    /// The graph, whose `action` `[batch, n_acted]` is `value`.
+    /// Completes the graph: its output `action` `[batch, n_acted]` is `value`.
     #[must_use]
     pub fn acting(mut self, value: &Value, n_acted: usize) -> Self {
         self.add("Identity", &[value], &[], ACTION.into());
@@ -164,7 +165,7 @@ impl Graph {
         self
     }
 
-    /// The file, with properties by name.
+    /// Bytes of the file, with properties by name.
     #[must_use]
     pub fn to_bytes(&self, properties: &[(String, String)]) -> Vec<u8> {
         let property = |(key, value): &(String, String)| Property {
@@ -184,7 +185,7 @@ impl Graph {
         model.encode_to_vec()
     }
 
-    /// An activation, entry by entry.
+    /// Adds an activation, entry by entry.
     pub fn activation(&mut self, x: &Value, activation: Activation) -> Value {
         match activation {
             Activation::Relu => self.node("Relu", &[x], &[]),
@@ -235,6 +236,6 @@ fn attribute(name: &str, setting: &Setting) -> Attribute {
 }
 
 fn whole(number: usize) -> i64 {
-    // Lengths and positions of what lies in memory are far below 2^63.
+    // Lengths and positions in memory are far below 2^63.
     i64::try_from(number).expect("a length below 2^63")
 }

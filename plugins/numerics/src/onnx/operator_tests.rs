@@ -1,4 +1,4 @@
-//! Operators of layers and shapes, by numbers that were worked out by hand.
+//! Tests of operators of layers and shapes by hand-worked numbers.
 
 use super::{
     messages::{Attribute, Node},
@@ -6,7 +6,7 @@ use super::{
     tensor::{Kind, Tensor},
 };
 
-/// The output of an operator on tensors, with settings by name.
+/// Output of an operator on tensors, with settings by name.
 fn of(
     operator: &str,
     settings: &[(&str, &[i64])],
@@ -32,7 +32,7 @@ fn one(operator: &str, settings: &[(&str, &[i64])], inputs: &[&Tensor]) -> (Vec<
     (found.shape, found.values)
 }
 
-/// 0 to 5 in two rows.
+/// The numbers 0 to 5 in two rows.
 fn rows() -> Tensor {
     let values = (0..6).map(f64::from).collect();
     Tensor::new(Kind::Single, vec![2, 3], values)
@@ -170,7 +170,7 @@ fn products_are_those_of_matrices() {
 }
 
 #[test]
-fn what_is_not_there_is_named() {
+fn faults_of_layouts_are_named() {
     let x = rows();
     for (operator, settings, input, why) in [
         ("Flatten", &[("axis", &[3][..])][..], None, "no axis 3 of 2"),

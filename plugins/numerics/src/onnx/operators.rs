@@ -1,4 +1,5 @@
-//! The operators of policies, as ONNX defines them in opsets 7 to 21; those of layers and shapes stand beside.
+//! Operators of policies, as ONNX defines them in opsets 7 to 21; those of layers and shapes have modules of
+//! their own.
 
 use super::{
     layouts, messages,
@@ -7,7 +8,7 @@ use super::{
 };
 use std::collections::BTreeMap;
 
-/// Operators that are known, in alphabetical order.
+/// Names of the supported operators, in alphabetical order.
 pub(super) const KNOWN: [&str; 62] = [
     "Abs",
     "Add",
@@ -73,12 +74,12 @@ pub(super) const KNOWN: [&str; 62] = [
     "Where",
 ];
 
-/// True for an operator that can be computed.
+/// Whether an operator is supported.
 pub(super) fn is_known(operator: &str) -> bool {
     KNOWN.contains(&operator)
 }
 
-/// The settings of an operation.
+/// Settings of an operation by name.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Settings {
     opset: i64,
@@ -88,7 +89,7 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// The settings of a node.
+    /// Reads the settings of a node.
     pub(super) fn of(node: &messages::Node, opset: i64) -> Result<Self, String> {
         let mut settings = Self {
             opset,
@@ -111,12 +112,12 @@ impl Settings {
         Ok(settings)
     }
 
-    /// A number, or what it is where it is not given.
+    /// Real number of a setting, or `otherwise` where it is absent.
     pub(super) fn float(&self, name: &str, otherwise: f64) -> f64 {
         self.floats.get(name).copied().unwrap_or(otherwise)
     }
 
-    /// A whole number, or what it is where it is not given.
+    /// Integer of a setting, or `otherwise` where it is absent.
     pub(super) fn whole(&self, name: &str, otherwise: i64) -> i64 {
         self.wholes
             .get(name)
@@ -124,46 +125,46 @@ impl Settings {
             .unwrap_or(otherwise)
     }
 
-    /// Whole numbers, which later opsets take as an input.
+    /// Integers of a setting, which later opsets take as an input.
     pub(super) fn wholes(&self, name: &str, input: Option<&Tensor>) -> Option<Vec<i64>> {
         input
             .map(Tensor::numbers)
             .or_else(|| self.wholes.get(name).cloned())
     }
 
-    /// The tensor of a constant.
+    /// Tensor of a constant.
     pub(super) fn value(&self) -> Option<&Tensor> {
         self.tensors.get("value")
     }
 
-    /// The axis of operators whose default moved from 1 to the last one with opset 13.
+    /// Axis of the operators whose default changed from 1 to the last one with opset 13.
     fn axis_of_shares(&self) -> i64 {
         self.whole("axis", if self.opset < 13 { 1 } else { -1 })
     }
 }
 
-/// The inputs of an operator, by place.
+/// Inputs of an operator, by position.
 pub(super) struct Inputs<'a>(&'a [Option<&'a Tensor>]);
 
 impl<'a> Inputs<'a> {
-    /// An input that has to be there.
+    /// Input that is required.
     pub(super) fn at(&self, place: usize) -> Result<&'a Tensor, String> {
         self.maybe(place)
             .ok_or_else(|| format!("its input {place} is left out"))
     }
 
-    /// An input that may be left out.
+    /// Input that is optional.
     pub(super) fn maybe(&self, place: usize) -> Option<&'a Tensor> {
         self.0.get(place).copied().flatten()
     }
 
-    /// All that is there.
+    /// All inputs that are given.
     pub(super) fn all(&self) -> impl Iterator<Item = &'a Tensor> {
         self.0.iter().copied().flatten()
     }
 }
 
-/// The outputs of an operator.
+/// Computes the outputs of an operator.
 pub(super) fn computed(
     operator: &str,
     settings: &Settings,
@@ -174,7 +175,7 @@ pub(super) fn computed(
     if operator == "Split" {
         return layouts::split(settings, &inputs, n_outputs);
     }
-    // Further outputs of these two are for training; an operator that takes one is told that it is not computed.
+    // Further outputs of these two are for training; an operator that reads one is refused as not computed.
     if n_outputs != 1 && !["Dropout", "LayerNormalization"].contains(&operator) {
         return Err(format!(
             "it gives {n_outputs} things, and only its first one is known"
@@ -215,9 +216,9 @@ pub(super) fn computed(
     found.map(|tensor| vec![tensor])
 }
 
-/// Operators that change each number by itself.
+/// Function of an operator on single numbers.
 fn one_to_one(operator: &str, settings: &Settings) -> Option<Box<dyn Fn(f64) -> f64>> {
-    /// Of `Selu`, where a file does not say them.
+    /// Default constants of `Selu`.
     const SELU: (f64, f64) = (1.673_263_2, 1.050_701);
     let alpha = |otherwise| settings.float("alpha", otherwise);
     Some(match operator {
@@ -253,11 +254,11 @@ fn one_to_one(operator: &str, settings: &Settings) -> Option<Box<dyn Fn(f64) -> 
     })
 }
 
-/// Two numbers to one.
-type Together = fn(f64, f64) -> f64;
+/// A function of two numbers.
+type BinaryFunction = fn(f64, f64) -> f64;
 
-/// Operators that put two numbers together, and whether it is told if something is so.
-fn two_to_one(operator: &str) -> Option<(Together, bool)> {
+/// Function of an operator on pairs of numbers, and whether its result is a truth value.
+fn two_to_one(operator: &str) -> Option<(BinaryFunction, bool)> {
     Some(match operator {
         "Add" => (|a, b| a + b, false),
         "Sub" => (|a, b| a - b, false),
@@ -275,14 +276,14 @@ fn two_to_one(operator: &str) -> Option<(Together, bool)> {
     })
 }
 
-fn pair(inputs: &Inputs<'_>, together: Together, is_truth: bool) -> Result<Tensor, String> {
+fn pair(inputs: &Inputs<'_>, together: BinaryFunction, is_truth: bool) -> Result<Tensor, String> {
     let (one, two) = (inputs.at(0)?, inputs.at(1)?);
     let kind = if is_truth { Kind::Truth } else { one.kind };
     one.with(two, kind, together)
 }
 
-/// `Max` and `Min` of any number of tensors; what is not a number stays so.
-fn folded(inputs: &Inputs<'_>, better: Together) -> Result<Tensor, String> {
+/// Operators `Max` and `Min` of any number of tensors; a NaN stays one.
+fn folded(inputs: &Inputs<'_>, better: BinaryFunction) -> Result<Tensor, String> {
     let mut found = inputs.at(0)?.clone();
     for next in inputs.all().skip(1) {
         let kind = found.kind;
@@ -314,7 +315,7 @@ fn constant(settings: &Settings) -> Result<Tensor, String> {
     }
 }
 
-/// Nothing is dropped where a policy acts.
+/// Dropout drops nothing where a policy acts.
 fn dropout(inputs: &Inputs<'_>) -> Result<Tensor, String> {
     match inputs.maybe(2) {
         Some(trains) if trains.values != [0.0] => {
@@ -330,7 +331,7 @@ fn cast(settings: &Settings, tensor: &Tensor) -> Result<Tensor, String> {
     Ok(Tensor::new(kind, tensor.shape.clone(), tensor.values.clone()))
 }
 
-/// Limits are inputs since opset 11, and settings before.
+/// Operator `Clip`: limits are inputs since opset 11, and settings before.
 fn clip(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let limit = |name: &str, place: usize, otherwise: f64| match inputs.maybe(place) {
         Some(tensor) => tensor.values.first().copied().unwrap_or(otherwise),
@@ -345,7 +346,7 @@ fn clip(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
 
 fn chosen(inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let (condition, one, two) = (inputs.at(0)?, inputs.at(1)?, inputs.at(2)?);
-    // Each entry that is not chosen is left out of the sum by its condition, whatever it is.
+    // The condition replaces entries that are not chosen by 0, whatever their value.
     let first = condition.with(one, one.kind, |is, x| if is != 0.0 { x } else { 0.0 })?;
     let second = condition.with(two, two.kind, |is, x| if is != 0.0 { 0.0 } else { x })?;
     first.with(&second, one.kind, |a, b| a + b)
@@ -419,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_go_together_is_refused() {
+    fn unfit_inputs_are_refused() {
         let (two, three) = (row(&[1.0, 2.0]), row(&[1.0, 2.0, 3.0]));
         let inputs = [Some(&two), Some(&three)];
         let told = computed("Add", &Settings::default(), &inputs, 1).unwrap_err();

@@ -10,38 +10,38 @@ use prost::Message;
 use std::{collections::BTreeMap, sync::Arc};
 use thiserror::Error;
 
-/// Largest file, in bytes: policies are far smaller.
+/// Largest accepted file, in bytes; policies are far smaller.
 const LARGEST: usize = 1 << 28;
 
-/// Why a file is no policy that can be computed.
+/// Reason why a file cannot be run as a policy.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum OnnxError {
-    /// It holds no model.
+    /// The file holds no model.
     #[error("it is no ONNX model: {problem}")]
     Form {
         /// The fault, as a phrase.
         problem: String,
     },
-    /// It needs operators that nothing here computes.
+    /// The file needs unsupported operators.
     #[error("it needs {}, which are not known; known are {}", quoted(unknown), KNOWN.join(", "))]
     Operators {
-        /// Their names.
+        /// Names of the operators.
         unknown: Vec<String>,
     },
-    /// It does not take one row of numbers, or gives no action.
+    /// The network does not take one row of numbers, or has no action as its output.
     #[error("{problem}")]
     Ports {
-        /// Its inputs or outputs, and the expected ones.
+        /// Inputs or outputs of the file, and the expected ones.
         problem: String,
     },
     /// An operation cannot be computed.
     #[error("the operation `{name}` ({operator}) cannot be computed: {problem}")]
     Node {
-        /// Its name.
+        /// Name of the node.
         name: String,
         /// The operator of the node.
         operator: String,
-        /// Why not.
+        /// The fault, as a phrase.
         problem: String,
     },
 }
@@ -51,11 +51,11 @@ fn quoted(names: &[String]) -> String {
     quoted.join(", ")
 }
 
-/// A network that was read.
+/// A network read from a file.
 #[derive(Debug, Clone)]
 pub struct Network {
     nodes: Vec<Operation>,
-    /// Constants and weights, by place.
+    /// Constants and weights, by index.
     known: Vec<Option<Arc<Tensor>>>,
     input: Port,
     output: usize,
@@ -65,9 +65,9 @@ pub struct Network {
 struct Port {
     place: usize,
     kind: Kind,
-    /// Numbers of a row, where the file says it.
+    /// Length of a row, where the file states it.
     width: Option<usize>,
-    /// True where a row has a dimension for several in front.
+    /// Whether a row has a leading dimension for the batch.
     is_batch: bool,
 }
 
@@ -76,16 +76,16 @@ struct Operation {
     name: String,
     operator: String,
     settings: Settings,
-    /// Places of what it takes; `None` where something is left out.
+    /// Indices of its inputs; `None` for one that is left out.
     inputs: Vec<Option<usize>>,
     outputs: Vec<usize>,
 }
 
-/// Places of values by their names.
+/// Indices of values by their names.
 #[derive(Default)]
-struct Places(BTreeMap<String, usize>);
+struct ValueIndices(BTreeMap<String, usize>);
 
-impl Places {
+impl ValueIndices {
     fn of(&mut self, name: &str) -> usize {
         let next = self.0.len();
         *self.0.entry(name.to_owned()).or_insert(next)
@@ -93,11 +93,11 @@ impl Places {
 }
 
 impl Network {
-    /// Reads a file.
+    /// Reads a network from the bytes of a file.
     ///
     /// # Errors
-    /// [`OnnxError`] for what is no model, for operators that are not known, and for other inputs and outputs than a
-    /// row of numbers each.
+    /// [`OnnxError`] for bytes that are no model, for unsupported operators, and for inputs and outputs other
+    /// than one row of numbers each.
     pub fn read(bytes: &[u8]) -> Result<Self, OnnxError> {
         let form = |problem: String| OnnxError::Form { problem };
         if bytes.len() > LARGEST {
@@ -113,7 +113,7 @@ impl Network {
             .version;
         let graph = model.graph.ok_or_else(|| form("it has no graph".into()))?;
         knows_all(&graph)?;
-        let (mut places, mut constants) = (Places::default(), Vec::new());
+        let (mut places, mut constants) = (ValueIndices::default(), Vec::new());
         for tensor in &graph.initializer {
             let read = Tensor::of(tensor).map_err(|problem| form(format!("`{}`: {problem}", tensor.name)))?;
             constants.push((places.of(&tensor.name), Arc::new(read)));
@@ -137,16 +137,16 @@ impl Network {
         })
     }
 
-    /// How many numbers a row has that it takes, where the file says it.
+    /// Number of entries of an input row, where the file states it.
     #[must_use]
     pub fn width(&self) -> Option<usize> {
         self.input.width
     }
 
-    /// The outputs for a row of numbers.
+    /// Outputs for one row of numbers.
     ///
     /// # Errors
-    /// [`OnnxError::Node`] for an operation that does not take what it is given.
+    /// [`OnnxError::Node`] for an operation that does not accept its inputs.
     pub fn run(&self, row: &[f64]) -> Result<Vec<f64>, OnnxError> {
         let mut values = self.known.clone();
         let shape = if self.input.is_batch {
@@ -167,7 +167,7 @@ impl Network {
 }
 
 impl Operation {
-    fn of(node: &Node, opset: i64, places: &mut Places) -> Result<Self, OnnxError> {
+    fn of(node: &Node, opset: i64, places: &mut ValueIndices) -> Result<Self, OnnxError> {
         let mut input = |name: &String| (!name.is_empty()).then(|| places.of(name));
         let inputs = node.input.iter().map(&mut input).collect();
         let outputs = node.output.iter().map(|name| places.of(name)).collect();
@@ -234,8 +234,8 @@ fn knows_all(graph: &Graph) -> Result<(), OnnxError> {
     }
 }
 
-/// The only thing that is not known before: an observation.
-fn input(graph: &Graph, places: &mut Places) -> Result<Port, OnnxError> {
+/// The only input without a constant: an observation.
+fn input(graph: &Graph, places: &mut ValueIndices) -> Result<Port, OnnxError> {
     let is_constant = |port: &&ValueInfo| graph.initializer.iter().any(|it| it.name == port.name);
     let open: Vec<&ValueInfo> = graph.input.iter().filter(|port| !is_constant(port)).collect();
     let [port] = open[..] else {
@@ -290,7 +290,7 @@ fn input(graph: &Graph, places: &mut Places) -> Result<Port, OnnxError> {
     }
 }
 
-/// The only output, or the one that is called `action`.
+/// The only output, or the one called `action`.
 fn output(graph: &Graph) -> Result<&ValueInfo, OnnxError> {
     let named = graph.output.iter().find(|port| port.name == ACTION);
     match (&graph.output[..], named) {
@@ -318,7 +318,7 @@ mod tests {
         Network::read(bytes).unwrap_err().to_string()
     }
 
-    /// The file with its message changed.
+    /// Bytes of the file with its message changed.
     fn changed(change: impl FnOnce(&mut Model)) -> Vec<u8> {
         let (mut graph, observation) = Graph::of_observation(2);
         let action = graph.node("Tanh", &[&observation], &[]);
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_policy_is_refused_with_what_is_there() {
+    fn a_file_without_a_policy_is_refused_with_its_contents() {
         assert!(
             told(b"\xff\xff").contains("it is no ONNX model"),
             "{}",

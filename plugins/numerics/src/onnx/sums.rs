@@ -1,4 +1,4 @@
-//! Operators that add numbers up: layers, shares, reductions.
+//! Operators that sum numbers: layers, shares, reductions.
 
 use super::{
     layouts::axis_of,
@@ -6,7 +6,7 @@ use super::{
     tensor::{Kind, Tensor},
 };
 
-/// `alpha A B + beta C`, with either of the first two transposed where it says so.
+/// Operator `Gemm`: `alpha A B + beta C`, with optional transposition of A and B.
 pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let turned = |place: usize, name: &str| {
         let matrix = inputs.at(place)?;
@@ -26,8 +26,8 @@ pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, S
     Ok(Tensor::new(a.kind, product.shape, product.values))
 }
 
-/// The product of two matrices; a vector is one of one row, or of one column behind. Several matrices in front are one
-/// with all their rows.
+/// Product of two matrices. A vector counts as a row in front and as a column behind. Leading dimensions of
+/// the first matrix count as rows.
 pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     let is_column = b.shape.len() == 1;
     let (before, inner) = match a.shape.split_last() {
@@ -49,7 +49,7 @@ pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     Ok(Tensor::new(a.kind, shape, found.values))
 }
 
-/// The product in double precision: each sum has its terms in order.
+/// Product in double precision; each sum has its terms in order.
 fn product(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     let (&[rows, inner], &[other, columns]) = (&a.shape[..], &b.shape[..]) else {
         return Err(format!(
@@ -87,14 +87,14 @@ fn transposed(matrix: &Tensor) -> Result<Tensor, String> {
     Ok(Tensor::new(matrix.kind, vec![columns, rows], turned.collect()))
 }
 
-/// Numbers along one axis: how many lie before it, along it, and behind it.
-struct Along {
+/// Lengths of a tensor before, along and behind one axis.
+struct AxisLayout {
     before: usize,
     length: usize,
     behind: usize,
 }
 
-impl Along {
+impl AxisLayout {
     fn axis(tensor: &Tensor, axis: i64) -> Result<(usize, Self), String> {
         let axis = axis_of(axis, tensor.shape.len())?;
         let along = Self {
@@ -105,7 +105,7 @@ impl Along {
         Ok((axis, along))
     }
 
-    /// The places along the axis, for everything before and behind it.
+    /// Indices along the axis, for every combination of indices before and behind it.
     fn lines(&self) -> impl Iterator<Item = Vec<usize>> {
         let (length, behind) = (self.length, self.behind);
         let line = move |before, at| {
@@ -117,14 +117,14 @@ impl Along {
     }
 }
 
-/// Each number with the sum of what `weight` makes of all along the axis; the largest is taken from each before.
+/// `share` of each number and the sum of all weights along the axis, after subtraction of the largest number.
 pub(super) fn shares(
     tensor: &Tensor,
     axis: i64,
     weight: impl Fn(f64) -> f64,
     share: impl Fn(f64, f64) -> f64,
 ) -> Result<Tensor, String> {
-    let (_, along) = Along::axis(tensor, axis)?;
+    let (_, along) = AxisLayout::axis(tensor, axis)?;
     let mut values = tensor.values.clone();
     for line in along.lines() {
         let largest = line
@@ -138,7 +138,7 @@ pub(super) fn shares(
     Ok(Tensor::new(tensor.kind, tensor.shape.clone(), values))
 }
 
-/// A reduction of all numbers along axes.
+/// Reduction of all numbers along axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reduction {
     Sum,
@@ -177,13 +177,13 @@ pub(super) fn reduced(settings: &Settings, inputs: &Inputs<'_>, by: Reduction) -
         None => (0..rank).collect(),
     };
     axes.sort_unstable();
-    // One axis after the other, the last one first, so that places stay.
+    // The axes are reduced one after the other from the last one on, so that their numbers stay valid.
     let mut found = Tensor {
         kind: Kind::Double,
         ..tensor.clone()
     };
     for axis in axes.iter().rev() {
-        let (axis, along) = Along::axis(&found, i64::try_from(*axis).unwrap_or(i64::MAX))?;
+        let (axis, along) = AxisLayout::axis(&found, i64::try_from(*axis).unwrap_or(i64::MAX))?;
         let values = along
             .lines()
             .map(|line| by.of(line.into_iter().map(|at| found.values[at])))
@@ -201,13 +201,13 @@ pub(super) fn reduced(settings: &Settings, inputs: &Inputs<'_>, by: Reduction) -
     Ok(Tensor::new(tensor.kind, shape, found.values))
 }
 
-/// The place of the largest number along an axis, the first of equals.
+/// Index of the largest number along an axis, the first of equals.
 #[allow(clippy::cast_precision_loss, reason = "lengths are far below 2^52")]
 pub(super) fn argmax(settings: &Settings, tensor: &Tensor) -> Result<Tensor, String> {
     if settings.whole("select_last_index", 0) != 0 {
         return Err("the last of equals is not known".into());
     }
-    let (axis, along) = Along::axis(tensor, settings.whole("axis", 0))?;
+    let (axis, along) = AxisLayout::axis(tensor, settings.whole("axis", 0))?;
     let best = |line: Vec<usize>| {
         let larger = |best: usize, at: usize| {
             if tensor.values[line[at]] > tensor.values[line[best]] {
@@ -227,7 +227,8 @@ pub(super) fn argmax(settings: &Settings, tensor: &Tensor) -> Result<Tensor, Str
     Ok(Tensor::new(Kind::Whole, shape, along.lines().map(best).collect()))
 }
 
-/// Each row from the axis on less its mean, over its deviation, scaled and shifted.
+/// Operator `LayerNormalization`: each row from the axis on, less its mean, divided by its deviation, scaled
+/// and shifted.
 #[allow(clippy::cast_precision_loss, reason = "lengths are far below 2^52")]
 pub(super) fn layer_normalised(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let (tensor, epsilon) = (inputs.at(0)?, settings.float("epsilon", 1e-5));

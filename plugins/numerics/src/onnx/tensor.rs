@@ -1,25 +1,26 @@
-//! Numbers of a network that is read: every kind as `f64`, rounded to what the kind can hold after each operation.
+//! Tensors of a network that is read: numbers of every kind as `f64`, rounded to the kind after each
+//! operation.
 //!
-//! A sum of products is rounded once, and the order of its terms is fixed, so that a row has the same bits whatever
-//! else is computed.
+//! A sum of products is rounded once, and the order of its terms is fixed, so that a row has the same bits in
+//! every batch.
 
 use super::messages;
 
-/// The type of the numbers of a tensor.
+/// Kind of the numbers of a tensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// `float32`.
     Single,
     /// `float64`.
     Double,
-    /// Whole numbers of 32 or 64 bits.
+    /// Integers of 32 or 64 bits.
     Whole,
-    /// 0 or 1.
+    /// Truth values, 0 or 1.
     Truth,
 }
 
 impl Kind {
-    /// The kind of `TensorProto.DataType`.
+    /// Kind of a `TensorProto.DataType`.
     pub(super) fn of(data_type: i32) -> Result<Self, String> {
         match data_type {
             messages::FLOAT => Ok(Self::Single),
@@ -43,7 +44,7 @@ impl Kind {
     }
 }
 
-/// Numbers of a shape, the last dimension running fastest.
+/// Numbers with a shape, the last dimension running fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tensor {
     pub(super) kind: Kind,
@@ -52,14 +53,14 @@ pub(super) struct Tensor {
 }
 
 impl Tensor {
-    /// Numbers of a kind, rounded to it.
+    /// Creates a tensor with numbers rounded to `kind`.
     pub(super) fn new(kind: Kind, shape: Vec<usize>, mut values: Vec<f64>) -> Self {
         debug_assert_eq!(shape.iter().product::<usize>(), values.len());
         values.iter_mut().for_each(|value| *value = kind.rounded(*value));
         Self { kind, shape, values }
     }
 
-    /// Whole numbers in a row.
+    /// Vector of integers.
     #[allow(
         clippy::cast_precision_loss,
         reason = "lengths and positions are far below 2^52"
@@ -69,7 +70,7 @@ impl Tensor {
         Self::new(Kind::Whole, vec![numbers.len()], values)
     }
 
-    /// The numbers as whole ones.
+    /// Numbers as integers.
     #[allow(
         clippy::cast_possible_truncation,
         reason = "they are whole numbers already, or are cut to such"
@@ -93,14 +94,13 @@ impl Tensor {
         })
     }
 
-    /// Each number changed.
+    /// Applies `change` to each number.
     pub(super) fn map(&self, change: impl Fn(f64) -> f64) -> Self {
         let values = self.values.iter().map(|value| change(*value)).collect();
         Self::new(self.kind, self.shape.clone(), values)
     }
 
-    /// The numbers of two tensors together, entry by entry; of the one that has a dimension of 1 the entry counts for
-    /// all of the other's.
+    /// Combines two tensors entry by entry; a dimension of 1 is broadcast to the length of the other tensor.
     pub(super) fn with(
         &self,
         other: &Self,
@@ -109,15 +109,15 @@ impl Tensor {
     ) -> Result<Self, String> {
         let shape = common(&self.shape, &other.shape)?;
         let (own, theirs) = (
-            Spread::over(&self.shape, &shape),
-            Spread::over(&other.shape, &shape),
+            Broadcast::over(&self.shape, &shape),
+            Broadcast::over(&other.shape, &shape),
         );
         let count = shape.iter().product();
         let entry = |at| together(self.values[own.at(at)], other.values[theirs.at(at)]);
         Ok(Self::new(kind, shape.clone(), (0..count).map(entry).collect()))
     }
 
-    /// A constant as it stands in a file.
+    /// Reads a constant of a file.
     pub(super) fn of(message: &messages::Tensor) -> Result<Self, String> {
         if message.data_location != 0 {
             return Err("its numbers lie in another file: save the model as one file".into());
@@ -165,10 +165,11 @@ fn raw(data_type: i32, bytes: &[u8]) -> Vec<f64> {
     }
 }
 
-/// Largest number of entries of a tensor: policies are far smaller, and a damaged file may ask for any.
+/// Largest accepted number of entries of a tensor. Policies are far smaller, and a damaged file may ask for
+/// any.
 const MOST_ENTRIES: usize = 1 << 26;
 
-/// The number of entries of a shape.
+/// Number of entries of a shape.
 pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     let product = shape
         .iter()
@@ -177,7 +178,7 @@ pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     product.ok_or_else(|| format!("the shape {shape:?} is too large"))
 }
 
-/// The shape of two together.
+/// Common shape to which two shapes are broadcast.
 pub(super) fn common(one: &[usize], two: &[usize]) -> Result<Vec<usize>, String> {
     let rank = one.len().max(two.len());
     let length = |shape: &[usize], at: usize| (at + shape.len()).checked_sub(rank).map_or(1, |at| shape[at]);
@@ -191,13 +192,14 @@ pub(super) fn common(one: &[usize], two: &[usize]) -> Result<Vec<usize>, String>
     Ok(shape)
 }
 
-/// Where the entries of a tensor stand that is spread over a larger shape.
-pub(super) struct Spread {
-    /// Of each dimension of the large shape, from the last: its length, and how far the next entry is away.
+/// Map from the entries of a larger shape to those of a tensor that is broadcast to it.
+pub(super) struct Broadcast {
+    /// Length of each dimension of the large shape, from the last on, and the stride of its entries in the
+    /// tensor.
     steps: Vec<(usize, usize)>,
 }
 
-impl Spread {
+impl Broadcast {
     pub(super) fn over(shape: &[usize], large: &[usize]) -> Self {
         let mut stride = 1;
         let mut steps = Vec::with_capacity(large.len());
@@ -209,7 +211,7 @@ impl Spread {
         Self { steps }
     }
 
-    /// The place of the entry that counts at a place of the large shape.
+    /// Index in the tensor for an index in the large shape.
     pub(super) fn at(&self, mut place: usize) -> usize {
         let mut found = 0;
         for (length, stride) in &self.steps {

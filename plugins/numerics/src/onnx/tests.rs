@@ -1,4 +1,5 @@
-//! What a file says; what runtimes compute of it is held against this program in `tests/portable_policies.rs`.
+//! Tests of the content of files. `tests/portable_policies.rs` compares the actions of runtimes with this
+//! program's.
 
 use super::*;
 use crate::network::{Mlp, device};
@@ -36,9 +37,9 @@ fn constant(model: &Model, name: &str) -> Vec<f32> {
     tensor.raw_data.chunks(4).map(four).collect()
 }
 
-/// Runtimes on old machines do not know newer forms: what a file asks for moves on purpose alone.
+/// Old runtimes do not support newer versions: the requirements of a file may change on purpose only.
 #[test]
-fn a_file_says_what_it_needs_and_what_it_is() {
+fn a_file_states_its_requirements_and_properties() {
     let model = message(&policy(vec![0.0; 2], vec![1.0; 2]));
     assert_eq!((model.ir_version, model.opset_import[0].version), (8, 17));
     assert_eq!(model.metadata_props[0].key, "trial");
@@ -62,10 +63,10 @@ fn a_file_says_what_it_needs_and_what_it_is() {
         ("action".into(), "batch".into(), 2, FLOAT)
     );
     let operators: Vec<&str> = graph.node.iter().map(|node| node.op_type.as_str()).collect();
-    // Nothing is scaled where that changes nothing.
+    // A scaling that changes nothing has no node.
     assert_eq!(operators, ["Gemm", "LeakyRelu", "Gemm", "Tanh", "Identity"]);
     assert_eq!(graph.node[1].attribute[0].f, Some(0.01));
-    // Outputs that are no entries of the action are left out of the last layer.
+    // Outputs beyond the entries of the action are left out of the last layer.
     let last = graph
         .initializer
         .iter()

@@ -1,15 +1,14 @@
-//! Hyper-parameters that the algorithms with opponent models share. Their released code departs from the text
-//! in many of them.
+//! Hyper-parameters of all algorithms with opponent models. Their released code departs from the text in many
+//! of them.
 
-use super::super::joint::Sight;
+use super::super::joint::ObservationScope;
 use contract::{Error, Preset};
 use numerics::network::Activation;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// What the policy is given as the others' actions when it explores; where it is scored, it is given the
-/// mean.
+/// Actions of the others that the policy is given when it explores. In evaluation it is given the mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ActingPrediction {
@@ -20,7 +19,7 @@ pub enum ActingPrediction {
     Sample,
 }
 
-/// What networks, optimisers and the loop of updates need of a config, which holds them among its own keys
+/// Hyper-parameters of networks, optimisers and the loop of updates. A config holds them among its own keys
 /// (`flatten`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -57,10 +56,12 @@ pub struct Settings {
     #[schemars(schema_with = "rectifiers", extend("x-source" = "released code; thesis, section 4.5: \
                                                                 leaky_relu"))]
     pub activation: Activation,
-    /// Normalise the inputs of every network by the moments of the batch, and by running ones where it acts.
+    /// Normalise the inputs of every network: by the moments of the batch in training, by running moments
+    /// where the network acts.
     #[schemars(extend("x-source" = "released code; the thesis does not speak of it"))]
     pub input_normalisation: bool,
-    /// Standardise the rewards of a batch by mean and deviation of the seat's rewards in the whole buffer.
+    /// Standardise the rewards of a batch by the mean and deviation of the seat's rewards in the whole
+    /// buffer.
     #[schemars(extend("x-source" = "released code; the thesis does not speak of it"))]
     pub reward_normalisation: bool,
     /// Largest Euclidean norm of the gradient of each network, or null for no limit.
@@ -72,13 +73,13 @@ pub struct Settings {
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "released code"))]
     pub replay_capacity: usize,
-    /// What policy, opponent models and prior of a seat see; null: what all seats observe.
+    /// Observations that policy, opponent models and prior of a seat see; null for those of all seats.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-source" = "released code: what all seats observe; code of Tian et al. 2019: own"))]
-    pub sight: Option<Sight>,
+    pub sight: Option<ObservationScope>,
 }
 
-/// Those of the released code in the particle tasks.
+/// The settings of the released code in the particle tasks.
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -97,7 +98,7 @@ impl Default for Settings {
             gradient_clip: Some(0.5),
             stale_policy_step: true,
             replay_capacity: 1_000_000,
-            // Absent from stored configs where it is not given, so that ids of earlier trials stay.
+            // Absent from stored configs where it is not set, so that the ids of earlier trials stay.
             sight: None,
         }
     }
@@ -113,16 +114,16 @@ fn rectifiers(generator: &mut SchemaGenerator) -> Schema {
 }
 
 impl Settings {
-    /// What policies, opponent models and priors see; critics see what all seats do.
+    /// Observations that policies, opponent models and priors see; critics see those of all seats.
     #[must_use]
-    pub fn sight(&self) -> Sight {
-        self.sight.unwrap_or(Sight::Joint)
+    pub fn sight(&self) -> ObservationScope {
+        self.sight.unwrap_or(ObservationScope::Joint)
     }
 
-    /// Refuses batches of one row, which have no moments to be normalised by.
+    /// Refuses batches of one row, which have no moments to normalise by.
     ///
     /// # Errors
-    /// [`Error::Config`].
+    /// [`Error::Config`] for such a batch size.
     pub(super) fn check(&self) -> Result<(), Error> {
         if self.input_normalisation && (self.batch_size < 2 || self.learning_starts < 2) {
             let problem = "one transition has no moments to normalise by: take at least 2 for it and for \
@@ -133,19 +134,19 @@ impl Settings {
     }
 }
 
-/// Where the settings that all algorithms share come from.
+/// Source of the settings that all algorithms share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
-    /// Thesis, section 4.5: nothing that the text does not name.
+    /// Thesis, section 4.5, without anything that the text does not name.
     Text,
-    /// What the released code trains the particle tasks with.
+    /// Released code, for the particle tasks.
     ParticleCode,
-    /// What the released code trains the differential game with.
+    /// Released code, for the differential game.
     GameCode,
 }
 
 impl Origin {
-    /// A preset of these settings, with an algorithm's own keys on top.
+    /// Builds a preset of these settings, with an algorithm's own keys on top.
     #[must_use]
     pub fn preset(self, name: &'static str, about: &'static str, own: Value) -> Preset {
         let mut values = self.values();

@@ -1,4 +1,4 @@
-//! What the algorithms with opponent models share: networks per seat, replay, the order of updates, acting,
+//! Frame of the algorithms with opponent models: networks per seat, replay, the order of updates, acting,
 //! storing.
 //!
 //! | thesis, chapter 4 | here | shape |
@@ -53,11 +53,10 @@ use numerics::{
 use serde_json::json;
 use std::path::Path;
 
-/// Name of the metric of [`Agent::assess`].
+/// Metric of [`Agent::assess`]: mean squared difference between predicted and actual actions of the others.
 pub const PREDICTION_ERROR: &str = "opponent_prediction_error";
 
-/// What one of two is conditioned on the other: the policy on the predicted actions, or the prediction on the
-/// own action.
+/// Direction in which own actions and predicted actions depend on each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Conditioning {
     /// `pi(a^i given s, a^-i)` and `rho(a^-i given s)`.
@@ -66,19 +65,19 @@ pub enum Conditioning {
     PredictionOnAction,
 }
 
-/// What sets one algorithm apart from another; its config implements it.
+/// An algorithm with opponent models. Its config implements this trait.
 pub trait Algorithm: Clone + Send + 'static {
-    /// Name of the agent.
+    /// Name under which the agent is registered.
     const NAME: &'static str;
-    /// Which network sees what.
+    /// Which of policy and opponent models is conditioned on the other.
     const CONDITIONING: Conditioning;
     /// Whether each seat has a prior over its own action.
     const HAS_PRIOR: bool;
 
-    /// The settings that all algorithms share.
+    /// Settings that all algorithms share.
     fn settings(&self) -> &Settings;
 
-    /// The actions `[rows, n_i]` of a seat.
+    /// Chooses the actions `[rows, n_i]` of a seat.
     fn decide(
         &self,
         game: &Game,
@@ -88,14 +87,14 @@ pub trait Algorithm: Clone + Send + 'static {
         rng: &mut Rng,
     ) -> Tensor<2>;
 
-    /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do
-    /// `actions`.
+    /// Predicts the mean actions of the others `[rows, n_acted - n_i]` as a seat sees them where the joint
+    /// actions are `actions`.
     fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2>;
 
-    /// One update of a seat's networks.
+    /// Updates the networks of a seat once.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a loss that is no number.
+    /// [`Error::NotFinite`] for a loss that is not finite.
     fn improve(
         &self,
         game: &mut Game,
@@ -106,56 +105,56 @@ pub trait Algorithm: Clone + Send + 'static {
     ) -> Result<(), Error>;
 }
 
-/// The networks of one seat.
+/// Networks of one seat.
 #[derive(Debug, Clone)]
 pub struct Player {
-    /// pi.
+    /// Policy pi.
     pub policy: GaussianNetwork,
-    /// Q and its target.
+    /// Critic Q with its target.
     pub critic: Critic,
-    /// rho, one network per other seat, in the order of the seats.
+    /// Opponent models rho, one network per other seat, in the order of the seats.
     pub opponents: Vec<GaussianNetwork>,
-    /// P, where the algorithm has one.
+    /// Prior P, where the algorithm has one.
     pub prior: Option<GaussianNetwork>,
 }
 
-/// Transitions as one seat learns from them.
+/// A batch of transitions as one seat learns from them.
 #[derive(Debug, Clone)]
 pub struct SeatBatch {
-    /// What all seats saw, `[batch, n_observed]`.
+    /// Observations of all seats, `[batch, n_observed]`.
     pub observations: Tensor<2>,
-    /// What all seats did, `[batch, n_acted]`.
+    /// Actions of all seats, `[batch, n_acted]`.
     pub actions: Tensor<2>,
-    /// What the seat earned, `[batch, 1]`.
+    /// Rewards of the seat, `[batch, 1]`.
     pub rewards: Tensor<2>,
-    /// What all seats saw next, `[batch, n_observed]`.
+    /// Next observations of all seats, `[batch, n_observed]`.
     pub next_observations: Tensor<2>,
     /// 0 after a terminal step, else 1, `[batch, 1]`.
     pub continues: Tensor<2>,
 }
 
-/// All seats with their networks, and what they remember.
+/// All seats with their networks and the replay buffer.
 #[derive(Debug, Clone)]
 pub struct Game {
-    /// Settings that do not depend on the algorithm.
+    /// Settings that all algorithms share.
     pub settings: Settings,
-    /// Where each seat's columns lie.
+    /// Columns of each seat in joint vectors.
     pub layout: JointLayout,
-    /// One per seat.
+    /// Networks, one entry per seat.
     pub players: Vec<Player>,
-    /// What was seen and done.
+    /// Transitions of all seats.
     pub replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// An agent for all seats of a game.
+/// Agent that plays all seats of a game by one algorithm.
 #[derive(Debug, Clone)]
 pub struct Learner<A> {
     pub(crate) algorithm: A,
     pub(crate) game: Game,
 }
 
-/// What learning records with every algorithm, and the error of [`Agent::assess`].
+/// Metrics that every algorithm records in training, and the prediction error of [`Agent::assess`].
 pub(crate) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new(
@@ -210,7 +209,7 @@ impl Player {
         }
     }
 
-    /// One draw per row and opponent, without gradients of the opponent models' own parameters.
+    /// One draw per row and opponent, without gradients in the parameters of the opponent models.
     pub fn draw_others(&mut self, input: &Tensor<2>, rng: &mut Rng) -> Vec<Draw> {
         self.opponents
             .iter_mut()
@@ -218,7 +217,7 @@ impl Player {
             .collect()
     }
 
-    /// The names that the Gaussians of a seat are stored under, in their order.
+    /// Names under which the Gaussians of a seat are stored, in their order.
     fn names(&self, seat: usize) -> Vec<String> {
         let opponents = (0..self.opponents.len()).map(|at| format!("seat_{seat}.opponent_{at}"));
         let prior = self.prior.iter().map(|_| format!("seat_{seat}.prior"));
@@ -229,7 +228,7 @@ impl Player {
             .collect()
     }
 
-    /// Policy, opponent models and, where there is one, the prior.
+    /// Policy, opponent models and, where the algorithm has one, the prior.
     fn gaussians(&self) -> impl Iterator<Item = &GaussianNetwork> {
         [&self.policy]
             .into_iter()
@@ -250,36 +249,36 @@ pub(crate) fn others(n_seats: usize, seat: usize) -> impl Iterator<Item = usize>
     (0..n_seats).filter(move |other| *other != seat)
 }
 
-/// Observations beside actions, the input of a network that is conditioned on both.
+/// Observations and actions side by side: the input of a network that is conditioned on both.
 pub(crate) fn beside(observations: &Tensor<2>, actions: Vec<Tensor<2>>) -> Tensor<2> {
     Tensor::cat([vec![observations.clone()], actions].concat(), 1)
 }
 
 impl Game {
-    /// The joint action `[batch, n_acted]` of a seat's own action and those of the others, in order.
+    /// Joint action `[batch, n_acted]` from a seat's own action and those of the others, in order.
     #[must_use]
     pub fn joint(&self, seat: usize, own: Tensor<2>, mut others: Vec<Tensor<2>>) -> Tensor<2> {
         others.insert(seat, own);
         Tensor::cat(others, 1)
     }
 
-    /// The columns of joint observations that policy, opponent models and prior of a seat see.
+    /// Columns of joint observations that policy, opponent models and prior of a seat see.
     #[must_use]
     pub fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
         columns(observations, self.settings.sight().columns(&self.layout, seat))
     }
 
-    /// A seat's own columns of joint actions.
+    /// Own columns of a seat in joint actions.
     #[must_use]
     pub fn own(&self, actions: &Tensor<2>, seat: usize) -> Tensor<2> {
         columns(actions, self.layout.acted(seat))
     }
 
-    /// Puts a loss of shape `[1]` among the training metrics.
+    /// Records a loss of shape `[1]` as a training metric.
     ///
     /// # Errors
-    /// [`Error::NotFinite`].
-    pub fn note(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
+    /// [`Error::NotFinite`] for a loss that is not finite.
+    pub fn record_loss(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
         record.mean(
             metric,
             finite(metric, self.schedule.n_steps(), values(loss.clone())[0])?,
@@ -287,11 +286,11 @@ impl Game {
         Ok(())
     }
 
-    /// One step of a seat's critic towards `r + gamma (1 - d) next_value`, `next_value` `[batch, 1]` (eq.
-    /// 4.12, without its half).
+    /// Takes one step of a seat's critic towards `r + gamma (1 - d) next_value`, where `next_value` is
+    /// `[batch, 1]` (eq. 4.12, without its half).
     ///
     /// # Errors
-    /// [`Error::NotFinite`].
+    /// [`Error::NotFinite`] for a loss that is not finite.
     pub fn improve_critic(
         &mut self,
         seat: usize,
@@ -307,7 +306,7 @@ impl Game {
             .critic
             .tracked_value(&batch.observations, batch.actions.clone());
         let loss = (value - target).square().mean();
-        self.note("critic_loss", &loss, record)?;
+        self.record_loss("critic_loss", &loss, record)?;
         self.players[seat].critic.descend(&loss);
         if self.settings.stale_policy_step {
             self.players[seat].policy.step_again();
@@ -315,20 +314,20 @@ impl Game {
         Ok(())
     }
 
-    /// One step of the opponent model `at` of a seat; returns its loss.
+    /// Takes one step of a seat's opponent model `at`; returns its loss.
     ///
     /// # Errors
-    /// [`Error::NotFinite`].
+    /// [`Error::NotFinite`] for a loss that is not finite.
     pub fn opponent_step(&mut self, seat: usize, at: usize, loss: &Tensor<1>) -> Result<f64, Error> {
         let value = finite("opponent_loss", self.schedule.n_steps(), values(loss.clone())[0])?;
         self.players[seat].opponents[at].descend(loss);
         Ok(value)
     }
 
-    /// One step of a seat's policy; `log_density` `[batch, 1]` is that of its draws.
+    /// Takes one step of a seat's policy; `log_density` `[batch, 1]` is that of its draws.
     ///
     /// # Errors
-    /// [`Error::NotFinite`].
+    /// [`Error::NotFinite`] for a loss that is not finite.
     pub fn improve_policy(
         &mut self,
         seat: usize,
@@ -336,13 +335,13 @@ impl Game {
         log_density: Tensor<2>,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        self.note("policy_loss", loss, record)?;
-        self.note("policy_entropy", &log_density.mean().neg(), record)?;
+        self.record_loss("policy_loss", loss, record)?;
+        self.record_loss("policy_entropy", &log_density.mean().neg(), record)?;
         self.players[seat].policy.descend(loss);
         Ok(())
     }
 
-    /// A minibatch as a seat learns from it.
+    /// Draws a minibatch for a seat.
     pub(crate) fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
         let batch = self
             .replay
@@ -358,7 +357,7 @@ impl Game {
         }
     }
 
-    /// Every Gaussian of every seat with the name it is stored under.
+    /// All Gaussians of all seats with the names under which they are stored.
     fn gaussians(&self) -> impl Iterator<Item = (String, &GaussianNetwork)> {
         let players = self.players.iter().enumerate();
         players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians()))
@@ -369,7 +368,7 @@ impl Game {
         players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians_mut()))
     }
 
-    /// Policies and opponent models as another program, or `load`, needs them to act.
+    /// Policies and opponent models in a file, from which another program or `load` can act.
     fn exported(&self, agent: &str) -> TensorFile {
         let mut file = TensorFile::default();
         let seat = |(seat, player): (usize, &Player)| {
@@ -395,11 +394,11 @@ impl Game {
 }
 
 impl<A: Algorithm> Learner<A> {
-    /// An agent for an environment with at least two seats, all of which observe a box and act in one from -1
-    /// to 1.
+    /// Builds the agent for an environment with at least two seats that all observe a box and act in a box
+    /// with limits -1 and 1.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be
+    /// [`Error::Mismatch`] for any other environment; [`Error::Config`] for batches that cannot be
     /// normalised.
     pub fn new(algorithm: A, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let settings = *algorithm.settings();
@@ -436,7 +435,7 @@ impl<A: Algorithm> Learner<A> {
         })
     }
 
-    /// One update of every seat.
+    /// Updates every seat once, then the target critics.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for seat in 0..self.game.players.len() {
             let batch = self.game.batch(seat, rng);

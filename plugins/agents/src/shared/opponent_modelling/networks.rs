@@ -11,7 +11,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use numerics::input_norm::{InputNorm, NormalisedMlp, RunningMoments};
 use numerics::network::{Mlp, device};
-use numerics::optimizer::{Adam, Trained};
+use numerics::optimizer::{Adam, TrainedNetwork};
 use numerics::parameters::{restore, soft_update, store};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
@@ -19,17 +19,17 @@ use rand::RngCore;
 /// A network whose output is the head of a squashed Gaussian ([`numerics::squashed`]).
 #[derive(Debug, Clone)]
 pub struct GaussianNetwork {
-    trained: Trained<NormalisedMlp>,
+    trained: TrainedNetwork<NormalisedMlp>,
     moments: RunningMoments,
-    /// The gradient of the latest step; empty before it and where nobody asks for it.
+    /// Gradient of the latest step; empty before the first step and where it is not kept.
     latest: Vec<Vec<f32>>,
     keeps_latest: bool,
 }
 
-/// A seat's value of joint observations and joint actions, and the slow copy that makes its targets.
+/// Value of joint observations and joint actions for one seat, with its target network.
 #[derive(Debug, Clone)]
 pub struct Critic {
-    trained: Trained<NormalisedMlp>,
+    trained: TrainedNetwork<NormalisedMlp>,
     target: NormalisedMlp,
 }
 
@@ -44,7 +44,7 @@ fn adam(settings: &Settings) -> Adam {
 }
 
 impl GaussianNetwork {
-    /// A network from `n_inputs` to the head of `n_actions` entries of an action.
+    /// Builds a network from `n_inputs` to the head of an action with `n_actions` entries.
     pub fn new(n_inputs: usize, n_actions: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
         let (width, activation) = (settings.width, settings.activation);
         let sizes = [n_inputs, width, width, 2 * n_actions];
@@ -56,38 +56,38 @@ impl GaussianNetwork {
             &device().autodiff(),
         );
         Self {
-            trained: Trained::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
+            trained: TrainedNetwork::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
             moments: RunningMoments::new(n_inputs),
             latest: Vec::new(),
             keeps_latest: false,
         }
     }
 
-    /// The same network, keeping the gradient of its latest step for [`GaussianNetwork::step_again`].
+    /// Makes the network keep the gradient of its latest step for [`GaussianNetwork::step_again`], or not.
     #[must_use]
     pub fn keeping_latest(self, keeps_latest: bool) -> Self {
         Self { keeps_latest, ..self }
     }
 
-    /// Heads of a batch `[batch, inputs]`, through which a loss reaches this network's parameters.
+    /// Heads of a batch `[batch, inputs]`; a loss has gradients in this network's parameters.
     pub fn tracked_head(&mut self, input: Tensor<2>) -> Tensor<2> {
         self.absorb(&input);
         self.trained.network().by_batch(input)
     }
 
-    /// Heads of a batch `[batch, inputs]`, through which a loss reaches the input alone.
+    /// Heads of a batch `[batch, inputs]`; a loss has gradients in the input alone.
     pub fn plain_head(&mut self, input: Tensor<2>) -> Tensor<2> {
         self.absorb(&input);
         self.trained.network().valid().by_batch(input)
     }
 
-    /// Heads of single rows `[rows, inputs]` where the network acts; a row does not depend on the others.
+    /// Heads of single rows `[rows, inputs]` where the network acts; a row does not depend on the other rows.
     #[must_use]
     pub fn acting_head(&self, input: Tensor<2>) -> Tensor<2> {
         self.trained.network().valid().by_moments(input, &self.moments)
     }
 
-    /// One step against the gradient of a loss of shape `[1]`.
+    /// Takes one step against the gradient of a loss of shape `[1]`.
     pub fn descend(&mut self, loss: &Tensor<1>) {
         let gradient = self.trained.descend_along(loss);
         if self.keeps_latest {
@@ -95,20 +95,20 @@ impl GaussianNetwork {
         }
     }
 
-    /// One more step along the gradient of the latest one; nothing before the first.
+    /// Takes one more step along the gradient of the latest one; does nothing before the first.
     pub fn step_again(&mut self) {
         if !self.latest.is_empty() {
             self.trained.step_against(&self.latest);
         }
     }
 
-    /// The network.
+    /// Network without its optimiser.
     #[must_use]
     pub fn network(&self) -> &NormalisedMlp {
         self.trained.network()
     }
 
-    /// Puts network, optimiser, moments and the latest gradient under `prefix` into a file.
+    /// Stores network, optimiser, moments and the latest gradient under `prefix` in a file.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         self.trained.store(prefix, file);
         self.moments.store(prefix, file);
@@ -118,7 +118,7 @@ impl GaussianNetwork {
         }
     }
 
-    /// Continues from what [`GaussianNetwork::store`] put under `prefix`.
+    /// Restores the state that [`GaussianNetwork::store`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
@@ -134,13 +134,13 @@ impl GaussianNetwork {
         Ok(())
     }
 
-    /// Puts what is needed to act under `prefix` into a file: the network and its moments.
+    /// Stores the parts needed to act under `prefix` in a file: the network and its moments.
     pub fn store_acting(&self, prefix: &str, file: &mut TensorFile) {
         store(&self.trained.network().valid(), prefix, file);
         self.moments.store(prefix, file);
     }
 
-    /// Acts as the network that [`GaussianNetwork::store_acting`] put under `prefix`.
+    /// Restores the parts needed to act that [`GaussianNetwork::store_acting`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
@@ -149,10 +149,10 @@ impl GaussianNetwork {
         self.moments.restore(prefix, file)
     }
 
-    /// The same with other parameters, for tests.
+    /// Replaces the parameters, for tests.
     #[cfg(test)]
     pub(crate) fn set_network(&mut self, network: NormalisedMlp) {
-        self.trained = Trained::new(network, Adam::new(0.0, None));
+        self.trained = TrainedNetwork::new(network, Adam::new(0.0, None));
     }
 
     fn absorb(&mut self, input: &Tensor<2>) {
@@ -163,7 +163,7 @@ impl GaussianNetwork {
 }
 
 impl Critic {
-    /// A critic of `n_observed` joint observations and `n_acted` entries of joint actions.
+    /// Builds a critic of `n_observed` joint observations and `n_acted` entries of joint actions.
     pub fn new(n_observed: usize, n_acted: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
         let (inputs, width) = (n_observed + n_acted, settings.width);
         let mlp = Mlp::uniform(
@@ -175,17 +175,17 @@ impl Critic {
         let network = NormalisedMlp::new(norm(inputs, settings), mlp);
         Self {
             target: network.valid(),
-            trained: Trained::new(network, adam(settings)),
+            trained: TrainedNetwork::new(network, adam(settings)),
         }
     }
 
-    /// Values `[batch, 1]`, through which a loss reaches the critic's parameters.
+    /// Values `[batch, 1]`; a loss has gradients in the critic's parameters.
     #[must_use]
     pub fn tracked_value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
         self.trained.network().by_batch(input(observations, actions))
     }
 
-    /// Values `[batch, 1]`, through which a loss reaches the actions alone.
+    /// Values `[batch, 1]`; a loss has gradients in the actions alone.
     #[must_use]
     pub fn value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
         self.trained
@@ -194,18 +194,18 @@ impl Critic {
             .by_batch(input(observations, actions))
     }
 
-    /// Values `[batch, 1]` of the slow copy.
+    /// Values `[batch, 1]` of the target network.
     #[must_use]
     pub fn target_value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
         self.target.by_batch(input(observations, actions))
     }
 
-    /// One step against the gradient of a loss of shape `[1]`.
+    /// Takes one step against the gradient of a loss of shape `[1]`.
     pub fn descend(&mut self, loss: &Tensor<1>) {
         self.trained.descend(loss);
     }
 
-    /// Moves the slow copy towards the critic.
+    /// Moves the target network towards the critic.
     pub fn follow(&mut self, target_smoothing: f64) {
         self.target = soft_update(
             std::mem::take(&mut self.target),
@@ -214,19 +214,19 @@ impl Critic {
         );
     }
 
-    /// The network.
+    /// Network without its optimiser and target.
     #[must_use]
     pub fn network(&self) -> &NormalisedMlp {
         self.trained.network()
     }
 
-    /// Puts critic, optimiser and slow copy under `prefix` into a file.
+    /// Stores critic, optimiser and target network under `prefix` in a file.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         self.trained.store(prefix, file);
         store(&self.target, &format!("{prefix}.target"), file);
     }
 
-    /// Continues from what [`Critic::store`] put under `prefix`.
+    /// Restores the state that [`Critic::store`] wrote under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
@@ -236,11 +236,11 @@ impl Critic {
         Ok(())
     }
 
-    /// The critic with other parameters, for tests.
+    /// Replaces the parameters, for tests.
     #[cfg(test)]
     pub(crate) fn set_network(&mut self, network: NormalisedMlp, settings: &Settings) {
         self.target = network.valid();
-        self.trained = Trained::new(network, adam(settings));
+        self.trained = TrainedNetwork::new(network, adam(settings));
     }
 }
 

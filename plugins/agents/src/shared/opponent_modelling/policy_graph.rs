@@ -1,8 +1,9 @@
-//! The policies of agents with opponent models as graphs: one per seat, with the opponent models in it where the
-//! policy is conditioned on what they predict.
+//! Policies of agents with opponent models as graphs, one per seat. A graph contains the opponent models
+//! where the policy is conditioned on their predictions.
 //!
-//! A seat acts by `tanh mu` of its policy. What its policy sees tells which algorithm it is of: its own observation
-//! alone, or beside it the actions `tanh mu` that its opponent models predict of the same observation.
+//! A seat acts by `tanh mu` of its policy. The input of the policy tells the algorithm: the seat's own
+//! observation alone, or beside it the actions `tanh mu` that its opponent models predict from the same
+//! observation.
 
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
 use contract::{Error, policy_form::PortablePolicy};
@@ -15,7 +16,7 @@ use numerics::{
 use serde::Deserialize;
 use std::path::Path;
 
-/// What the file says of itself, as far as acting needs it.
+/// Header of the policy file, as far as acting needs it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct Header {
     seats: Vec<Seat>,
@@ -31,10 +32,10 @@ struct Seat {
     policy_sizes: Vec<usize>,
 }
 
-/// The policies of all seats, where a folder holds a file of this form.
+/// Graphs of the policies of all seats; `None` where the file in `dir` is of another form.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where it is not whole.
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or damaged.
 pub(crate) fn portable(dir: &Path) -> Result<Option<Vec<PortablePolicy>>, Error> {
     let file = tensors(dir)?;
     if file.header.get("seats").is_none() {
@@ -82,7 +83,7 @@ impl Game {
         ))
     }
 
-    /// The observation, and after it what each opponent model predicts of it.
+    /// The observation, followed by the predictions of all opponent models.
     fn beside_predictions(&self, graph: &mut Graph, at: usize, x: &Columns) -> Result<Columns, Error> {
         let mut all = vec![x.clone()];
         for other in 1..self.header.seats.len() {
@@ -94,7 +95,7 @@ impl Game {
         Ok((joined, all.iter().map(|(_, n)| n).sum()))
     }
 
-    /// `tanh mu` of the Gaussian stored under a name.
+    /// `tanh mu` of the Gaussian stored under `name`.
     fn mean_action(&self, graph: &mut Graph, name: &str, x: &Columns) -> Result<Columns, Error> {
         let layers = dense_layers(&self.file, &format!("{name}.mlp")).map_err(error)?;
         let (n_seen, n_heads) = match (layers.first(), layers.last()) {
@@ -117,5 +118,5 @@ impl Game {
     }
 }
 
-/// A value `[batch, n]`, and n.
+/// A value `[batch, n]` in the graph, and `n`.
 type Columns = (Value, usize);

@@ -1,11 +1,11 @@
-//! Policies that are conditioned on predicted actions of the others, as TDOM-AC and ROMMEO have them.
+//! Policies that are conditioned on predicted actions of the others (TDOM-AC and ROMMEO).
 
 use super::{ActingPrediction, Game, SeatBatch, beside};
 use burn::tensor::Tensor;
 use contract::{Mode, Rng};
 use numerics::squashed::{mean_action, sample};
 
-/// The actions `[rows, n_i]` of a seat: drawn where it explores, means where it is scored.
+/// Actions `[rows, n_i]` of a seat: draws where it explores, means in evaluation.
 pub(crate) fn decide(
     game: &Game,
     seat: usize,
@@ -31,7 +31,7 @@ pub(crate) fn decide(
     }
 }
 
-/// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts.
+/// Mean actions of the others `[rows, n_acted - n_i]` that a seat predicts.
 pub(crate) fn predict(game: &Game, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
     let (models, seen) = (game.players[seat].opponents.iter(), game.seen(seat, observations));
     Tensor::cat(
@@ -42,8 +42,7 @@ pub(crate) fn predict(game: &Game, seat: usize, observations: &Tensor<2>) -> Ten
     )
 }
 
-/// Eq. 4.16 as a loss `[1]`: `mean(alpha log pi - Q)` at predictions that are constants, and `log pi`
-/// `[batch, 1]`.
+/// Eq. 4.16 as a loss `[1]`, `mean(alpha log pi - Q)` at constant predictions, and `log pi` `[batch, 1]`.
 pub(crate) fn policy_loss(
     game: &mut Game,
     seat: usize,

@@ -1,7 +1,7 @@
-//! What the tests of the algorithms with opponent models share.
+//! Helpers for the tests of the algorithms with opponent models.
 
 use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
-use crate::shared::{coordination, joint::Sight};
+use crate::shared::{coordination, joint::ObservationScope};
 use burn::tensor::Tensor;
 use contract::{Agent, Metric, Mode, Observation, Rng, random::stream};
 use numerics::{
@@ -24,7 +24,7 @@ pub(crate) fn tiny() -> Settings {
     }
 }
 
-/// Those without anything between a loss and its gradient.
+/// Settings of small networks with nothing between a loss and its gradient: no clipping, no normalisation.
 pub(crate) fn plain() -> Settings {
     Settings {
         input_normalisation: false,
@@ -35,7 +35,7 @@ pub(crate) fn plain() -> Settings {
     }
 }
 
-/// An agent for the game of the tests.
+/// Builds an agent for the coordination game.
 pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
     Learner::new(algorithm, &coordination::game(), &mut stream(&["learner"])).unwrap()
 }
@@ -54,7 +54,7 @@ pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> SeatBat
     learner.game.batch(0, &mut rng)
 }
 
-/// The gradient of a loss in all parameters of a network, one after the other.
+/// Gradient of a loss in all parameters of a network, concatenated.
 pub(crate) fn gradient(network: &GaussianNetwork, loss: &Tensor<1>) -> Vec<f32> {
     gradients(network.network(), &mut loss.backward()).concat()
 }
@@ -74,14 +74,14 @@ pub(crate) fn distance(a: &[f32], b: &[f32]) -> f32 {
         .sqrt()
 }
 
-/// Asserts that the gradient of a loss in every parameter of a network is that of its differences, at fixed
-/// noise.
+/// Asserts that the gradient of a loss in every parameter of a network agrees with finite differences, at
+/// fixed noise.
 pub(crate) fn assert_gradient<A: Algorithm>(
     algorithm: A,
     network: impl Fn(&mut Learner<A>) -> &mut GaussianNetwork,
     loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
 ) {
-    // A rectifier that turns within a step would blur the differences.
+    // A rectifier that switches within a step would blur the differences.
     let settings = Settings {
         activation: Activation::Tanh,
         ..*algorithm.settings()
@@ -121,7 +121,7 @@ pub(crate) fn assert_gradient<A: Algorithm>(
     }
 }
 
-/// Asserts that a loss has a gradient in the named network and none in any other, critics included.
+/// Asserts that a loss has a gradient in the named network and in no other, critics included.
 pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Tensor<1>, name: &str) {
     let mut found = loss.backward();
     let mut reached =
@@ -137,7 +137,7 @@ pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Ten
     );
 }
 
-/// Asserts that the agent finds most of what the game of the tests has to give.
+/// Asserts that the agent earns most of the possible reward in the coordination game.
 pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     let mut rng = stream(&["coordinate"]);
     let mut learner = learner(algorithm);
@@ -150,7 +150,7 @@ pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     );
 }
 
-/// Asserts that an agent of another start acts and predicts as the one whose export it takes up.
+/// Asserts that an agent with other initial weights acts and predicts like the agent whose export it imports.
 pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     let mut one = learner(algorithm.clone());
     coordination::train(&mut one, 8, &mut stream(&["train"]));
@@ -176,8 +176,8 @@ pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     );
 }
 
-/// Asserts that a trained agent records every declared metric of training and no other, and declares that of
-/// its decisions.
+/// Asserts that a trained agent records exactly the declared training metrics, and declares the metric of its
+/// decisions.
 pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>) {
     let mut learner = learner(algorithm);
     let of_decisions = learner.decision_metrics();
@@ -189,8 +189,8 @@ pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>)
     coordination::assert_declared(&mut learner, &of_training);
 }
 
-/// Asserts that what another seat observes moves a seat's action where sight is joint, and does not where it
-/// is its own; that such an agent learns, and that its export fits one of the same sight alone.
+/// Asserts that the observation of another seat changes a seat's action where sight is joint, and only there;
+/// that such an agent learns; and that its export fits only an agent of the same sight.
 pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
     let first_action = |learner: &mut Learner<A>, of_other: f64| {
         let seen = Observation {
@@ -200,7 +200,7 @@ pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
         learner.act(&[seen], Mode::Evaluate, &mut stream(&["x"])).unwrap()[0][0].clone()
     };
     let agent = |sight| learner(algorithm(Settings { sight, ..tiny() }));
-    let [mut own, mut joint] = [Some(Sight::Own), None].map(agent);
+    let [mut own, mut joint] = [Some(ObservationScope::Own), None].map(agent);
     assert_eq!(first_action(&mut own, -0.6), first_action(&mut own, 0.6));
     assert_ne!(first_action(&mut joint, -0.6), first_action(&mut joint, 0.6));
     let untrained = first_action(&mut own, 0.0);
@@ -209,7 +209,7 @@ pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
     let dir = tempfile::tempdir().unwrap();
     own.export(dir.path()).unwrap();
     assert!(joint.import(dir.path()).is_err());
-    let mut another = agent(Some(Sight::Own));
+    let mut another = agent(Some(ObservationScope::Own));
     assert!(another.import(dir.path()).unwrap());
     assert_eq!(first_action(&mut another, 0.0), first_action(&mut own, 0.0));
 }

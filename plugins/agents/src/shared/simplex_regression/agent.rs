@@ -1,4 +1,4 @@
-//! A network that maps what is observed to a distribution on the simplex, with any [head](SimplexHead).
+//! A network that maps observations to a distribution on the simplex, with any [head](SimplexHead).
 //!
 //! | tensor | shape |
 //! |---|---|
@@ -20,7 +20,7 @@ use contract::{
 };
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
@@ -28,30 +28,30 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fmt::Debug, marker::PhantomData, path::Path};
 
-/// A distribution on the simplex, by what a network says of it.
+/// Distribution on the simplex that is parameterised by the outputs of a network.
 pub trait SimplexHead: Debug + Send + 'static {
-    /// The agent's name.
+    /// Name under which the agent is registered.
     const NAME: &'static str;
     /// Activations of the three hidden layers.
     const LAYERS: [Activation; 3];
-    /// Outputs of the network for each share.
+    /// Number of outputs of the network per share.
     const OUTPUTS_PER_SHARE: usize;
-    /// How exported policies come to their shares.
+    /// Head by which an exported policy computes its shares.
     const EXPORTED: Head;
 
-    /// The distribution's parameters from the network's outputs, after so many examples.
+    /// Parameters of the distribution from the network's outputs, after `n_examples` examples.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] where they are no numbers.
+    /// [`Error::NotFinite`] where a parameter is not finite.
     fn parameters(outputs: Tensor<2>, n_examples: u64) -> Result<Tensor<2>, Error>;
 
-    /// A draw for every row, whose shares sum to 1; gradients flow into the parameters.
+    /// One draw per row, with shares that sum to 1; gradients flow into the parameters.
     fn sample(parameters: Tensor<2>, rng: &mut Rng) -> Tensor<2>;
 
-    /// The point of the simplex that stands for the distribution in each row, but for a factor.
+    /// Representative point of the distribution in each row, up to a positive factor.
     fn centre(parameters: Tensor<2>) -> Tensor<2>;
 
-    /// The loss, a single number, of parameters and targets with a row for each example.
+    /// Loss `[1]` of parameters and targets with one row per example.
     fn loss(loss: RegressionLoss, parameters: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1>;
 }
 
@@ -62,12 +62,12 @@ pub struct Config {
     /// Step size of Adam.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, section 3.4.3: 0.01 and 0.1"))]
     pub learning_rate: f64,
-    /// What is minimised.
+    /// Minimised loss.
     pub loss: RegressionLoss,
     /// Units of each of the three hidden layers.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.3"))]
     pub width: usize,
-    /// How observations reach the network.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
@@ -85,13 +85,13 @@ impl Default for Config {
 
 impl contract::Config for Config {}
 
-/// The agent.
+/// Agent that predicts shares with the head `H`.
 #[derive(Debug)]
 pub struct SimplexRegression<H> {
     loss: RegressionLoss,
     scaling: Scaling,
     shares: Vec<String>,
-    network: Trained<Mlp>,
+    network: TrainedNetwork<Mlp>,
     progress: Progress,
     head: PhantomData<H>,
 }
@@ -138,7 +138,7 @@ impl<H: SimplexHead> SimplexRegression<H> {
             H::OUTPUTS_PER_SHARE * shares.len(),
         ];
         let network = Mlp::new(&sizes, &H::LAYERS, 1.0, rng, &device().autodiff());
-        let network = Trained::new(network, Adam::new(config.learning_rate, None));
+        let network = TrainedNetwork::new(network, Adam::new(config.learning_rate, None));
         Ok(Self {
             loss: config.loss,
             scaling,
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saved_agent_continues_and_what_it_exports_acts() {
+    fn a_saved_agent_continues_and_an_exported_policy_acts() {
         is_kept::<Dirichlet>();
         is_kept::<GaussianSoftmax>();
     }

@@ -1,5 +1,5 @@
-//! Regressions onto a simplex: their losses, the examples that they learn from, and the [agent](SimplexRegression) that is
-//! the same for every distribution.
+//! Regressions onto a simplex: losses, examples, and the [agent](SimplexRegression) that is the same for
+//! every distribution.
 
 mod agent;
 
@@ -12,7 +12,7 @@ use numerics::{dirichlet::LOG_ACTION_FLOOR, network::matrix};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a regression onto the simplex minimises.
+/// Loss of a regression onto the simplex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RegressionLoss {
@@ -22,22 +22,22 @@ pub enum RegressionLoss {
     /// Minus the log likelihood of the target.
     LogLikelihood,
     /// Mean absolute error of a draw, by the score-function policy gradient (thesis, eq. 3.4 and 3.7): the
-    /// draw is not differentiated, its log density is weighted with its error less the mean error of the
+    /// draw is not differentiated; its log density is weighted with its error less the mean error of the
     /// batch.
     ScoreFunction,
 }
 
-/// How much was learnt from so far.
+/// Amount of training so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Examples.
+    /// Number of examples.
     pub n_examples: u64,
-    /// Batches, each of which is one update.
+    /// Number of batches; each is one update.
     pub n_updates: u64,
 }
 
 impl Progress {
-    /// What an agent says of its updates.
+    /// Declared updates of the agent.
     #[must_use]
     pub fn updates(self) -> Updates {
         Updates {
@@ -67,7 +67,7 @@ pub fn log_shares(shares: Tensor<2>) -> Tensor<2> {
     shares.clamp_min(LOG_ACTION_FLOOR.exp()).log()
 }
 
-/// Observations as the network sees them and targets, of a batch of transitions.
+/// Scaled observations and targets of a batch of transitions.
 #[must_use]
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 pub fn examples(transitions: &[Transition], scaling: &Scaling) -> (Tensor<2>, Tensor<2>) {

@@ -2,7 +2,7 @@
 
 use crate::shared::{
     scaling::ObservationScaling,
-    seat_network::{Hidden, check_batch},
+    seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -20,9 +20,9 @@ pub struct Config {
     /// Step size of Adam for both critics.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub critic_learning_rate: f64,
-    /// How the weight alpha of the entropy is found.
+    /// Rule for the weight alpha of the entropy.
     pub temperature: Temperature,
-    /// Temperature before learning, which a fixed one keeps.
+    /// Temperature before learning; a fixed temperature keeps it.
     #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "Haarnoja et al. 2018, authors' code"))]
     pub first_temperature: f64,
     /// Step size of Adam for the logarithm of an automatic temperature.
@@ -47,10 +47,10 @@ pub struct Config {
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub width: usize,
-    /// Hidden layers of every network.
+    /// Number of hidden layers of every network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub hidden_layers: usize,
-    /// What follows each hidden layer.
+    /// Activation after each hidden layer.
     #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub activation: Activation,
     /// Transitions that the replay buffer holds.
@@ -62,18 +62,18 @@ pub struct Config {
     /// Largest Euclidean norm of a gradient, or null for no limit.
     #[schemars(range(min = 0.0))]
     pub gradient_clip: Option<f64>,
-    /// How observations reach the networks.
+    /// Scaling of observations for the networks.
     pub observation_scaling: ObservationScaling,
 }
 
-/// How the weight of the entropy is found.
+/// Rule for the weight of the entropy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Temperature {
-    /// It steers the policy to the target entropy.
+    /// The temperature steers the policy to the target entropy.
     #[default]
     Automatic,
-    /// It stays as it starts.
+    /// The temperature keeps its first value.
     Fixed,
 }
 
@@ -122,7 +122,7 @@ impl Config {
     /// Refuses settings that contradict each other.
     ///
     /// # Errors
-    /// [`Error::Config`], which names the key.
+    /// [`Error::Config`] with the key.
     pub fn check(&self) -> Result<(), Error> {
         check_batch(self.batch_size, self.replay_capacity)?;
         if self.temperature == Temperature::Automatic || self.target_entropy.is_none() {
@@ -134,10 +134,10 @@ impl Config {
         ))
     }
 
-    /// The hidden layers of every network.
+    /// Size and activation of the hidden layers of every network.
     #[must_use]
-    pub fn hidden(&self) -> Hidden {
-        Hidden {
+    pub fn hidden(&self) -> HiddenLayers {
+        HiddenLayers {
             width: self.width,
             layers: self.hidden_layers,
             activation: self.activation,

@@ -14,13 +14,13 @@
 //! | H | `target_entropy`, minus the number of entries of an action | scalar |
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
-//! Where the policy is scored it acts `tanh(mean)`.
+//! In evaluation the policy acts by `tanh(mean)`.
 //!
 //! Departures from the paper
 //! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code.
 //! - No uniform first actions: the untrained policy acts until learning starts.
-//! - Observations are scaled by what is typical of their channels; `observation_scaling: none` leaves them as
-//!   they are.
+//! - Observations are scaled by the typical values of their channels; `observation_scaling: none` leaves them
+//!   as they are.
 //! - Weights are initialised after He et al. 2015, and the policy's last layer a tenth as large, so that
 //!   first means are close to zero and first deviations close to 1.
 //!
@@ -48,7 +48,7 @@ use contract::{
 };
 use numerics::{
     network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, Trained},
+    optimizer::{Adam, TrainedNetwork},
     parameters::{restore, soft_update, store},
     policy_file::{Head, Policy},
     squashed::{mean_action, sample_exact},
@@ -60,21 +60,21 @@ const NAME: &str = "soft_actor_critic";
 /// Gain of the policy's last layer.
 const POLICY_OUTPUT_GAIN: f64 = 0.1;
 
-/// The agent.
+/// Soft actor-critic for one seat.
 #[derive(Debug, Clone)]
 pub struct SoftActorCritic {
     config: Config,
     seat: BoxSeat,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
+    policy: TrainedNetwork<Mlp>,
+    critics: TrainedNetwork<TwinMlp>,
     target_critics: TwinMlp,
     temperature: Multiplier,
     replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// What [`SoftActorCritic::learn`] records.
+/// Metrics that [`SoftActorCritic::learn`] records.
 pub(crate) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
@@ -99,7 +99,7 @@ pub(crate) fn metrics() -> Vec<Metric> {
 }
 
 impl SoftActorCritic {
-    /// The algorithm for one seat that observes a box and acts in a box with limits -1 and 1.
+    /// Builds the agent for one seat that observes a box and acts in a box with limits -1 and 1.
     ///
     /// # Errors
     /// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
@@ -116,7 +116,8 @@ impl SoftActorCritic {
         Ok(Self::assemble(config, seat, policy, critics))
     }
 
-    /// The algorithm around given networks: a policy `[observed]` to `[2 n]`, critics `[observed + n]` to `[1]`.
+    /// Builds the agent around given networks: a policy `[observed]` to `[2 n]`, critics `[observed + n]` to
+    /// `[1]`.
     #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
     pub(crate) fn assemble(config: Config, seat: BoxSeat, policy: Mlp, critics: TwinMlp) -> Self {
         let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
@@ -124,8 +125,8 @@ impl SoftActorCritic {
         Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
             target_critics: critics.valid(),
-            policy: Trained::new(policy, adam(config.actor_learning_rate)),
-            critics: Trained::new(critics, adam(config.critic_learning_rate)),
+            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
+            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
             temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_seen, n_done, 1),
             schedule: UpdateSchedule::new(),
@@ -134,22 +135,22 @@ impl SoftActorCritic {
         }
     }
 
-    /// Takes a transition into the replay buffer, and no more.
+    /// Stores a transition in the replay buffer without an update.
     pub(crate) fn remember(&mut self, transition: &Transition) {
         self.replay.push_scaled(transition, &self.seat.scaling);
     }
 
-    /// Transitions that are remembered.
+    /// Number of stored transitions.
     pub(crate) fn n_remembered(&self) -> usize {
         self.replay.len()
     }
 
-    /// Updates so far.
+    /// Number of updates so far.
     pub(crate) fn n_updates(&self) -> u64 {
         self.schedule.n_updates()
     }
 
-    /// One update with a batch drawn from what is remembered.
+    /// Updates once with a batch drawn from the replay buffer.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let batch = self
             .replay
@@ -157,7 +158,7 @@ impl SoftActorCritic {
         self.improve(&batch, rng, record)
     }
 
-    /// One update with all that is remembered as the batch.
+    /// Updates once with the whole replay buffer as the batch.
     pub(crate) fn update_with_everything(
         &mut self,
         rng: &mut Rng,
@@ -192,7 +193,7 @@ impl SoftActorCritic {
         Ok(())
     }
 
-    /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
+    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
     fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let policy = self.policy.network().valid();
         let next = sample_exact(policy.forward(batch.next_observations.clone()), rng);
@@ -222,10 +223,10 @@ impl SoftActorCritic {
         Ok(f64::from(log_pi))
     }
 
-    /// The loss of eq. 9, and the means of `log pi` and of the lower critic.
+    /// Loss of eq. 9, and the means of `log pi` and of the lower critic.
     fn policy_loss(&self, policy: &Mlp, batch: &Batch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
         let drawn = sample_exact(policy.forward(batch.observations.clone()), rng);
-        // Plain critics: the gradient passes through them to the action, and none of their own is computed.
+        // Untracked critics: the gradient passes through them to the action alone.
         let critics = self.critics.network().valid();
         let (q1, q2) = critics.forward(joined(&batch.observations, drawn.action));
         let q = q1.min_pair(q2);

@@ -29,7 +29,7 @@ fn agent(config: Config) -> SoftActorCritic {
     SoftActorCritic::new(config, &regulator::interface(), &mut stream(&["sac"])).unwrap()
 }
 
-/// An agent after some updates, and some of what it saw.
+/// An agent after some updates, and a batch of its transitions.
 fn trained(config: Config) -> (SoftActorCritic, Batch) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
@@ -38,7 +38,7 @@ fn trained(config: Config) -> (SoftActorCritic, Batch) {
     (agent, batch)
 }
 
-/// Small and smooth, so that differences are close to slopes.
+/// Config of a small and smooth network, whose finite differences are close to its slopes.
 fn smooth() -> Config {
     Config {
         width: 5,
@@ -190,12 +190,12 @@ fn a_saved_agent_continues() {
 }
 
 #[test]
-fn what_it_records_is_declared() {
+fn recorded_metrics_are_declared() {
     regulator::assert_records(&mut agent(tiny()), &regulator::names(&metrics()));
 }
 
 #[test]
-fn the_exported_policy_acts_as_the_agent_is_scored() {
+fn the_exported_policy_takes_the_evaluation_actions() {
     regulator::assert_exports(|rng| {
         Box::new(SoftActorCritic::new(tiny(), &regulator::interface(), rng).unwrap())
     });

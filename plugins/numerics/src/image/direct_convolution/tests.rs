@@ -1,10 +1,10 @@
-//! The loops against the sum that the header writes, and against themselves with other vectors.
+//! Tests of the loops against the sum in the module's header, and against themselves with other vectors.
 
 use super::*;
 use crate::image::oracle_tests::numbers;
 use proptest::prelude::*;
 
-/// The sum as the header writes it.
+/// The sum of the header, term by term.
 fn naive(image: &[f32], weight: &[f32], bias: &[f32], sizes: &Sizes) -> Vec<f32> {
     let Sizes {
         n_images,
@@ -62,7 +62,7 @@ fn n_pixels(sizes: &Sizes) -> usize {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// Not close but equal: one chain of fused operations in the order of the weights.
+    /// The results are equal bit by bit: one chain of fused operations in the order of the weights.
     #[test]
     fn any_number_of_channels_equals_the_naive_sum(sizes in sizes()) {
         let (image, weight) = (numbers(n_pixels(&sizes) * sizes.n_inputs, 1), numbers(sizes.n_weights(), 2));
@@ -90,9 +90,9 @@ proptest! {
         use pulp::{Simd, x86::{V3, V4}};
         let (image, weight) = (numbers(n_pixels(&sizes) * sizes.n_inputs, 1), numbers(sizes.n_weights(), 2));
         let (bias, upstream) = (numbers(sizes.n_outputs, 3), numbers(n_pixels(&sizes) * sizes.n_outputs, 4));
-        let forward = || Convolve { image: &image, panels: panels(&weight, Some(&bias), &sizes), sizes };
+        let forward = || ConvolutionPass { image: &image, panels: panels(&weight, Some(&bias), &sizes), sizes };
         let gradient = || WeightGradient { image: &image, upstream: &upstream, sizes };
-        // Where the processor has only one of them there is nothing to compare.
+        // A processor with only one of the widths has nothing to compare.
         if let (Some(narrow), Some(wide)) = (V3::try_new(), V4::try_new()) {
             prop_assert_eq!(Simd::vectorize(narrow, forward()), Simd::vectorize(wide, forward()));
             prop_assert_eq!(Simd::vectorize(narrow, gradient()), Simd::vectorize(wide, gradient()));

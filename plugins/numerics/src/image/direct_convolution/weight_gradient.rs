@@ -1,13 +1,13 @@
-//! The gradient in the weights of a convolution: sums over pixels of neighbouring inputs times the gradient in
+//! Gradient in the weights of a convolution: sums over pixels of neighbouring inputs times the gradient in
 //! the outputs.
 //!
-//! A block of several weights of one run by 16 or 32 outputs is summed in registers over the pixels of a group of
-//! images, then added to what the groups before left.
+//! A block of several weights of one run by 16 or 32 outputs is summed in registers over the pixels of a
+//! group of images, then added to the sums of the earlier groups.
 
 use super::{PANEL, Sizes, framed, load, starts, store, widths};
 use pulp::{Simd, WithSimd};
 
-/// The pass over `x` and the gradient in `y`.
+/// Pass over `x` and the gradient in `y`.
 pub(super) struct WeightGradient<'a> {
     pub image: &'a [f32],
     pub upstream: &'a [f32],
@@ -28,7 +28,7 @@ impl WithSimd for WeightGradient<'_> {
     }
 }
 
-/// Rows of another width, filled up with zeros or cut.
+/// Rows of another width, padded with zeros or cut.
 fn rows_of(rows: &[f32], from: usize, to: usize) -> Vec<f32> {
     let (common, mut other) = (from.min(to), vec![0.0; rows.len() / from * to]);
     for (to, from) in other.chunks_exact_mut(to).zip(rows.chunks_exact(from)) {
@@ -38,7 +38,7 @@ fn rows_of(rows: &[f32], from: usize, to: usize) -> Vec<f32> {
 }
 
 impl WeightGradient<'_> {
-    /// The gradient for rows of `width` outputs.
+    /// Gradient for rows of `width` outputs.
     #[inline(always)]
     fn run<S: Simd>(&self, simd: S, upstream: &[f32], width: usize) -> Vec<f32> {
         let sizes = self.sizes;
@@ -113,7 +113,7 @@ impl Group<'_> {
             let dy: [S::f32s; R] =
                 std::array::from_fn(|r| load(simd, &upstream[column + r * S::F32_LANES..]));
             let x = &self.frames[at + shift + k..][..K];
-            // Constant bounds, so that the sums stay in registers.
+            // The bounds are constant, so that the sums stay in registers.
             for (sums, x) in (0..K).zip(x) {
                 let x = simd.splat_f32s(*x);
                 for r in 0..R {
