@@ -1,4 +1,4 @@
-//! Refusals of keys of a program before anything runs.
+//! Checks of a program's keys before anything runs.
 
 use crate::config::{ProgramConfig, Reading};
 use contract::{
@@ -9,10 +9,10 @@ use contract::{
 use std::path::Path;
 
 impl ProgramConfig {
-    /// Refuses what cannot be run or read.
+    /// Refuses a config that cannot be run or whose metrics cannot be read.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key.
+    /// [`Error::Config`] at the key.
     pub fn check(&self) -> Result<(), Error> {
         if self.run.first().is_none_or(String::is_empty) {
             let problem = "names no program: write it with its arguments as a list, as `[python, train.py, --seed, \"{seed}\"]`";
@@ -47,7 +47,7 @@ impl ProgramConfig {
         readings.iter().try_for_each(|it| readable(&it.from))
     }
 
-    /// Refuses ways to measure that lack something.
+    /// Refuses a way of measuring that lacks one of its keys.
     fn measures(&self) -> Result<(), Error> {
         let policy = self.leaves.policy.as_deref();
         if self.measured == Some(Measured::Calls) && !self.resume.is_empty() {
@@ -70,7 +70,7 @@ impl ProgramConfig {
     }
 }
 
-/// Files lie in the working folder, and not among those of the engine.
+/// Refuses a file outside the working folder, or among the engine's own files.
 fn within(name: &str) -> Result<(), Error> {
     let mut parts = Path::new(name).components();
     let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
@@ -96,7 +96,7 @@ fn readable(from: &str) -> Result<(), Error> {
     Err(Error::config("metrics", problem))
 }
 
-/// True for a name or a pattern in the working folder.
+/// Whether a name or pattern stays in the working folder.
 fn is_inside(pattern: &str) -> bool {
     let is_plain = |part| {
         matches!(
@@ -107,7 +107,7 @@ fn is_inside(pattern: &str) -> bool {
     !pattern.is_empty() && Path::new(pattern).components().all(is_plain)
 }
 
-/// Refuses names that claims cannot say, and those of what is recorded anyhow.
+/// Refuses names that claims cannot write and names of the engine's own metrics.
 fn of_ones_own(name: &str) -> Result<(), Error> {
     let taken = [
         OWN_STEPS,
