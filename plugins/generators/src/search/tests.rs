@@ -24,7 +24,7 @@ fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
     vec![choice::vector(&choices(), &taken)]
 }
 
-/// Steps of a whole design.
+/// Builds a whole design; its first observation and its steps.
 fn built(search: &mut GeneratorSearch, cells: [[usize; 6]; 3], rng: &mut Rng) -> (Vec<f64>, Vec<Step>) {
     let start = search.reset(rng).unwrap().remove(0);
     let steps = cells.map(|cell| search.step(&action(cell), rng).unwrap());

@@ -15,7 +15,7 @@ fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
     vec![choice::vector(&choices(), &taken)]
 }
 
-/// Builds a design; its rewards and its last step.
+/// Builds a design and returns its rewards and its last step.
 fn built(search: &mut dyn Environment, cells: &[[usize; 6]], rng: &mut Rng) -> (Vec<f64>, Step) {
     search.reset(rng).unwrap();
     let mut rewards = Vec::new();
