@@ -1,17 +1,17 @@
-//! The one check that every action with entries in [-1, 1] passes.
+//! The check of an action with entries in [-1, 1], shared by all environments.
 
 use contract::Error;
 
-/// How far an entry may lie outside before it is refused: squashing functions in single precision round to
-/// just beyond 1.
+/// Largest excess of an entry over the limits that is accepted: squashing functions in single precision round
+/// to just beyond 1.
 const ROUNDING: f64 = 1e-6;
 
-/// What happens to an entry that lies further outside.
+/// Treatment of an entry beyond that.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beyond {
     /// It is an error.
     Refused,
-    /// The limit is taken in its place.
+    /// It is replaced by the limit.
     Clipped,
 }
 
@@ -28,10 +28,10 @@ pub fn check_seats(actions: &[Vec<f64>], seats: usize) -> Result<(), Error> {
     })
 }
 
-/// The action of seat `agent_<agent>`, whose entries are called `names`, within [-1, 1].
+/// The action of seat `agent_<agent>`, with the entries `names`, within [-1, 1].
 ///
 /// # Errors
-/// [`Error::Action`] for another number of entries, for `NaN`, and for an entry outside unless it is to be
+/// [`Error::Action`] for a wrong number of entries, for `NaN`, and for an entry beyond the limits unless it is
 /// clipped.
 pub fn checked<const N: usize>(
     action: &[f64],
