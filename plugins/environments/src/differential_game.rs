@@ -20,7 +20,7 @@
 //! An episode is one step and terminates. The observation is uninformative: each player observes the constant
 //! 1, so that the joint observation of two players is [1, 1], as in the authors' public code.
 
-use crate::unit_box::{self, Beyond};
+use crate::unit_box::{self, LimitExcess};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -192,7 +192,7 @@ impl DifferentialGame {
     fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
         unit_box::check_seats(actions, self.config.players)?;
         for (player, (given, action)) in actions.iter().zip(&mut self.actions).enumerate() {
-            let [entry] = unit_box::checked(given, player, ["unit_action"], Beyond::Refused)?;
+            let [entry] = unit_box::checked(given, player, ["unit_action"], LimitExcess::Refused)?;
             *action = ACTION_SCALE * entry;
         }
         Ok(())

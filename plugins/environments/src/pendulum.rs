@@ -17,7 +17,7 @@
 //!
 //! Departure: the torque is given as a fraction of the largest one, since agents act within -1 and 1.
 
-use crate::unit_box::{self, Beyond};
+use crate::unit_box::{self, LimitExcess};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -218,7 +218,7 @@ impl Environment for Pendulum {
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         unit_box::check_seats(actions, 1)?;
-        let [part] = unit_box::checked(&actions[0], 0, ["unit_torque"], Beyond::Refused)?;
+        let [part] = unit_box::checked(&actions[0], 0, ["unit_torque"], LimitExcess::Refused)?;
         let torque = LARGEST_TORQUE * part;
         let cost = self.cost(torque);
         let change = self.motion.torque.map_or(0.0, |before| (torque - before).abs());

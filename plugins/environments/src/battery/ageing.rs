@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// Rates at which a cell's parameters wear, and the end of its life.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Ageing {
+pub struct AgeingRates {
     /// Change of the mobile charge per ampere second.
     #[schemars(range(max = 0.0), extend("x-unit" = "C/(A s)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub q_mobile_rate: f64,
@@ -27,7 +27,7 @@ pub struct Ageing {
     pub end_of_life_c: f64,
 }
 
-impl Default for Ageing {
+impl Default for AgeingRates {
     fn default() -> Self {
         Self {
             q_mobile_rate: -1e-2,
@@ -38,7 +38,7 @@ impl Default for Ageing {
     }
 }
 
-impl Ageing {
+impl AgeingRates {
     /// The parameters after `current_a` has flowed for `step_s`.
     #[must_use]
     pub fn worn(&self, parameters: &CellParameters, current_a: f64, step_s: f64) -> CellParameters {

@@ -1,6 +1,6 @@
 //! One cell of a pack: parameters, wear, state, and the quantities measured at its terminals.
 
-use super::ageing::Ageing;
+use super::ageing::AgeingRates;
 use super::model::{Model, Physics, State};
 use super::parameters::CellParameters;
 
@@ -63,7 +63,7 @@ impl Cell {
     }
 
     /// Wears the parameters by the current of the last step.
-    pub fn wear(&mut self, ageing: &Ageing, step_s: f64) {
+    pub fn wear(&mut self, ageing: &AgeingRates, step_s: f64) {
         self.set_parameters(ageing.worn(&self.parameters, self.current_a, step_s));
     }
 

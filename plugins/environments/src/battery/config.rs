@@ -1,6 +1,6 @@
 //! Config of the `battery` environment.
 
-use super::ageing::Ageing;
+use super::ageing::AgeingRates;
 use super::load::Load;
 use super::parameters::{CellParameters, END_OF_DISCHARGE_V, SECOND_LIFE};
 use super::start::Start;
@@ -79,7 +79,7 @@ pub struct BatteryConfig {
     /// Wear of the cells from episode to episode: `{}` for the published rates; if left out, cells do not wear.
     /// A worn cell is replaced at the start of an episode when it has reached its end of life, or when a state
     /// from which `start` may let it begin lies past its discharge.
-    pub ageing: Option<Ageing>,
+    pub ageing: Option<AgeingRates>,
     /// Step of the explicit Euler scheme.
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "s", "x-source" = "progpy 1.9.0"))]
     pub step_s: f64,
@@ -276,7 +276,7 @@ mod tests {
         let old = Cells::Each(vec![CellParameters::aged(5000.0, 0.2)]);
         let worn_out = BatteryConfig {
             cells: old,
-            ageing: Some(Ageing::default()),
+            ageing: Some(AgeingRates::default()),
             ..Default::default()
         };
         assert!(

@@ -224,10 +224,10 @@ fn noise_is_small_and_only_where_asked_for() {
 /// A cell wears from episode to episode and is replaced once its capacity is below the end of life.
 #[test]
 fn worn_cells_are_replaced() {
-    let ageing = Ageing {
+    let ageing = AgeingRates {
         q_mobile_rate: -0.1,
         r_rate: 0.0,
-        ..Ageing::default()
+        ..AgeingRates::default()
     };
     let config = BatteryConfig {
         start: Start::Full,
@@ -256,9 +256,9 @@ fn worn_cells_are_replaced() {
 /// High resistance keeps a cell from reaching late starts long before its capacity is gone.
 #[test]
 fn cells_that_no_longer_reach_their_start_are_replaced() {
-    let ageing = Ageing {
+    let ageing = AgeingRates {
         r_rate: 1e-4,
-        ..Ageing::default()
+        ..AgeingRates::default()
     };
     let mut battery = Battery::new(BatteryConfig {
         ageing: Some(ageing),
@@ -282,7 +282,7 @@ fn cells_that_no_longer_reach_their_start_are_replaced() {
 #[test]
 fn a_snapshot_continues_to_the_same_bits() {
     let config = BatteryConfig {
-        ageing: Some(Ageing::default()),
+        ageing: Some(AgeingRates::default()),
         process_noise: true,
         sensor_noise: true,
         thermal: true,
@@ -318,7 +318,7 @@ fn a_snapshot_continues_to_the_same_bits() {
 
 #[test]
 fn every_value_has_its_channel() {
-    for ageing in [None, Some(Ageing::default())] {
+    for ageing in [None, Some(AgeingRates::default())] {
         let mut battery = Battery::new(BatteryConfig {
             cells: Cells::Count(3),
             ageing,

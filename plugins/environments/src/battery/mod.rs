@@ -42,7 +42,7 @@ mod oracle_tests;
 mod parameters;
 mod start;
 
-pub use ageing::Ageing;
+pub use ageing::AgeingRates;
 pub use cell::Cell;
 pub use config::{BatteryConfig, Cells, NamedPack};
 pub use load::Load;
@@ -56,7 +56,7 @@ use life_bound::LifeBound;
 use load::{Demand, LoadSource};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
-use start::Starter;
+use start::InitialStates;
 
 /// Half-widths of the process noise, in the order of [`State::NAMES`] (the authors' public code).
 const PROCESS_NOISE: [f64; 8] = [0.0, 1e-10, 1e-10, 1e-10, 1e-3, 1e-5, 1e-3, 1e-5];
@@ -70,7 +70,7 @@ pub struct Battery {
     steps_per_decision: usize,
     new_parameters: Vec<CellParameters>,
     load: LoadSource,
-    starter: Starter,
+    starter: InitialStates,
     bound: Option<LifeBound>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
@@ -144,7 +144,7 @@ impl Battery {
         Ok(Self {
             steps_per_decision,
             load,
-            starter: Starter::new(config.start.clone(), &new_parameters, physics)?,
+            starter: InitialStates::new(config.start.clone(), &new_parameters, physics)?,
             seats: vec![channels::seat(count)],
             metrics: channels::metrics(bound.is_some()),
             bound,

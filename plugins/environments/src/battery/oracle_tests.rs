@@ -185,7 +185,7 @@ fn wearing_cells_follow_the_reference_program() {
             decision_interval_s: 1.0,
             load: Load::ConstantCurrent { current_a: 2.0 },
             start: Start::Full,
-            ageing: Some(Ageing::default()),
+            ageing: Some(AgeingRates::default()),
             ..Default::default()
         };
         let mut battery = Battery::new(config.clone()).unwrap();

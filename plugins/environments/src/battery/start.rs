@@ -56,13 +56,13 @@ impl Start {
 
 /// The initial states of a config, with the profiles that they need.
 #[derive(Debug, Clone)]
-pub struct Starter {
+pub struct InitialStates {
     start: Start,
     physics: Physics,
     profiles: Vec<Arc<[State]>>,
 }
 
-impl Starter {
+impl InitialStates {
     /// Prepares `start` for cells with `parameters`.
     ///
     /// # Errors
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn indices_stay_in_their_range_and_differ_between_cells() {
         let parameters = [CellParameters::FRESH; 3];
-        let starter = Starter::new(Start::ProfileRange([500, 503]), &parameters, PHYSICS).unwrap();
+        let starter = InitialStates::new(Start::ProfileRange([500, 503]), &parameters, PHYSICS).unwrap();
         let mut cells = parameters.map(|one| Cell::new(one, PHYSICS));
         let mut rng = contract::random::stream(&["start"]);
         let mut seen = [[false; 3]; 3];
@@ -224,7 +224,7 @@ mod tests {
             Start::ProfileRange([7, 9000]),
         ] {
             assert!(matches!(
-                Starter::new(start, &[CellParameters::FRESH; 4], PHYSICS),
+                InitialStates::new(start, &[CellParameters::FRESH; 4], PHYSICS),
                 Err(Error::Config { .. })
             ));
         }
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn an_index_past_the_profile_names_the_cell() {
         let parameters = [CellParameters::FRESH, CellParameters::aged(4000.0, 0.2)];
-        let error = Starter::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS)
+        let error = InitialStates::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS)
             .unwrap_err()
             .to_string();
         assert!(

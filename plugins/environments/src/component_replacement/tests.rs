@@ -17,12 +17,12 @@ struct Run {
     kind: String,
     #[serde(rename = "return")]
     sum: f64,
-    steps: Vec<Recorded>,
+    steps: Vec<RecordedStep>,
 }
 
 /// A step, and the beliefs after it.
 #[derive(Debug, Deserialize)]
-struct Recorded {
+struct RecordedStep {
     action: Vec<usize>,
     next_state: Vec<usize>,
     observation: Vec<usize>,

@@ -8,7 +8,7 @@ use super::mission::{Course, HEIGHTS_M, Mission};
 
 /// The best courses of the remaining legs from a height.
 #[derive(Debug, Clone)]
-struct Rest {
+struct RemainingPlan {
     total_j: f64,
     plan: Vec<Course>,
 }
@@ -16,7 +16,7 @@ struct Rest {
 /// The plan of least consumption in the mean wind, the first of equals.
 #[must_use]
 pub fn optimum(mission: &Mission) -> Vec<Course> {
-    let end = Rest {
+    let end = RemainingPlan {
         total_j: 0.0,
         plan: Vec::new(),
     };
@@ -31,7 +31,7 @@ pub fn optimum(mission: &Mission) -> Vec<Course> {
 }
 
 /// The best courses from a height over a leg and all that follow.
-fn best(mission: &Mission, leg: usize, from_m: f64, after: &[Rest]) -> Rest {
+fn best(mission: &Mission, leg: usize, from_m: f64, after: &[RemainingPlan]) -> RemainingPlan {
     let one = |course: Course| {
         let segment = mission.segment(&mission.legs[leg], course, from_m, 1.0, 1.0);
         let rest = HEIGHTS_M.iter().position(|height_m| *height_m == course.height_m);
@@ -47,7 +47,7 @@ fn best(mission: &Mission, leg: usize, from_m: f64, after: &[Rest]) -> Rest {
     // There are 21 courses.
     let (total_j, course, rest) = least.expect("courses are constants");
     let plan = [course].into_iter().chain(rest.plan.iter().copied()).collect();
-    Rest { total_j, plan }
+    RemainingPlan { total_j, plan }
 }
 
 #[cfg(test)]

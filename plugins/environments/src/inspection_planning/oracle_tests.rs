@@ -25,12 +25,12 @@ struct Run {
     campaign: bool,
     #[serde(rename = "return")]
     sum: f64,
-    steps: Vec<Recorded>,
+    steps: Vec<RecordedStep>,
 }
 
 /// A step, and the beliefs after it.
 #[derive(Debug, Deserialize)]
-struct Recorded {
+struct RecordedStep {
     action: Vec<usize>,
     /// 1 where a crack was found.
     inspection: Vec<u8>,
@@ -82,7 +82,7 @@ fn follow(run: &Run, correlated: bool, tolerance: f64) -> usize {
 
 fn assert_knowledge(
     environment: &InspectionPlanning,
-    recorded: &Recorded,
+    recorded: &RecordedStep,
     tolerance: f64,
     place: &str,
 ) -> usize {

@@ -7,8 +7,8 @@
 //! return of each agent contains a constant -25.
 
 use super::{
-    rules::{Rules, Sharing},
-    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
+    rules::{RewardSharing, Rules},
+    scenario::{MetricValues, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -60,9 +60,11 @@ impl CooperativeNavigation {
     fn rewards(&self, distance: f64, collisions: [f64; AGENTS]) -> [f64; AGENTS] {
         let own = collisions.map(|count| -distance - count);
         match self.rules.sharing {
-            Sharing::Own => own,
-            Sharing::Sum => [own.iter().sum(); AGENTS],
-            Sharing::Local { ratio } => collisions.map(|count| (1.0 - ratio) * -distance - ratio * count),
+            RewardSharing::Own => own,
+            RewardSharing::Sum => [own.iter().sum(); AGENTS],
+            RewardSharing::Local { ratio } => {
+                collisions.map(|count| (1.0 - ratio) * -distance - ratio * count)
+            }
         }
     }
 }
@@ -106,7 +108,7 @@ impl Scenario for CooperativeNavigation {
         metrics().into_iter().chain([distance]).collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues) {
         let (distance, collisions) = (Self::landmark_distance(world), self.collisions(world));
         let rewards = self.rewards(distance, collisions);
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]

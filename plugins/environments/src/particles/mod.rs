@@ -48,9 +48,9 @@ mod rules;
 mod scenario;
 mod world;
 
-pub use crate::unit_box::Beyond;
+pub use crate::unit_box::LimitExcess;
 pub use config::{ParticlesConfig, ScenarioName, Start};
-pub use rules::{Integration, Rules, Sharing, Variant};
+pub use rules::{Integration, RewardSharing, Rules, Variant};
 pub use world::{Body, Motion, Vector, World};
 
 use crate::unit_box;

@@ -10,7 +10,7 @@
 
 use super::{
     rules::Rules,
-    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
+    scenario::{MetricValues, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -136,7 +136,7 @@ impl Scenario for PredatorPrey {
             .collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues) {
         let (catches, shaping) = (Self::catches(world), self.shaping(world));
         let predator = -shaping + CATCH * catches;
         let leaving: f64 = world.agents()[PREY]

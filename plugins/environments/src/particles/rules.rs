@@ -1,6 +1,6 @@
 //! Differences between the three programs called "multi-agent particle environment", as one table.
 
-use crate::unit_box::Beyond;
+use crate::unit_box::LimitExcess;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -26,11 +26,11 @@ pub struct Rules {
     /// Order of the updates in a step.
     pub integration: Integration,
     /// Treatment of actions beyond [-1, 1].
-    pub beyond_limits: Beyond,
+    pub beyond_limits: LimitExcess,
     /// Navigation: whether an agent counts as colliding with itself, a constant -1 for each at every step.
     pub collides_with_itself: bool,
     /// Navigation: composition of an agent's reward.
-    pub sharing: Sharing,
+    pub sharing: RewardSharing,
     /// Pursuit: whether 0.1 times the distances to the predators is added to the prey's reward and subtracted
     /// from the predators'.
     pub shaped_pursuit: bool,
@@ -47,7 +47,7 @@ pub enum Integration {
 
 /// Composition of an agent's reward in navigation. C is the landmarks' part, K_i the collisions of agent i.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Sharing {
+pub enum RewardSharing {
     /// The agent's own: C - K_i.
     Own,
     /// The sum over all agents.
@@ -67,25 +67,25 @@ impl Variant {
             Variant::Thesis => Rules {
                 accelerates_twice: true,
                 integration: Integration::VelocityFirst,
-                beyond_limits: Beyond::Refused,
+                beyond_limits: LimitExcess::Refused,
                 collides_with_itself: true,
-                sharing: Sharing::Own,
+                sharing: RewardSharing::Own,
                 shaped_pursuit: true,
             },
             Variant::Openai => Rules {
                 accelerates_twice: false,
                 integration: Integration::VelocityFirst,
-                beyond_limits: Beyond::Refused,
+                beyond_limits: LimitExcess::Refused,
                 collides_with_itself: true,
-                sharing: Sharing::Sum,
+                sharing: RewardSharing::Sum,
                 shaped_pursuit: false,
             },
             Variant::Mpe2 => Rules {
                 accelerates_twice: false,
                 integration: Integration::PositionFirst,
-                beyond_limits: Beyond::Clipped,
+                beyond_limits: LimitExcess::Clipped,
                 collides_with_itself: false,
-                sharing: Sharing::Local { ratio: 0.5 },
+                sharing: RewardSharing::Local { ratio: 0.5 },
                 shaped_pursuit: false,
             },
         }

@@ -24,11 +24,11 @@ pub(super) trait Scenario: Send {
     fn metrics(&self) -> Vec<Metric>;
 
     /// Rewards of all agents, and the metrics, after a step.
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded);
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues);
 }
 
 /// Values of metrics under their names.
-pub(super) type Recorded = Vec<(&'static str, f64)>;
+pub(super) type MetricValues = Vec<(&'static str, f64)>;
 
 /// Appends the part of an observation that all tasks share: own velocity and position, then the relative
 /// positions of the landmarks and the other agents.
