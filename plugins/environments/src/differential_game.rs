@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_joint_action_is_refused() {
+    fn an_invalid_joint_action_is_refused() {
         let mut game = DifferentialGame::new(config(Scale::Thesis));
         let mut rng = contract::random::stream(&[]);
         for actions in [

@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_torque_or_no_rod_is_refused() {
+    fn an_invalid_torque_or_rod_is_refused() {
         let mut pendulum = at(PendulumConfig::default(), 0.0, 0.0);
         let mut rng = contract::random::stream(&[]);
         for actions in [

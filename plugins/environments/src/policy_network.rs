@@ -263,7 +263,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn whatever_bit_was_changed_the_file_is_refused_by_its_name_or_computes_and_a_cut_one_is_refused() {
+    fn a_file_with_a_changed_bit_is_refused_by_name_or_computes_and_a_cut_one_is_refused() {
         let folder = example(&header());
         let path = folder.path().join(FILE);
         let whole = std::fs::read(&path).unwrap();

@@ -44,7 +44,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_is_no_allocation_is_refused() {
+    fn an_action_outside_the_simplex_is_refused() {
         for action in [
             vec![0.5, 0.6],
             vec![1.1, -0.1],

@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_refused() {
+    fn a_seat_without_an_image_is_refused() {
         let mut interface = shapes().interface();
         if let Space::Box(pixels) = &mut interface.seats[0].observation {
             pixels.pop();

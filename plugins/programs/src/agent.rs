@@ -8,7 +8,7 @@ use crate::{
     policy::Policy,
     process::{self, Process},
     words::{OTHERS, Word, WordValues, filled, parsed},
-    workplace::WorkingFolder,
+    working_folder::WorkingFolder,
 };
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
@@ -57,10 +57,10 @@ impl Work {
         }
     }
 
-    fn listening(&self) -> &OutputReader {
+    fn output_reader(&self) -> &OutputReader {
         match self {
-            Self::Running(process) => process.listening(),
-            Self::Done(listening) => listening,
+            Self::Running(process) => process.output_reader(),
+            Self::Done(output_reader) => output_reader,
         }
     }
 }
@@ -192,17 +192,17 @@ impl OwnTraining for ProgramAgent {
         if !has_ended && !goes_on {
             place.empty()?;
         }
-        let mut listening = process::listening(&self.config, &place)?;
+        let mut output_reader = process::output_reader(&self.config, &place)?;
         let attempts = attempt(&place, has_ended)?;
         let mut metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
         let link = is_asked.then(|| Link::open(within.patience)).transpose()?;
         let work = if has_ended {
-            listening.end();
-            Work::Done(listening)
+            output_reader.end();
+            Work::Done(output_reader)
         } else {
             if goes_on {
-                listening.begin_again(&place.notes())?;
-                metrics.begin_again()?;
+                output_reader.mark_continuation(&place.notes())?;
+                metrics.mark_continuation()?;
             }
             place.lay(&self.config)?;
             place.tell(of, link.as_ref().map(Link::path).as_deref())?;
@@ -212,7 +212,7 @@ impl OwnTraining for ProgramAgent {
                 &self.config,
                 words,
                 (&place, &within.share),
-                listening,
+                output_reader,
             )?)
         };
         self.training = Some(Training {
@@ -253,7 +253,7 @@ impl OwnTraining for ProgramAgent {
         if !last {
             return Ok(training.metrics.now());
         }
-        let seen = training.work.listening().seen();
+        let seen = training.work.output_reader().seen();
         training.metrics.last(&seen)
     }
 
@@ -264,8 +264,8 @@ impl OwnTraining for ProgramAgent {
     }
 
     fn output(&self) -> Option<Vec<u8>> {
-        let listening = self.training.as_ref()?.work.listening();
-        Some(listening.said()).filter(|said| !said.is_empty())
+        let output_reader = self.training.as_ref()?.work.output_reader();
+        Some(output_reader.captured()).filter(|said| !said.is_empty())
     }
 }
 

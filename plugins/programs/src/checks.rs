@@ -31,7 +31,7 @@ impl ProgramConfig {
         self.needs.check()?;
         self.measures()?;
         self.sources.0.keys().try_for_each(|name| within(name))?;
-        self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
+        self.metrics.keys().try_for_each(|name| check_metric_name(name))?;
         let unknown = self.shown.keys().find(|name| !self.metrics.contains_key(*name));
         if let Some(name) = unknown {
             return Err(Error::config("shown", format!("no metric is named `{name}`")));
@@ -76,7 +76,7 @@ fn within(name: &str) -> Result<(), Error> {
     let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
     let problem = if !is_inside || name.is_empty() {
         "leads out of the working folder: give it a name there, as `sources: { lib/a.py: { file: ../lib/a.py } }`"
-    } else if name.starts_with(crate::workplace::NOTES) {
+    } else if name.starts_with(crate::working_folder::NOTES) {
         "is a name of files that this program keeps there"
     } else {
         return Ok(());
@@ -108,7 +108,7 @@ fn is_inside(pattern: &str) -> bool {
 }
 
 /// Refuses names that claims cannot write and names of the engine's own metrics.
-fn of_ones_own(name: &str) -> Result<(), Error> {
+fn check_metric_name(name: &str) -> Result<(), Error> {
     let taken = [
         OWN_STEPS,
         UPDATES,
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named_with_what_to_write() {
+    fn missing_keys_are_named_with_a_remedy() {
         for (key, value, why) in [
             ("run", json!([]), "`run`: names no program"),
             ("run", json!([""]), "`run`: names no program"),

@@ -21,7 +21,7 @@ mod policy;
 mod process;
 mod variables;
 mod words;
-mod workplace;
+mod working_folder;
 
 pub use config::ProgramConfig;
 pub use named::NamedConfig;

@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_declared_is_noted_of_a_line() {
+    fn only_declared_keys_of_a_line_are_noted() {
         let mut filter = filter(&["t"]);
         for (line, noted) in [
             (

@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn who_asks_for_nothing_answers_otherwise_or_leaves_is_told_so() {
+    fn invalid_requests_and_answers_and_early_exits_are_errors() {
         let (_, asked) = with(|mut stream| stream.write_all(b"{\"stop\": 1}\n").unwrap(), None);
         assert!(asked.unwrap_err().to_string().contains("asks for no measurement"));
         let (_, asked) = with(drop, None);

@@ -94,7 +94,7 @@ impl Metrics {
     ///
     /// # Errors
     /// [`Error::File`] where the mark cannot be written.
-    pub fn begin_again(&mut self) -> Result<(), Error> {
+    pub fn mark_continuation(&mut self) -> Result<(), Error> {
         for source in &self.sources {
             for path in self
                 .files(source)?
@@ -132,7 +132,7 @@ impl Metrics {
         for source in &self.sources {
             for (place, key) in &source.keys {
                 if self.curves[*place].values.is_empty() {
-                    return Err(self.lacks(source, *place, key, seen));
+                    return Err(self.missing_metric(source, *place, key, seen));
                 }
             }
         }
@@ -216,7 +216,7 @@ impl Metrics {
         Ok(these.iter().filter_map(values).collect())
     }
 
-    fn lacks(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
+    fn missing_metric(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
         let name = &self.curves[place].metric.name;
         let from = &source.from;
         let files = self.files(source).unwrap_or_default();
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_in_the_end_is_told_with_what_was_there() {
+    fn a_metric_without_values_at_the_end_is_named_with_the_keys_found() {
         let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), false);
         let told = written.last().unwrap_err();
         assert!(
@@ -381,7 +381,7 @@ mod tests {
         let config = config(json!({ "reads": { "from": "log.csv" }, "metrics": { "a": "x" } }));
         let metrics = || Metrics::of(&config, folder.path(), folder.path(), true);
         fs::write(folder.path().join("log.csv"), "step,x\n1,1\n2,10\n").unwrap();
-        metrics().begin_again().unwrap();
+        metrics().mark_continuation().unwrap();
         fs::write(
             folder.path().join("log.csv"),
             "step,x\n1,1\n2,10\n2,20\n3,30\n3,50\n",

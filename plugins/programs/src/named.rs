@@ -49,7 +49,7 @@ pub fn build(config: NamedConfig) -> Result<Box<dyn Environment>, Error> {
     }
 }
 
-fn cannot() -> Error {
+fn refusal() -> Error {
     Error::Mismatch {
         agent: "named",
         problem: "the environment is named alone: only a program can act in it".into(),
@@ -62,11 +62,11 @@ impl Environment for NamedTask {
     }
 
     fn reset(&mut self, _: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        Err(cannot())
+        Err(refusal())
     }
 
     fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Err(cannot())
+        Err(refusal())
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

@@ -59,8 +59,8 @@ pub fn files(notes: &Path) -> Result<[File; 2], Error> {
 /// Reader of both output streams of a program.
 #[derive(Debug)]
 pub struct OutputReader {
-    ears: [StreamReader; 2],
-    said: CapturedOutput,
+    readers: [StreamReader; 2],
+    captured: CapturedOutput,
     /// Bytes that were read since the last [`has_heard`](Self::has_heard).
     heard: u64,
 }
@@ -85,21 +85,21 @@ impl OutputReader {
         let [of_output, of_errors] = filters;
         let [output, errors] = STREAMS;
         Ok(Self {
-            ears: [
+            readers: [
                 StreamReader::on(notes, output, of_output)?,
                 StreamReader::on(notes, errors, of_errors)?,
             ],
-            said: CapturedOutput::default(),
+            captured: CapturedOutput::default(),
             heard: 0,
         })
     }
 
     /// Reads the output since the last call.
     pub fn look(&mut self) {
-        for ear in &mut self.ears {
-            let heard = ear.listen(&mut self.said);
+        for reader in &mut self.readers {
+            let heard = reader.listen(&mut self.captured);
             if let Err(error) = heard.as_ref() {
-                self.said.problem.get_or_insert(error.to_string());
+                self.captured.problem.get_or_insert(error.to_string());
             }
             self.heard += heard.unwrap_or_default();
         }
@@ -108,10 +108,10 @@ impl OutputReader {
     /// Reads the rest of the output of a program that has ended.
     pub fn end(&mut self) {
         self.look();
-        for ear in &mut self.ears {
-            let noted = ear.end();
+        for reader in &mut self.readers {
+            let noted = reader.end();
             if let Err(error) = noted {
-                self.said.problem.get_or_insert(error.to_string());
+                self.captured.problem.get_or_insert(error.to_string());
             }
         }
     }
@@ -121,10 +121,10 @@ impl OutputReader {
     ///
     /// # Errors
     /// [`Error::File`] where the mark cannot be written.
-    pub fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+    pub fn mark_continuation(&mut self, notes: &Path) -> Result<(), Error> {
         self.look();
-        for ear in &mut self.ears {
-            ear.begin_again(notes)?;
+        for reader in &mut self.readers {
+            reader.mark_continuation(notes)?;
         }
         mark(&noted(notes, LOG), &json!({ BEGINS_AGAIN: true }))
     }
@@ -136,29 +136,36 @@ impl OutputReader {
 
     /// The problem that prevented a note, if any.
     pub fn problem(&self) -> Option<&str> {
-        self.said.problem.as_deref()
+        self.captured.problem.as_deref()
     }
 
     /// The keys in the lines.
     pub fn seen(&self) -> Vec<String> {
-        let seen: BTreeSet<&String> = self.ears.iter().flat_map(|ear| &ear.filter.seen).collect();
+        let seen: BTreeSet<&String> = self
+            .readers
+            .iter()
+            .flat_map(|reader| &reader.filter.seen)
+            .collect();
         seen.into_iter().cloned().collect()
     }
 
     /// The end of standard error.
     pub fn last_words(&self) -> String {
-        let words: Vec<u8> = self.said.errors.iter().copied().collect();
+        let words: Vec<u8> = self.captured.errors.iter().copied().collect();
         String::from_utf8_lossy(&words).trim().to_owned()
     }
 
     /// The beginning and the end of the output, with the length of the gap between them.
-    pub fn said(&self) -> Vec<u8> {
-        let mut all = self.said.first.clone();
-        if self.said.left_out > 0 {
-            let left_out = format!("\n[{} bytes of output are left out here]\n", self.said.left_out);
+    pub fn captured(&self) -> Vec<u8> {
+        let mut all = self.captured.first.clone();
+        if self.captured.left_out > 0 {
+            let left_out = format!(
+                "\n[{} bytes of output are left out here]\n",
+                self.captured.left_out
+            );
             all.extend(left_out.as_bytes());
         }
-        all.extend(self.said.last.iter());
+        all.extend(self.captured.last.iter());
         all
     }
 }
@@ -209,14 +216,14 @@ impl StreamReader {
     }
 
     /// Reads the new output and returns its length.
-    fn listen(&mut self, said: &mut CapturedOutput) -> std::io::Result<u64> {
+    fn listen(&mut self, captured: &mut CapturedOutput) -> std::io::Result<u64> {
         let (mut piece, mut heard) = (vec![0; 1 << 16], 0);
         loop {
             let read = self.raw.read(&mut piece)?;
             if read == 0 {
                 break;
             }
-            said.add(self.stream, &piece[..read]);
+            captured.add(self.stream, &piece[..read]);
             self.note(|lines, line| lines.take(&piece[..read], line))?;
             heard += read as u64;
         }
@@ -231,7 +238,7 @@ impl StreamReader {
         self.note(|lines, line| lines.end(line))
     }
 
-    fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+    fn mark_continuation(&mut self, notes: &Path) -> Result<(), Error> {
         let at = self.lines.at();
         self.lines = Lines::from(at, true);
         mark(&noted(notes, self.stream), &json!({ BEGINS_AGAIN: true, AT: at }))
@@ -385,7 +392,7 @@ mod tests {
     /// A worker is killed after any part of the output, and while it notes a line: the next reader loses no
     /// line and takes none twice.
     #[test]
-    fn who_goes_on_listening_loses_nothing_and_takes_nothing_twice() {
+    fn a_new_reader_loses_no_line_and_takes_none_twice() {
         let all = b"step=1 x=1\nhello\nstep=2 x=2\nstep=3 x=3\n";
         let expected = ["1: 1", "2: 2", "3: 3"];
         for first in 0..=all.len() {
@@ -409,9 +416,9 @@ mod tests {
         let notes = folder.path();
         fs::write(noted(notes, LOG), "{\"step\": 1}\n{\"st").unwrap();
         say(notes, b"step=1 x=1\nstep=2 x=0.", b"");
-        listen(notes).begin_again(notes).unwrap();
+        listen(notes).mark_continuation(notes).unwrap();
         // Killed once more before it wrote anything.
-        listen(notes).begin_again(notes).unwrap();
+        listen(notes).mark_continuation(notes).unwrap();
         say(notes, b"step=2 x=5\n", b"");
         listen(notes).end();
         assert_eq!(lines(notes, "stdout"), ["1: 1", "again", "again", "2: 5"]);
@@ -422,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_read_is_given_back_to_the_disk() {
+    fn output_that_was_read_is_given_back_to_the_disk() {
         use std::os::unix::fs::MetadataExt as _;
         let folder = tempfile::tempdir().unwrap();
         let notes = folder.path();
@@ -447,15 +454,16 @@ mod tests {
 
     #[test]
     fn of_much_output_the_beginning_and_the_end_are_kept() {
-        let mut said = CapturedOutput::default();
+        let mut captured = CapturedOutput::default();
         for _ in 0..5 {
-            said.add("stdout", &vec![b'a'; KEPT / 2]);
+            captured.add("stdout", &vec![b'a'; KEPT / 2]);
         }
-        said.add("stderr", b"the end");
-        assert_eq!((said.first.len(), said.last.len()), (KEPT, KEPT));
-        assert_eq!(said.left_out, (KEPT / 2 + 7) as u64);
+        captured.add("stderr", b"the end");
+        assert_eq!((captured.first.len(), captured.last.len()), (KEPT, KEPT));
+        assert_eq!(captured.left_out, (KEPT / 2 + 7) as u64);
         assert!(
-            said.last
+            captured
+                .last
                 .iter()
                 .copied()
                 .collect::<Vec<u8>>()

@@ -5,7 +5,7 @@ use crate::{
     lines::Filter,
     output::{self, OutputReader, STREAMS},
     variables,
-    workplace::WorkingFolder,
+    working_folder::WorkingFolder,
 };
 use contract::{Error, ending::Ending, resources::Share};
 use execution::guard::{Guarded, Left, Order};
@@ -22,7 +22,7 @@ const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
 #[derive(Debug)]
 pub struct Process {
     guarded: Guarded,
-    listening: OutputReader,
+    output_reader: OutputReader,
     /// First words of the command, for messages.
     name: String,
 }
@@ -36,7 +36,7 @@ impl Process {
         config: &ProgramConfig,
         words: Vec<String>,
         (place, share): (&WorkingFolder, &Share),
-        listening: OutputReader,
+        output_reader: OutputReader,
     ) -> Result<Self, Error> {
         let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
         let order = Order {
@@ -50,7 +50,7 @@ impl Process {
         let guarded = Guarded::start(order, &variables, output::files(&place.notes())?)?;
         Ok(Self {
             guarded,
-            listening,
+            output_reader,
             name,
         })
     }
@@ -59,7 +59,7 @@ impl Process {
     pub fn ends_within(&mut self, wait: Duration) -> Option<Result<(), Error>> {
         let mut left = wait;
         loop {
-            self.listening.look();
+            self.output_reader.look();
             if self.guarded.has_left() {
                 let left = self.end();
                 return Some(self.judged(left));
@@ -75,12 +75,12 @@ impl Process {
 
     /// Whether any output was read since the last call.
     pub fn has_heard(&mut self) -> bool {
-        self.listening.has_heard()
+        self.output_reader.has_heard()
     }
 
     /// Reader of the program's output.
-    pub fn listening(&self) -> &OutputReader {
-        &self.listening
+    pub fn output_reader(&self) -> &OutputReader {
+        &self.output_reader
     }
 
     /// Tells the program to end, and waits for its end.
@@ -91,7 +91,7 @@ impl Process {
 
     fn end(&mut self) -> Left {
         let left = self.guarded.end();
-        self.listening.end();
+        self.output_reader.end();
         left
     }
 
@@ -126,12 +126,12 @@ impl Process {
         Err(Error::Program {
             program: self.name.clone(),
             how,
-            said: self.listening.last_words(),
+            said: self.output_reader.last_words(),
         })
     }
 
     fn noted_well(&self) -> Result<(), Error> {
-        match self.listening.problem() {
+        match self.output_reader.problem() {
             Some(problem) => Err(Error::Store {
                 problem: format!("what a program says cannot be noted: {problem}"),
             }),
@@ -149,7 +149,7 @@ pub fn grace(config: &ProgramConfig) -> Duration {
 ///
 /// # Errors
 /// [`Error::File`] where the notes cannot be written.
-pub fn listening(config: &ProgramConfig, place: &WorkingFolder) -> Result<OutputReader, Error> {
+pub fn output_reader(config: &ProgramConfig, place: &WorkingFolder) -> Result<OutputReader, Error> {
     OutputReader::to(&place.notes(), STREAMS.map(|stream| filter(config, stream)))
 }
 

@@ -1,7 +1,7 @@
 //! The machine's environment variables that a program sees: a fixed list, since every other variable would be
 //! an undeclared input.
 
-use crate::{ProgramConfig, output, workplace::WorkingFolder};
+use crate::{ProgramConfig, output, working_folder::WorkingFolder};
 use contract::resources::Share;
 use std::{collections::BTreeMap, ffi::OsString};
 

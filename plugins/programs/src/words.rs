@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_for_nothing_is_refused_with_what_does() {
+    fn an_unknown_name_is_refused_with_the_known_ones() {
         for (text, why) in [
             (
                 "{sed}",

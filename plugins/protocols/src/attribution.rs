@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_policy_reads_moves_it_and_nothing_else_does() {
+    fn only_the_quantity_that_a_policy_reads_has_influence() {
         let found = influences("repeats", 0).unwrap();
         let names: Vec<&str> = found.keys().map(String::as_str).collect();
         assert_eq!(

@@ -261,7 +261,7 @@ fn values(record: &Recorder, phase: Phase, metric: &str) -> Vec<f64> {
 }
 
 #[test]
-fn what_is_gathered_is_what_was_recorded() {
+fn the_gathered_dataset_is_that_of_the_record() {
     let trial = tempfile::tempdir().unwrap();
     let (record, dataset) = gather(300, "train", trial.path());
     assert_eq!(
@@ -531,7 +531,7 @@ fn refusal(key: &TrialKey, products: &Path) -> String {
 }
 
 #[test]
-fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
+fn an_unsuitable_dataset_is_refused_with_a_remedy() {
     let products = products();
     let none = refusal(&key("reader", fit(json!({ "datasets": [] }))), products.path());
     assert!(

@@ -379,7 +379,7 @@ mod tests {
 
         /// The measurements that a live view shows are those of the record, however often it is updated.
         #[test]
-        fn what_was_shown_while_it_ran_is_what_is_recorded(
+        fn the_rows_of_a_running_training_are_those_of_the_record(
             mut values in proptest::collection::vec((0u64..40, -9.0..9.0), 1..20), pieces in 1usize..6,
         ) {
             values.sort_by_key(|(step, _)| *step);

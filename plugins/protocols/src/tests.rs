@@ -248,7 +248,7 @@ fn agents_that_do_not_learn_are_measured_when_learners_are_and_on_the_same_episo
 }
 
 #[test]
-fn what_an_agent_that_does_not_learn_is_not_measured_by_is_no_part_of_its_trial() {
+fn keys_of_learning_are_not_part_of_a_trial_whose_agent_does_not_learn() {
     let id = |steps: u64, environments: u64, every: u64| {
         let config = json!({ "steps": steps, "environments": environments, "evaluate_every": every });
         key(("rule", json!({})), ("train_evaluate", config)).id()

@@ -1,7 +1,7 @@
 //! The config of an agent in Python.
 
 use crate::{
-    config::of_ones_own,
+    config::check_metric_name,
     making::{Code, MakeRequest, Maker, NamedFile},
 };
 use contract::{Error, Metric};
@@ -81,7 +81,7 @@ impl AgentConfig {
         }
         self.metrics
             .iter()
-            .try_for_each(|name| of_ones_own(name, "what `learn` returns"))?;
+            .try_for_each(|name| check_metric_name(name, "what `learn` returns"))?;
         let agent = json!({ "seats": seats, "seed": seed, "learns": self.learns, "metrics": self.metrics });
         code.request(json!({ "agent": agent }))
     }
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_nothing_or_records_what_it_cannot_is_refused() {
+    fn configs_without_a_maker_or_with_invalid_metrics_are_refused() {
         assert!(refused(json!({})).contains("`make`: `` names nothing that makes an agent"));
         let own = std::env::temp_dir().join(format!("regimen-{}.py", std::process::id()));
         std::fs::write(&own, "class Rule: pass").unwrap();

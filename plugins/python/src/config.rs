@@ -132,7 +132,7 @@ impl PythonConfig {
         };
         self.metrics
             .keys()
-            .try_for_each(|name| of_ones_own(name, "an entry of `info`"))?;
+            .try_for_each(|name| check_metric_name(name, "an entry of `info`"))?;
         let takes: BTreeMap<&String, EpisodeReduction> = self
             .metrics
             .iter()
@@ -147,7 +147,7 @@ impl PythonConfig {
 ///
 /// # Errors
 /// [`Error::Config`] at `metrics`.
-pub fn of_ones_own(name: &str, what: &str) -> Result<(), Error> {
+pub fn check_metric_name(name: &str, what: &str) -> Result<(), Error> {
     let problem = if ["return", "episode_length", "success"].contains(&name) {
         Some(format!(
             "is recorded of every environment; take {what} with another name"
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_nothing_and_what_has_no_lock_file_is_refused() {
+    fn configs_without_a_maker_or_a_lock_file_are_refused() {
         for word in ["", "gymnasium:", "gym:CartPole-v1", "tank.py", "make"] {
             let problem = config(json!({ "make": word })).request().unwrap_err().to_string();
             assert!(

@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_interpreter_is_refused_with_what_to_name() {
+    fn a_missing_interpreter_is_refused_with_a_remedy() {
         let problem = problem_of("/nowhere/python3");
         assert!(
             problem.contains("`/nowhere/python3` cannot be started: not found")

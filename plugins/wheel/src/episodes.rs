@@ -153,7 +153,7 @@ impl Episodes {
     }
 
     fn step_all(&mut self, asked: &[f64]) -> Result<Vec<f64>, Refusal> {
-        let actions = self.told(asked)?;
+        let actions = self.announce_actions(asked)?;
         let mut numbers = vec![0.0; self.layout.total()];
         for (number, (place, action)) in self.places.iter_mut().zip(actions).enumerate() {
             match action {
@@ -173,7 +173,7 @@ impl Episodes {
 
     /// Announces the actions of those environments that will step; `None` stands for those that begin an
     /// episode.
-    fn told(&mut self, asked: &[f64]) -> Result<Vec<Option<Action>>, Refusal> {
+    fn announce_actions(&mut self, asked: &[f64]) -> Result<Vec<Option<Action>>, Refusal> {
         let (found, expected) = (asked.len(), self.layout.places * self.n_asked());
         if found != expected {
             return Err(Refusal::Length { found, expected });

@@ -144,7 +144,7 @@ fn energy_is_power_times_time_and_a_current_is_shared_by_the_weights() {
 }
 
 #[test]
-fn what_is_no_allocation_is_refused() {
+fn an_action_outside_the_simplex_is_refused() {
     let mut battery = Battery::new(BatteryConfig::default()).unwrap();
     let mut rng = rng("allocation");
     battery.reset(&mut rng).unwrap();

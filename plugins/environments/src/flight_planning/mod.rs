@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_saved_is_counted_from_the_plain_plan() {
+    fn savings_are_relative_to_the_constant_plan() {
         let mission = Mission::default();
         let plan = vec![Course::of(0, 2); 6];
         let (sum, last, _) = fly(&plan);

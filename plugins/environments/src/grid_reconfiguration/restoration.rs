@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_breaks_a_limit_is_worth_nothing() {
+    fn a_configuration_beyond_a_limit_scores_zero() {
         let base = |values: serde_json::Value| {
             let gear = switchgear(values);
             let closed: Vec<bool> = gear.switches.iter().map(|number| *number <= N_SECTIONS).collect();

@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_in_one_component_speaks_of_the_others_where_they_are_correlated() {
+    fn a_finding_in_one_component_changes_the_beliefs_about_correlated_ones() {
         for (correlated, speaks) in [(true, true), (false, false)] {
             let model = model(correlated);
             let mut beliefs = Beliefs::new(&model, 2);

@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_inspection_finds_grows_with_the_crack() {
+    fn the_probability_of_detection_grows_with_the_crack() {
         let detection = detection();
         assert!(detection.is_sorted());
         // The published value, to the last digit.

@@ -65,7 +65,7 @@ fn metrics_add_up_to_the_return_and_campaigns_cost() {
 }
 
 #[test]
-fn what_seats_see_is_their_belief_the_time_and_the_factor() {
+fn a_seat_observes_its_belief_the_time_and_the_factor() {
     for (correlated, width) in [(false, 31), (true, 111)] {
         let mut environment = environment(json!({ "components": 2, "correlated": correlated }));
         let seen = environment.reset(&mut stream(&[])).unwrap();

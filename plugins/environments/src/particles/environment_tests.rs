@@ -153,7 +153,7 @@ fn navigation_with_contacts() {
 
 /// Two agents overlap, the third is alone; every landmark is 1 away from the nearest agent of the pair.
 #[test]
-fn who_pays_for_a_collision() {
+fn variants_differ_in_the_agents_that_pay_for_a_collision() {
     let apart = [[0.0, 0.0], [0.2, 0.0], [5.0, 0.0]];
     for (variant, expected) in [
         (Thesis, |c: f64| [c - 2.0, c - 2.0, c - 1.0]),

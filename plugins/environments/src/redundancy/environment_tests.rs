@@ -46,7 +46,7 @@ fn the_best_design_has_no_gap() {
         }
         assert_eq!((last.end, rewards.len()), (Some(End::Terminated), 14));
         environment.designed.clear();
-        let start = environment.as_it_stands().score(budget);
+        let start = environment.present_system().score(budget);
         let earned: f64 = rewards.iter().sum();
         assert!((earned - (-(1.0 - best.reliability).ln() - start)).abs() < 1e-12);
     }

@@ -186,13 +186,13 @@ impl Redundancy {
     }
 
     /// Reliability, cost and weight of the subsystems designed so far.
-    fn so_far(&self) -> Total {
+    fn designed_total(&self) -> Total {
         Total::of(self.designed_parts())
     }
 
     /// Reliability, cost and weight of the whole system, with the lightest components in the remaining
     /// subsystems.
-    fn as_it_stands(&self) -> Total {
+    fn present_system(&self) -> Total {
         let others = self.config.types()[self.designed.len()..].iter();
         let starters = others.map(|types| Part::of(types, &system::starter(types)));
         Total::of(self.designed_parts().chain(starters))
@@ -204,7 +204,7 @@ impl Redundancy {
     }
 
     fn observe(&self) -> Vec<f64> {
-        let (total, budget) = (self.so_far(), self.config.budget());
+        let (total, budget) = (self.designed_total(), self.config.budget());
         let present = |subsystem| {
             if subsystem == self.designed.len() {
                 1.0
@@ -224,7 +224,7 @@ impl Redundancy {
 
     /// The metrics of the present design.
     fn recorded(&self) -> [(&'static str, f64); 4] {
-        let total = self.as_it_stands();
+        let total = self.present_system();
         let is_feasible = total.is_within(self.config.budget());
         let reliability = if is_feasible { total.reliability } else { 0.0 };
         let gap = (1.0 - reliability) / (1.0 - self.optimal_reliability) - 1.0;
@@ -337,9 +337,9 @@ impl Environment for Redundancy {
                 problem: "every subsystem is designed; the episode has ended".into(),
             });
         };
-        let before = self.as_it_stands().score(self.config.budget());
+        let before = self.present_system().score(self.config.budget());
         self.designed.push(bought(&taken, types.len()));
-        let after = self.as_it_stands().score(self.config.budget());
+        let after = self.present_system().score(self.config.budget());
         let end = (self.designed.len() == self.config.subsystems).then_some(End::Terminated);
         Ok(Step::new(vec![self.observe()], vec![after - before], end).record_all(self.recorded()))
     }
@@ -365,7 +365,7 @@ impl Environment for Redundancy {
     /// The present system, and the purchases of the last step.
     #[allow(clippy::cast_precision_loss, reason = "costs and weights are far below 2^52")]
     fn trace(&self) -> Vec<f64> {
-        let total = self.as_it_stands();
+        let total = self.present_system();
         let bought = match self.designed.last() {
             Some(counts) => counts.map(|count| count as f64),
             None => [f64::NAN; MOST_TYPES],

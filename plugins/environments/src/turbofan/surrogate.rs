@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_surrogate_of_these_inputs_is_refused() {
+    fn a_surrogate_with_other_inputs_is_refused() {
         let of = |header: &Value, health: &[&str], sensors: &[&str]| {
             open(header, health, sensors).unwrap_err().to_string()
         };

@@ -437,7 +437,7 @@ fn flown(config: serde_json::Value, theta: &[f64]) -> Result<Turbofan, String> {
 }
 
 #[test]
-fn what_cannot_be_flown_is_refused_with_its_place() {
+fn an_impossible_flight_is_refused_with_its_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("points.csv");
     let refused = |text: &str| {

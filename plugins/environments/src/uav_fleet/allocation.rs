@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_policy_of_a_pack_is_refused() {
+    fn a_policy_of_another_environment_is_refused() {
         let text = policy("dirichlet_mean", "temperature").unwrap_err().to_string();
         assert!(
             text.contains("it is no policy of `battery` with 4 cells: it sees [temperature"),

@@ -127,7 +127,7 @@ fn two_steps(trained: &mut Adversaries, rng: &mut ChaCha8Rng) -> Vec<f32> {
 }
 
 #[test]
-fn what_was_stored_goes_on_to_the_same_bits() {
+fn a_stored_training_continues_to_the_same_bits() {
     let grown = || {
         let mut trained = adversaries(Training::default());
         AUTOGAN.cells[..2]

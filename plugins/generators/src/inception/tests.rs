@@ -246,7 +246,7 @@ fn a_file_that_is_cut_off_is_refused_wherever_it_ends() {
 }
 
 #[test]
-fn whatever_bit_of_a_tensor_was_changed_it_is_refused_or_has_its_shape() {
+fn a_tensor_with_a_changed_bit_is_refused_or_has_its_shape() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     let view = TensorView::new(Dtype::F32, vec![2, 3], &[0; 24]).unwrap();

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_are_no_probabilities_is_refused_with_its_image() {
+    fn invalid_probabilities_are_refused_with_their_image() {
         let score = |row: [f64; 2]| inception_score(&[0.5, 0.5, row[0], row[1]], 2, 1);
         assert!(score([0.25, 0.75]).is_ok());
         for row in [[1.1, -0.1], [0.5, 0.4], [f64::NAN, 0.5], [f64::INFINITY, 0.0]] {

@@ -130,7 +130,7 @@ fn sizes_that_three_cells_cannot_make_are_refused() {
 }
 
 #[test]
-fn what_a_design_needs_is_asked_for_before_it_begins() {
+fn missing_images_and_networks_are_refused_before_a_design_begins() {
     let problem = |config: Config| GeneratorSearch::new(config).err().unwrap().to_string();
     let text = problem(Config {
         reference_images: 61,

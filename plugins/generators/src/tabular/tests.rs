@@ -76,7 +76,7 @@ fn noise_is_seen_and_not_measured() {
 }
 
 #[test]
-fn what_searches_left_is_looked_up() {
+fn scores_of_earlier_searches_are_looked_up() {
     let folder = tempfile::tempdir().unwrap();
     let interface = environment(json!({})).unwrap().interface();
     let mut writer = DatasetWriter::create(folder.path(), &interface).unwrap();

@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_said() {
+    fn missing_parts_of_a_multirun_are_named() {
         assert!(
             sweep("config.yaml", "hydra: { job: {} }\n")
                 .unwrap_err()

@@ -7,7 +7,7 @@ use crate::{
     config::{MetricSource, MetricText, StepText},
     metrics::Metrics,
     output::{STREAMS, noted},
-    workplace::{NOTES, WorkingFolder},
+    working_folder::{NOTES, WorkingFolder},
 };
 use imported::{SumOf, columns};
 use std::path::{Path, PathBuf};

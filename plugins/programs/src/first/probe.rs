@@ -8,7 +8,7 @@ use crate::{
     lines::Filter,
     output::{OutputReader, STREAMS},
     process::Process,
-    workplace::WorkingFolder,
+    working_folder::WorkingFolder,
 };
 use contract::{DataFile, Error, resources::Share};
 use document::reach::Reach;
@@ -97,7 +97,7 @@ impl Probe {
             Some(Err(error @ Error::Unavailable { .. })) => return Err(error.into()),
             Some(_) => {}
         }
-        Ok(String::from_utf8_lossy(&process.listening().said()).into_owned())
+        Ok(String::from_utf8_lossy(&process.output_reader().captured()).into_owned())
     }
 
     /// Runs the program for at most `longest`.
@@ -110,7 +110,7 @@ impl Probe {
         if ended.is_none() {
             process.stop();
         }
-        let keys = process.listening().seen();
+        let keys = process.output_reader().seen();
         match ended {
             Some(Err(error)) => Err(DraftRefusal::Failed {
                 problem: error.to_string(),

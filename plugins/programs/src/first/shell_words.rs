@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn what_needs_a_shell_is_refused_by_its_sign() {
+    fn a_command_for_a_shell_is_refused_by_its_sign() {
         let told = |text| words(text).unwrap_err().to_string();
         assert!(told("a | tee log").contains("`|` in `a | tee log`"));
         assert!(told("a --out $HOME").contains("`$`"));

@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_said() {
+    fn unreadable_sweeps_are_refused_with_the_reason() {
         let told = |text| sweep(text).unwrap_err();
         assert!(told("method: x\nprogram: a\nparameters: {}\n").contains("none of `grid`"));
         assert!(told("method: grid\nparameters: {}\n").contains("names no `program`"));

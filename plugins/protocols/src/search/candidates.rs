@@ -72,7 +72,7 @@ impl Candidates {
     }
 
     /// The best complete design among the last ones, by its observed value; the first of equals.
-    pub(super) fn best_of_last(&self, share: f64, worth: &DesignValue) -> Option<&Candidate> {
+    pub(super) fn best_of_last(&self, share: f64, design_value: &DesignValue) -> Option<&Candidate> {
         #[allow(
             clippy::cast_precision_loss,
             clippy::cast_possible_truncation,
@@ -81,17 +81,17 @@ impl Candidates {
         )]
         let last = (self.0.len() as f64 * share).ceil() as usize;
         let from = self.0.len() - last.min(self.0.len());
-        self.ranked(from, worth)
+        self.ranked(from, design_value)
             .into_iter()
             .map(|(_, candidate)| candidate)
             .next()
     }
 
     /// Complete designs from number `from` on, the best first.
-    fn ranked(&self, from: usize, worth: &DesignValue) -> Vec<(usize, &Candidate)> {
+    fn ranked(&self, from: usize, design_value: &DesignValue) -> Vec<(usize, &Candidate)> {
         let whole = self.0.iter().enumerate().skip(from);
         let mut whole: Vec<_> = whole.filter(|(_, candidate)| candidate.whole).collect();
-        whole.sort_by(|(_, one), (_, other)| worth.compare(other, one));
+        whole.sort_by(|(_, one), (_, other)| design_value.compare(other, one));
         whole
     }
 
@@ -99,9 +99,9 @@ impl Candidates {
     ///
     /// # Errors
     /// [`Error::Action`] for an action outside this space.
-    pub(super) fn best(&self, worth: &DesignValue, space: &Space) -> Result<Designs, Error> {
+    pub(super) fn best(&self, design_value: &DesignValue, space: &Space) -> Result<Designs, Error> {
         let mut designs: Vec<Design> = Vec::new();
-        for (number, candidate) in self.ranked(0, worth) {
+        for (number, candidate) in self.ranked(0, design_value) {
             let actions = candidate.episode.actions.clone();
             let options = in_words(space, &actions)?;
             let alike = |known: &Design| {
@@ -115,7 +115,7 @@ impl Candidates {
                 designs.push(Design {
                     candidate: number as u64,
                     observed_return: candidate.observed_return,
-                    chosen_by: worth.told(candidate),
+                    chosen_by: design_value.observed(candidate),
                     actions,
                     options,
                 });

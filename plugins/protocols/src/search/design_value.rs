@@ -41,7 +41,7 @@ impl DesignValue {
     }
 
     /// Metric and value of a chosen design, for those who read the choice; `None` where the return decided.
-    pub(super) fn told(&self, candidate: &Candidate) -> Option<Observed> {
+    pub(super) fn observed(&self, candidate: &Candidate) -> Option<Observed> {
         match self {
             Self::Return => None,
             Self::Metric { metric, .. } => Some(Observed {

@@ -158,16 +158,16 @@ impl Protocol for Search {
         let environment = (run.make_environment)()?;
         let interface = environment.interface();
         self.accepts(&interface, environment.metrics())?;
-        let worth = DesignValue::named(self.by.as_deref(), environment.metrics())?;
-        let (candidates, blocks) = self.search(run, &worth)?;
+        let design_value = DesignValue::named(self.by.as_deref(), environment.metrics())?;
+        let (candidates, blocks) = self.search(run, &design_value)?;
         (run.progress)(self.evaluations, self.evaluations);
-        self.measure_chosen(run, &candidates, &worth, blocks)?;
+        self.measure_chosen(run, &candidates, &design_value, blocks)?;
         run.record_updates(Phase::Final, self.evaluations);
         let Some(folder) = run.folder else {
             return Ok(());
         };
         candidates
-            .best(&worth, &interface.seats[0].action)?
+            .best(&design_value, &interface.seats[0].action)?
             .write(folder)?;
         write_dataset(folder, &interface, &candidates)
     }
@@ -175,7 +175,11 @@ impl Protocol for Search {
 
 impl Search {
     /// All designs that were tried, with the position at which the measurement of the chosen one continues.
-    fn search(&self, run: &mut Run<'_>, worth: &DesignValue) -> Result<(Candidates, Option<Blocks>), Error> {
+    fn search(
+        &self,
+        run: &mut Run<'_>,
+        design_value: &DesignValue,
+    ) -> Result<(Candidates, Option<Blocks>), Error> {
         let mut under_way = match run.resume()? {
             None => SearchState::start(run)?,
             Some(Position {
@@ -198,7 +202,7 @@ impl Search {
                 learning: Some(SearchCheckpoint::Searching(Box::new(under_way.save()))),
                 measuring: None,
             })?;
-            under_way.advance(run, worth)?;
+            under_way.advance(run, design_value)?;
             (run.progress)(under_way.evaluations.min(self.evaluations), self.evaluations);
         }
         Ok((under_way.candidates, None))
@@ -208,7 +212,7 @@ impl Search {
         &self,
         run: &mut Run<'_>,
         candidates: &Candidates,
-        worth: &DesignValue,
+        design_value: &DesignValue,
         blocks: Option<Blocks>,
     ) -> Result<(), Error> {
         let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes)
@@ -216,7 +220,7 @@ impl Search {
         let saved = || Some(SearchCheckpoint::Searched(candidates.clone()));
         let chosen = match self.choose {
             Choose::Policy => None,
-            Choose::BestSeen => candidates.best_of_last(self.among_last, worth),
+            Choose::BestSeen => candidates.best_of_last(self.among_last, design_value),
         };
         let Some(chosen) = chosen else {
             return measure(run, &what, blocks, saved);
@@ -316,7 +320,7 @@ impl SearchState {
     }
 
     /// Takes one step, that is one evaluation.
-    fn advance(&mut self, run: &mut Run<'_>, worth: &DesignValue) -> Result<(), Error> {
+    fn advance(&mut self, run: &mut Run<'_>, design_value: &DesignValue) -> Result<(), Error> {
         let at = self.design.actions.len();
         let observation = self.observation(run, at);
         let rows = [observation];
@@ -336,8 +340,8 @@ impl SearchState {
         run.agent
             .learn(&[transition], &mut self.learn_rng, &mut run.record)?;
         match step.end {
-            Some(end) => self.end_design(run, worth, end, true),
-            None if run.agent.gives_up() => self.end_design(run, worth, End::Truncated, false),
+            Some(end) => self.end_design(run, design_value, end, true),
+            None if run.agent.gives_up() => self.end_design(run, design_value, End::Truncated, false),
             None => Ok(()),
         }
     }
@@ -345,7 +349,7 @@ impl SearchState {
     fn end_design(
         &mut self,
         run: &mut Run<'_>,
-        worth: &DesignValue,
+        design_value: &DesignValue,
         end: End,
         whole: bool,
     ) -> Result<(), Error> {
@@ -358,7 +362,7 @@ impl SearchState {
             candidate.record(run, Phase::Evaluate, self.evaluations, metrics, "candidate_");
         }
         self.candidates.add(candidate);
-        if let Some(best) = self.candidates.best_of_last(1.0, worth) {
+        if let Some(best) = self.candidates.best_of_last(1.0, design_value) {
             best.record(run, Phase::Evaluate, self.evaluations, metrics, "");
         }
         self.begin_design(run)

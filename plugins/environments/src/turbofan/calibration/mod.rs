@@ -166,14 +166,14 @@ impl TurbofanCalibration {
         self.progress.left = left;
         // The model's first output is the sensor readings.
         self.progress.model.clone_from(&self.progress.target);
-        self.told();
+        self.remember_target();
         (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
         (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
         Ok(self.observe())
     }
 
     /// Output of the model for the target sample with the chosen health.
-    fn model_says(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
+    fn model_output(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let mut said = self.model.read(&self.sample.condition, theta)?;
         let distortion = Distortion {
             bias: self.config.model_bias,
@@ -184,7 +184,7 @@ impl TurbofanCalibration {
     }
 
     /// Remembers the present target for the error of the model's output, since the target moves on.
-    fn told(&mut self) {
+    fn remember_target(&mut self) {
         self.progress.said_of = self.progress.at;
         self.progress.said_against.clone_from(&self.progress.target);
     }
@@ -269,8 +269,8 @@ impl Environment for TurbofanCalibration {
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = self.chosen(actions)?;
-        self.progress.model = self.model_says(&chosen, rng)?;
-        self.told();
+        self.progress.model = self.model_output(&chosen, rng)?;
+        self.remember_target();
         let theta = self.sample.theta.clone();
         let squared: Vec<f64> = theta
             .iter()

@@ -178,7 +178,7 @@ fn units_follow_each_other_whole() {
 }
 
 #[test]
-fn what_contradicts_itself_is_refused() {
+fn contradictory_configs_are_refused() {
     for (config, message) in [
         (
             serde_json::json!({ "sensors": ["t99_k"] }),

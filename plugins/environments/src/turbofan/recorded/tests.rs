@@ -210,7 +210,7 @@ fn altered(from: &str, to: &str) -> (tempfile::TempDir, RecordedFlights) {
 }
 
 #[test]
-fn what_is_wrong_in_a_file_is_named_with_its_place() {
+fn mistakes_in_a_file_are_named_with_their_line() {
     for (from, to, expected) in [
         (
             ",T40,",
@@ -262,7 +262,7 @@ fn what_is_wrong_in_a_file_is_named_with_its_place() {
 }
 
 #[test]
-fn what_is_not_recorded_cannot_be_asked_for() {
+fn sensors_and_units_that_are_not_recorded_are_refused() {
     let refused = |config: Value| {
         let config: CalibrationConfig = serde_json::from_value(config).unwrap();
         TurbofanCalibration::new(config).unwrap_err().to_string()

@@ -172,7 +172,7 @@ fn fewer_images_are_further_from_the_truth() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused() {
+fn features_without_a_distance_are_refused() {
     let two = drawn(9, 2, 1);
     let error = frechet_distance(&two, &drawn(9, 3, 1)).unwrap_err();
     assert_eq!(error, ScoreError::Shapes { first: 2, second: 3 });
