@@ -9,9 +9,9 @@ const ROUNDING: f64 = 1e-6;
 /// Treatment of an entry beyond that.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LimitExcess {
-    /// It is an error.
+    /// The action is refused with an error.
     Refused,
-    /// It is replaced by the limit.
+    /// The entry is replaced by the limit.
     Clipped,
 }
 

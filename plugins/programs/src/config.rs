@@ -34,7 +34,7 @@ pub struct ProgramConfig {
     /// Environment variables of the program.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub variables: BTreeMap<String, String>,
-    /// Where metrics without a `from` of their own are read.
+    /// Source of the metrics without a `from` of their own.
     pub reads: MetricSource,
     /// Metrics by name: each with its key or column, or as `{ key: .., from: .., step: .., last: .. }`.
     pub metrics: BTreeMap<String, MetricText>,
@@ -53,7 +53,7 @@ pub struct ProgramConfig {
     /// Units and better directions of metrics, by name. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub shown: BTreeMap<String, MetricDisplay>,
-    /// How the program is told to end. Not part of a trial's id.
+    /// Signal and time to end the program. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub stop: StopRequest,
     /// Names of the machine's environment variables that the program gets too. Not part of a trial's id.
@@ -128,7 +128,7 @@ pub enum NoLock {
     None,
 }
 
-/// Where metrics are read.
+/// Source of metrics, with that of their steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MetricSource {
@@ -193,7 +193,7 @@ pub struct MetricDetails {
     /// Like `step` of `reads`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<StepText>,
-    /// How many of the last values are averaged to the measurement at a step.
+    /// Number of last values that are averaged to the measurement at a step.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     #[schemars(range(min = 1, max = 1_000_000))]
     pub last: u64,
@@ -237,7 +237,7 @@ impl LeftFiles {
     }
 }
 
-/// How a program is told to end.
+/// Signal to end a program, and the time that it has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StopRequest {

@@ -6,7 +6,7 @@
 //!      .regimen/          of the engine: who runs, how it ended, its output
 //!               inputs/NAME/   copies of the inputs
 //!               parameters.json
-//!               trial.json      what `regimen_trial` is told
+//!               trial.json      the data of `regimen_trial`
 //!               log.jsonl       what `trial.log` writes
 //!               python/         the module `regimen_trial`
 //! ```

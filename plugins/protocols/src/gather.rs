@@ -20,11 +20,11 @@ pub struct EpisodeGathering {
     /// Episodes of the dataset.
     #[schemars(range(min = 1))]
     pub episodes: u64,
-    /// How the agent acts.
+    /// Mode in which the agent acts.
     pub mode: GatherMode,
 }
 
-/// How an agent acts while its episodes are kept.
+/// Mode in which an agent acts while its episodes are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GatherMode {

@@ -37,7 +37,7 @@ pub struct OfflineFit {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
+    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface
     /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
     /// False for an agent that does not learn, which is only measured. No study writes this key.

@@ -26,7 +26,7 @@ thread_local! {
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct WalkConfig {
-    /// How many walk.
+    /// Number of walks.
     seats: usize,
 }
 

@@ -263,7 +263,7 @@ fn end(steps: u64, curves: &[Curve], asked: Option<u64>, record: &mut Recorder) 
 /// Rows of a running training: values as they arrive, and measurements once no value can change them.
 struct LiveRecord {
     grid: Grid,
-    /// By curve: the count of values that became rows, and the step of the next measurement.
+    /// For each curve, the count of values that became rows, and the step of the next measurement.
     taken: Vec<(usize, u64)>,
     /// The last step so far.
     step: u64,

@@ -20,7 +20,7 @@ pub struct EpisodeTracking {
     /// Number of episodes.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub episodes: u64,
-    /// How many of them, from the first, are recorded step by step.
+    /// Number of them, from the first, that are recorded step by step.
     pub trace_episodes: u64,
 }
 

@@ -47,7 +47,7 @@ impl Default for PythonConfig {
 
 impl contract::Config for PythonConfig {}
 
-/// How an entry of `info` becomes a metric.
+/// The metric of an entry of `info`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
@@ -64,7 +64,7 @@ pub enum InfoMetric {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MetricDetails {
-    /// How the steps of an episode become one number.
+    /// Reduction of an episode's steps to one number.
     pub take: EpisodeReduction,
     /// Whether lower values are better.
     #[serde(default)]
@@ -74,7 +74,7 @@ pub struct MetricDetails {
     pub unit: String,
 }
 
-/// How the steps of an episode become one value.
+/// Reduction of an episode's steps to one value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeReduction {

@@ -4,7 +4,7 @@ use contract::{Channel, Choice, Error, Seat, Space, choice};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// How far an entry of an action may lie outside -1 and 1: squashing functions in single precision round to just
+/// Largest excess of an entry of an action over -1 and 1 that is accepted: squashing functions in single precision round to just
 /// beyond.
 const ROUNDING: f64 = 1e-6;
 

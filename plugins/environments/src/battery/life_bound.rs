@@ -7,8 +7,8 @@
 //!    fatal to the [`IdealCell`] with its stored energy `w_k`, the energy that the cell would give at rest,
 //!    without losses, until its voltage at rest is at the end of discharge. So `S_t < sum_k pi_k(w_k)`.
 //! 2. **Energy.** A terminal voltage is the voltage at rest of the charge that is left, less the ohmic drop,
-//!    less what only lowers it. Multiplied by the current and summed over steps: stored energy falls by at
-//!    least what is delivered and what the ohmic drop takes.
+//!    less terms that only lower it. Multiplied by the current and summed over steps: stored energy falls by at
+//!    least the delivered energy and the loss in the ohmic drop.
 //! 3. **Losses.** The ohmic drop is the resistance times the current's recent past, forgotten with a time
 //!    constant of 6 s, so the loss is a quadratic form in the powers of the decisions. Where that form is
 //!    convex, the loss of a pack is least when all decisions are shared in one fixed proportion, so it is at
@@ -21,7 +21,7 @@
 //! number of decisions before the first whose demand exceeds that. It depends only on the start of an episode
 //! and its demands, so it is the same for all agents.
 //!
-//! No controller reaches the bound: it lets every cell rest before every decision, neglects the overpotentials
+//! The bound need not be attained: it lets every cell rest before every decision, neglects the overpotentials
 //! of the surfaces and lets the controller empty cells in any order. There is no bound where the facts do not
 //! hold: cells that warm up or wear, noise in the states, starts given state by state, loads in ampere, from a
 //! file or of 0 W, a surface that counts as full before its voltage is at the end of discharge.

@@ -25,7 +25,7 @@
 //! * *Double acceleration.* Where an agent has an acceleration, the fork multiplies the action by it twice:
 //!   the predators' 3 becomes 9 and the prey's 4 becomes 16, so that both are at their top speeds after a
 //!   step or two.
-//! * *Aliasing.* The fork scales the caller's own action array in place, so whoever stores the array after
+//! * *Aliasing.* The fork scales the caller's own action array in place, so a caller that stores the array after
 //!   the step stores scaled actions. Here actions are read, never written: what a replay keeps lies in
 //!   [-1, 1].
 //!

@@ -232,7 +232,7 @@ impl Engine {
         }
     }
 
-    /// One kilogram per second of air behind the inlet.
+    /// Air behind the inlet, for a mass flow of 1 kg/s.
     pub(super) fn inlet<T: Number>(&self, air: &Air) -> Flow<T> {
         Flow::at(
             T::from(1.0),

@@ -107,7 +107,7 @@ impl Ridge {
         sums
     }
 
-    /// One of the answers.
+    /// One answer for the features of one sample.
     pub(super) fn predict_one(&self, row: &[usize], answer: usize) -> f64 {
         let weight = |feature: &usize| self.weights[feature * self.n_answers + answer];
         row.iter()

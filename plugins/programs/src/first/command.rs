@@ -11,9 +11,9 @@ use std::{collections::BTreeSet, path::Path};
 /// A word of the command, as the study writes it and as the probe starts it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CommandWord {
-    /// With names in braces.
+    /// The word of the study, with names in braces.
     pub written: String,
-    /// With the values of these names.
+    /// The word of the probe, with the values of these names.
     pub started: String,
 }
 
@@ -57,7 +57,7 @@ enum Argument {
     Option { name: String, value: String, form: Form },
 }
 
-/// How an option is joined to its value.
+/// Position of an option's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     /// In the next word.

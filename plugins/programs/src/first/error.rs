@@ -48,7 +48,7 @@ pub enum DraftRefusal {
         "{problem}\nIt ran in a folder of its own, in which these files lay: {files}; `--source FILE` adds one"
     )]
     Failed {
-        /// How the program ended.
+        /// End of the program, in words.
         problem: String,
         /// Files that lay in its folder.
         files: String,
@@ -62,7 +62,7 @@ pub enum DraftRefusal {
     NoMetric {
         /// First words of the command.
         program: String,
-        /// How long the program ran, in words.
+        /// Duration of the run, in words.
         how: String,
         /// Files that it wrote, in words.
         there: String,

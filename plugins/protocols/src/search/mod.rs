@@ -48,7 +48,7 @@ pub struct Search {
     /// finished.
     #[schemars(range(min = 1), extend("x-unit" = "evaluations"))]
     pub evaluations: u64,
-    /// How the design for the final measurement is chosen.
+    /// Choice of the design for the final measurement.
     pub choose: Choose,
     /// The metric of the environment by which designs are compared, in its better direction; the return where
     /// absent.
@@ -57,14 +57,14 @@ pub struct Search {
     /// The fraction of the designs, counted from the last one, among which the best observed design is chosen.
     #[schemars(range(min = 0.001, max = 1.0))]
     pub among_last: f64,
-    /// How often the chosen design is built and measured again.
+    /// Number of times that the chosen design is built and measured again.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of these are recorded step by step, for trajectory figures.
+    /// Number of these that are recorded step by step, for trajectory figures.
     pub trace_episodes: u64,
 }
 
-/// How the design for the final measurement is chosen.
+/// Choice of the design for the final measurement.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choose {
