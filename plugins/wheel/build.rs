@@ -1,4 +1,4 @@
-//! Where linkers want every symbol to be there, as on macOS, they are told that Python brings its own.
+//! Linker arguments of an extension module: on macOS, Python's symbols are resolved when the module is loaded.
 
 fn main() {
     pyo3_build_config::add_extension_module_link_args();

@@ -1,8 +1,8 @@
 //! A one-step allocation with a known best answer.
 //!
 //! The action a lies on the simplex; the reward is the sum of v_i a_i - c |a|^2. For c = 0 the best action is
-//! the corner of the largest value, so a policy that cannot reach a corner shows its bias; for c > 0 it is
-//! the projection of v / (2c) onto the simplex. The observation is the constant 1.
+//! the corner of the largest value, so a policy that cannot reach a corner shows its bias; for c > 0 it is the
+//! projection of v / (2c) onto the simplex. The observation is the constant 1.
 
 use crate::simplex;
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AllocationBanditConfig {
-    /// Reward per unit given to each entry, v; the number of entries is that of the action.
+    /// Reward v per unit of each entry; the action has as many entries.
     #[schemars(length(min = 1))]
     pub values: Vec<f64>,
-    /// Weight c of the squared length of the action, which is taken from the reward.
+    /// Weight c of the squared length of the action, which is subtracted from the reward.
     #[schemars(range(min = 0.0))]
     pub curvature: f64,
 }
@@ -86,7 +86,7 @@ fn reward(config: &AllocationBanditConfig, action: &[f64]) -> f64 {
     value - config.curvature * action.iter().map(|share| share * share).sum::<f64>()
 }
 
-/// The action of the highest reward.
+/// The action with the highest reward.
 fn best_action(config: &AllocationBanditConfig) -> Vec<f64> {
     if config.curvature > 0.0 {
         let target: Vec<f64> = config

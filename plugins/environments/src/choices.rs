@@ -1,11 +1,11 @@
-//! The one check that every action among named choices passes.
+//! The check of an action among named choices, shared by all environments.
 
 use contract::{Error, Seat, Space};
 
 /// The position of the choice that each seat takes.
 ///
 /// # Errors
-/// [`Error::Action`] for another number of seats, and for an entry that is no position of a choice.
+/// [`Error::Action`] for a wrong number of seats, and for an entry that is not the position of a choice.
 pub fn taken(seats: &[Seat], actions: &[Vec<f64>]) -> Result<Vec<usize>, Error> {
     crate::unit_box::check_seats(actions, seats.len())?;
     seats

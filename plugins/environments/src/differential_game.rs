@@ -6,7 +6,7 @@
 //! r = max(f_1, f_2), f_1 = -0.8 sum_i (a_i + 5)^2 / w, f_2 = 10 - sum_i (a_i - 5)^2.
 //!
 //! f_1 has a wide hill of height 0 at a = (-5, ..., -5), f_2 a narrow one of height 10 at (5, ..., 5), with a
-//! valley between them: from most places the gradient leads to the lower one.
+//! valley between them: from most points the gradient leads to the lower one.
 //!
 //! | symbol | here                                        | range |
 //! |--------|---------------------------------------------|-------|
@@ -14,18 +14,18 @@
 //! | w      | 9 for `scale: thesis`, where the division by 3 is squared; 3 for `rommeo` | |
 //!
 //! `zero_sum_game` has the same surface for two opposed players: the first earns r, the second -r. It has a
-//! saddle point of height -15 at (5, 10), where neither gains by moving alone. The thesis has no such game;
-//! its theorem 1 speaks of them.
+//! saddle point of height -15 at (5, 10), where no player gains by moving alone. The thesis has no such game,
+//! but its theorem 1 is about them.
 //!
-//! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so
-//! that the joint observation of two players is [1, 1], as the authors' public code has it.
+//! An episode is one step and terminates. The observation is uninformative: each player observes the constant
+//! 1, so that the joint observation of two players is [1, 1], as in the authors' public code.
 
-use crate::unit_box::{self, Beyond};
+use crate::unit_box::{self, LimitExcess};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// An action per unit of a seat's action.
+/// Factor from a seat's action to the player's action.
 pub const ACTION_SCALE: f64 = 10.0;
 
 /// Intervals of each axis of the surface: a multiple of 4, so that -5 and 5 are grid points.
@@ -35,10 +35,10 @@ const SURFACE_INTERVALS: u32 = 40;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
-    /// ((a + 5) / 3)^2, as the thesis and its figures have it.
+    /// ((a + 5) / 3)^2, as in the thesis and its figures.
     #[default]
     Thesis,
-    /// (a + 5)^2 / 3, as the public code of ROMMEO has it.
+    /// (a + 5)^2 / 3, as in the public code of ROMMEO.
     Rommeo,
 }
 
@@ -49,7 +49,7 @@ pub struct DifferentialGameConfig {
     /// Number of players.
     #[schemars(range(min = 1, max = 1000))]
     pub players: usize,
-    /// The width of the hill that leads astray.
+    /// The width of the lower, misleading hill.
     #[schemars(extend("x-source" = "thesis, section 4.5.1"))]
     pub scale: Scale,
 }
@@ -93,7 +93,7 @@ impl DifferentialGameConfig {
         (-0.8 * squares(-5.0) / width).max(10.0 - squares(5.0))
     }
 
-    /// The reward over two players' actions on a grid that holds both hills' tops.
+    /// The reward over two players' actions on a grid that contains the tops of both hills.
     fn surface(&self) -> RewardSurface {
         let at = |index: u32| ACTION_SCALE * (2.0 * f64::from(index) / f64::from(SURFACE_INTERVALS) - 1.0);
         let places = || (0..=SURFACE_INTERVALS).map(at);
@@ -107,11 +107,11 @@ impl DifferentialGameConfig {
     }
 }
 
-/// The `differential_game` environment, and `zero_sum_game`.
+/// The environments `differential_game` and `zero_sum_game`.
 #[derive(Debug)]
 pub struct DifferentialGame {
     config: DifferentialGameConfig,
-    /// What each player earns of the reward: 1, or -1 where a player is opposed.
+    /// Factor of each player's reward: 1, or -1 for an opposed player.
     shares: Vec<f64>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
@@ -123,7 +123,7 @@ pub struct DifferentialGame {
 /// Builds the environment; registered as `differential_game`.
 ///
 /// # Errors
-/// [`Error::Config`] where nobody plays.
+/// [`Error::Config`] for a game without players.
 pub fn build(config: DifferentialGameConfig) -> Result<Box<dyn Environment>, Error> {
     if config.players == 0 {
         return Err(Error::config("players", "a game needs at least one player"));
@@ -188,11 +188,11 @@ impl DifferentialGame {
         self.reward = f64::NAN;
     }
 
-    /// Takes the joint action over.
+    /// Stores the joint action.
     fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
         unit_box::check_seats(actions, self.config.players)?;
         for (player, (given, action)) in actions.iter().zip(&mut self.actions).enumerate() {
-            let [entry] = unit_box::checked(given, player, ["unit_action"], Beyond::Refused)?;
+            let [entry] = unit_box::checked(given, player, ["unit_action"], LimitExcess::Refused)?;
             *action = ACTION_SCALE * entry;
         }
         Ok(())
@@ -256,7 +256,7 @@ impl Environment for DifferentialGame {
     }
 
     fn restore(&mut self, _snapshot: &serde_json::Value) -> Result<(), Error> {
-        // An episode is one step: between steps nothing is left to restore.
+        // An episode is one step: between steps there is no state to restore.
         self.forget();
         Ok(())
     }
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_joint_action_is_refused() {
+    fn an_invalid_joint_action_is_refused() {
         let mut game = DifferentialGame::new(config(Scale::Thesis));
         let mut rng = contract::random::stream(&[]);
         for actions in [

@@ -9,7 +9,8 @@
 //! K.-R. Kladny, Q. Wang, Z. Huang and O. Fink, "Multi-agent actor-critic with time dynamical opponent
 //! model", Neurocomputing 517 (2023) 165-172), section 6.5 for `uav_fleet`.
 //!
-//! To add one, write a module with a config and an [`contract::Environment`], and one line in [`register`].
+//! To add an environment, write a module with a config and a [`contract::Environment`], and one line in
+//! [`register`].
 
 pub mod allocation_bandit;
 pub mod battery;

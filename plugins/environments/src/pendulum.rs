@@ -3,7 +3,7 @@
 //!
 //! | symbol | here | range |
 //! |---|---|---|
-//! | theta | `angle` from upright, in rad; wrapped to [-pi, pi] where it is shown or paid for | |
+//! | theta | `angle` from upright, in rad; wrapped to [-pi, pi] in observations and costs | |
 //! | theta' | `speed`, rad/s, cut to [-8, 8] after every step | [-8, 8] |
 //! | u | torque, 2 N m times `unit_torque` | [-2, 2] |
 //! | g, m, l | `gravity`, `mass`, `length` | above 0 |
@@ -15,9 +15,9 @@
 //! is cut off after `episode_limit` steps; none terminates. It starts with theta uniform in [-pi, pi) and
 //! theta' uniform in [-1, 1).
 //!
-//! Departure: the torque is given as a part of the largest one, since agents act within -1 and 1.
+//! Departure: the torque is given as a fraction of the largest one, since agents act within -1 and 1.
 
-use crate::unit_box::{self, Beyond};
+use crate::unit_box::{self, LimitExcess};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -86,12 +86,12 @@ pub struct Pendulum {
     motion: Motion,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Motion {
     angle: f64,
     speed: f64,
-    /// The last torque; none before the first step.
+    /// The last torque, N m; `None` before the first step.
     torque: Option<f64>,
     steps: u64,
 }
@@ -167,13 +167,13 @@ impl Pendulum {
         vec![vec![angle.cos(), angle.sin(), speed]]
     }
 
-    /// What the present state and a torque cost.
+    /// Cost of the present state and a torque.
     fn cost(&self, torque: f64) -> f64 {
         let Motion { angle, speed, .. } = self.motion;
         wrapped(angle).powi(2) + 0.1 * speed * speed + 0.001 * torque * torque
     }
 
-    /// Semi-implicit Euler: the angle follows the new speed.
+    /// Takes a step of the semi-implicit Euler scheme: the angle follows the new speed.
     fn advance(&mut self, torque: f64) {
         let Self { config, motion, .. } = self;
         let speed = motion.speed + config.acceleration(motion.angle, torque) * config.time_step;
@@ -218,7 +218,7 @@ impl Environment for Pendulum {
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         unit_box::check_seats(actions, 1)?;
-        let [part] = unit_box::checked(&actions[0], 0, ["unit_torque"], Beyond::Refused)?;
+        let [part] = unit_box::checked(&actions[0], 0, ["unit_torque"], LimitExcess::Refused)?;
         let torque = LARGEST_TORQUE * part;
         let cost = self.cost(torque);
         let change = self.motion.torque.map_or(0.0, |before| (torque - before).abs());
@@ -375,8 +375,8 @@ mod tests {
         (largest, late.iter().sum::<f64>() / late.len() as f64)
     }
 
-    /// Semi-implicit Euler keeps a nearby energy: what it is off by swings, shrinks as the step does, and
-    /// does not grow with time. The explicit method gains energy without end.
+    /// Semi-implicit Euler keeps a nearby energy: its deviation swings, shrinks with the step, and does not
+    /// grow with time. The explicit method gains energy without end.
     #[test]
     fn without_torque_energy_swings_and_does_not_drift() {
         let [(coarse, late), (fine, _)] = [0.004, 0.002].map(drift);
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_torque_or_no_rod_is_refused() {
+    fn an_invalid_torque_or_rod_is_refused() {
         let mut pendulum = at(PendulumConfig::default(), 0.0, 0.0);
         let mut rng = contract::random::stream(&[]);
         for actions in [

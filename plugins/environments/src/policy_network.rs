@@ -1,5 +1,5 @@
-//! A network that another trial left as `policy.safetensors`, evaluated in plain double precision, so that environments
-//! know no tensor library.
+//! A network that another trial left as `policy.safetensors`, evaluated in plain double precision, so that
+//! environments need no tensor library.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -15,52 +15,52 @@ use safetensors::{
 use serde::Deserialize;
 use std::path::Path;
 
-/// The file's name in the folder of a product.
+/// Name of the file in the folder of an artifact.
 pub const FILE: &str = "policy.safetensors";
 
-/// The network.
+/// A policy of dense layers.
 #[derive(Debug, Clone)]
 pub struct PolicyNetwork {
-    /// What the file says of itself.
+    /// Description of inputs, outputs and layers.
     pub header: Header,
     layers: Vec<Layer>,
 }
 
-/// What the file says of its inputs and outputs.
+/// The header of the file, which describes inputs, outputs and layers.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Header {
     /// Names of the observed channels.
     pub inputs: Vec<String>,
-    /// What is subtracted from each of them.
+    /// Offset that is subtracted from each input.
     pub center: Vec<f64>,
-    /// What they are divided by after that.
+    /// Divisor of each input after that.
     pub spread: Vec<f64>,
     /// Names of the entries of the action.
     pub outputs: Vec<String>,
-    /// What is added to each entry at the end; may be absent.
+    /// Offset that is added to each output at the end; may be absent.
     #[serde(default)]
     pub action_center: Vec<f64>,
-    /// What each entry is multiplied by before that; may be absent.
+    /// Factor of each output before that; may be absent.
     #[serde(default)]
     pub action_spread: Vec<f64>,
-    /// How the last layer becomes an action.
+    /// Name of the function from the last layer to an action.
     pub head: String,
-    /// Of each hidden layer: `relu`, `leaky_relu` or `tanh`.
+    /// Activation of each hidden layer: `relu`, `leaky_relu` or `tanh`.
     pub activations: Vec<String>,
 }
 
 #[derive(Debug, Clone)]
 struct Layer {
-    /// Row by row, one row for each input.
+    /// Weights row by row, one row for each input.
     weight: Vec<f64>,
     bias: Vec<f64>,
 }
 
 impl PolicyNetwork {
-    /// Reads a file; `key` is the key of the config that names it.
+    /// Reads a file; `key` is the config key that names it.
     ///
     /// # Errors
-    /// [`Error::File`] where it is not there, [`Error::Config`] where it is damaged or its layers do not follow each
+    /// [`Error::File`] for a missing file, [`Error::Config`] where it is damaged or its layers do not fit each
     /// other.
     pub fn open(key: &str, path: &Path) -> Result<Self, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::File {
@@ -91,7 +91,7 @@ impl PolicyNetwork {
         Ok(Self { header, layers })
     }
 
-    /// What the last layer gives for an observation, before the head.
+    /// Output of the last layer for an observation, before the head.
     pub fn outputs(&self, observation: impl Iterator<Item = f64>) -> Vec<f64> {
         let Header { center, spread, .. } = &self.header;
         let scaled = observation.zip(center).zip(spread);
@@ -111,7 +111,7 @@ impl PolicyNetwork {
 }
 
 impl Header {
-    /// Holds what it says against itself: nothing else is told by the tensors.
+    /// Checks that the header's lists agree; the tensors are checked later.
     fn fits(&self) -> Result<(), String> {
         let n = self.inputs.len();
         if [&self.center, &self.spread].iter().any(|it| it.len() != n) {
@@ -129,7 +129,7 @@ impl Header {
     }
 }
 
-/// Names of activations that are computed here.
+/// Activations that are implemented here.
 const ACTIVATIONS: [&str; 3] = ["relu", "leaky_relu", "tanh"];
 
 fn activated(activation: &str, x: f64) -> f64 {
@@ -142,7 +142,7 @@ fn activated(activation: &str, x: f64) -> f64 {
 }
 
 impl Layer {
-    /// Reads a layer of so many inputs.
+    /// Reads a layer with `inputs` inputs.
     fn read(file: &SafeTensors<'_>, layer: usize, inputs: usize) -> Result<Self, String> {
         let tensor = |what: &str| {
             let tensor = file.tensor(&format!("policy.layers.{layer}.{what}"));
@@ -173,7 +173,7 @@ impl Layer {
     fn apply(&self, x: &[f64]) -> Vec<f64> {
         let mut sums = self.bias.clone();
         for (value, row) in x.iter().zip(self.weight.chunks(self.bias.len())) {
-            // Half of what rectifiers give is 0.
+            // Half of a rectifier's outputs are 0.
             if *value != 0.0 {
                 sums.iter_mut()
                     .zip(row)
@@ -190,7 +190,7 @@ pub(crate) mod tests {
     use serde_json::{Value, json};
     use std::collections::HashMap;
 
-    /// A file with these tensors and this header in a folder.
+    /// Writes a file with these tensors and this header into a folder.
     pub(crate) fn written(header: &Value, tensors: &[(&str, Vec<usize>, &[f32])]) -> tempfile::TempDir {
         let bytes: Vec<(&str, &Vec<usize>, Vec<u8>)> = tensors
             .iter()
@@ -263,7 +263,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn whatever_bit_was_changed_the_file_is_refused_by_its_name_or_computes_and_a_cut_one_is_refused() {
+    fn a_file_with_a_changed_bit_is_refused_by_name_or_computes_and_a_cut_one_is_refused() {
         let folder = example(&header());
         let path = folder.path().join(FILE);
         let whole = std::fs::read(&path).unwrap();

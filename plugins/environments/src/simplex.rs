@@ -1,17 +1,17 @@
-//! The one check that every action on a simplex passes.
+//! The check of an action on a simplex, shared by all environments.
 
 use contract::Error;
 
-/// How far an entry may lie below zero.
+/// Largest distance of an entry below zero.
 const ENTRY_TOLERANCE: f64 = 1e-9;
-/// How far the sum of the entries may lie below one, and above it where nothing else is asked for.
+/// Largest distance of the sum of the entries below one, and above it by default.
 pub const SUM_TOLERANCE: f64 = 1e-6;
 
 /// The action of the only seat, with rounding errors below zero set to zero.
 ///
 /// # Errors
-/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1, or at
-/// most `excess` above it.
+/// [`Error::Action`] unless there is one seat with `entries` non-negative entries whose sum is 1, or at most
+/// `excess` above it.
 pub fn checked(actions: &[Vec<f64>], entries: usize, excess: f64) -> Result<Vec<f64>, Error> {
     let problem = |problem: String| Error::Action { problem };
     let [action] = actions else {
@@ -20,7 +20,7 @@ pub fn checked(actions: &[Vec<f64>], entries: usize, excess: f64) -> Result<Vec<
     if action.len() != entries {
         return Err(problem(format!("{} entries in place of {entries}", action.len())));
     }
-    // Written so that a NaN is refused as well.
+    // Written so that NaN is refused as well.
     if let Some(index) = action
         .iter()
         .position(|entry| entry.is_nan() || *entry < -ENTRY_TOLERANCE)
@@ -44,7 +44,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_is_no_allocation_is_refused() {
+    fn an_action_outside_the_simplex_is_refused() {
         for action in [
             vec![0.5, 0.6],
             vec![1.1, -0.1],

@@ -1,9 +1,9 @@
-//! One step: recover a point of the simplex of which one entry is hidden, and sort it.
+//! One step: recover a point of the simplex with one hidden entry, and sort it.
 //!
 //! Thesis, section 3.4.3. A point is drawn uniformly from the simplex, one randomly chosen entry is removed,
-//! and the others are the observation, in their order. The action is to be the whole point sorted ascending;
-//! the reward is minus its mean absolute error. The hidden entry is 1 less the sum of the others, so the best
-//! reward is 0.
+//! and the others are the observation, in their order. The action should be the whole point sorted in ascending
+//! order; the reward is minus its mean absolute error. The hidden entry is 1 less the sum of the others, so the
+//! best reward is 0.
 
 use crate::simplex;
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -36,21 +36,21 @@ pub struct SimplexReconstruction {
     episode: Episode,
 }
 
-/// What one episode consists of.
+/// The point of an episode, and the action.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Episode {
-    /// The entries that are shown, `[dimensions - 1]`.
+    /// The observed entries, `[dimensions - 1]`.
     inputs: Vec<f64>,
-    /// The whole point, ascending, `[dimensions]`.
+    /// The whole point, in ascending order, `[dimensions]`.
     target: Vec<f64>,
-    /// The action, once it is taken.
+    /// The action; `None` before the step.
     output: Option<Vec<f64>>,
 }
 
 /// Builds the environment; registered as `simplex_reconstruction`.
 ///
 /// # Errors
-/// [`Error::Config`] where nothing would be left to show.
+/// [`Error::Config`] for fewer than two dimensions, where no entry would be left to observe.
 pub fn build(config: SimplexReconstructionConfig) -> Result<Box<dyn Environment>, Error> {
     if config.dimensions < 2 {
         return Err(Error::config(

@@ -6,15 +6,15 @@
 //! - a step of the critic descends `mean max(0, 1 - D(x)) + mean max(0, 1 + D(G(z)))`;
 //! - a step of the generator descends `-mean D(G(z))`.
 //!
-//! Both use Adam. Each grown part has an optimiser of its own, so a new one begins with its own first step while
-//! those that are there go on. A generator whose parameters are an exponential moving average follows the
+//! Both use Adam. Each grown part has an optimiser of its own, so a new one begins with its own first step
+//! while the earlier ones go on. A generator whose parameters are an exponential moving average follows the
 //! generator step by step; it normalises by the running statistics of the generator itself.
 
 use crate::architecture::CellArchitecture;
 use crate::discriminator::Discriminator;
 use crate::generator::Generator;
-use crate::layers::Pass;
-use crate::memory::{self, Remembering};
+use crate::layers::PassMode;
+use crate::memory::{self, StatefulModule};
 use burn::module::Module;
 use burn::tensor::{Device, Gradients, Tensor, activation};
 use numerics::gaussian::standard_normal;
@@ -24,19 +24,19 @@ use numerics::parameters::soft_update;
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
 
-/// How both networks are trained.
+/// Hyper-parameters of the training of both networks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Training {
     /// Learning rate of both optimisers.
     pub learning_rate: f64,
-    /// Decays of their first and second moments.
+    /// Decays of the first and second moments.
     pub betas: [f64; 2],
-    /// What the averaged generator keeps of itself in each step of the generator.
+    /// Fraction of itself that the averaged generator keeps in each step of the generator.
     pub average_decay: f64,
 }
 
 impl Default for Training {
-    /// Those of AutoGAN and E2GAN.
+    /// The values of AutoGAN and E2GAN.
     fn default() -> Self {
         Self {
             learning_rate: 2e-4,
@@ -58,7 +58,7 @@ pub struct Adversaries {
 }
 
 impl Adversaries {
-    /// Networks on the device with autodiff, see [`training_device`].
+    /// Takes networks on the device with autodiff, see [`training_device`].
     #[must_use]
     pub fn new(generator: Generator, discriminator: Discriminator, training: Training) -> Self {
         let optimiser = |n_parts| Optimiser::new(n_parts, training);
@@ -84,12 +84,12 @@ impl Adversaries {
     /// One step of the discriminator with real images `[batch, side, side, 3]` and latent vectors `[batch,
     /// latent]`; returns the loss before it.
     pub fn critic_step(&mut self, real: Tensor<4>, latents: Tensor<2>) -> f32 {
-        // A plain copy makes no graph; what it remembers goes back.
+        // A plain copy makes no graph; its updated running statistics go back.
         let mut copy = self.generator.valid();
-        let fake = copy.forward(latents, Pass::Training).images;
+        let fake = copy.forward(latents, PassMode::Training).images;
         self.generator.adopt(copy);
-        let of_real = self.discriminator.forward(real, Pass::Training);
-        let of_fake = self.discriminator.forward(fake, Pass::Training);
+        let of_real = self.discriminator.forward(real, PassMode::Training);
+        let of_fake = self.discriminator.forward(fake, PassMode::Training);
         let hinges = [of_real.neg() + 1.0, of_fake + 1.0].map(activation::relu);
         let before = hinges.iter().map(mean).sum();
         let [of_real, of_fake] = hinges.map(Tensor::mean);
@@ -110,10 +110,10 @@ impl Adversaries {
 
     /// One step of the generator with latent vectors `[batch, latent]`; returns the loss before it.
     pub fn generator_step(&mut self, latents: Tensor<2>) -> f32 {
-        let images = self.generator.forward(latents, Pass::Training).images;
-        // A plain copy passes gradients on to its input and asks for none of its own.
+        let images = self.generator.forward(latents, PassMode::Training).images;
+        // A plain copy passes gradients on to its input and computes none of its own.
         let mut copy = self.discriminator.valid();
-        let scores = copy.forward(images, Pass::Training);
+        let scores = copy.forward(images, PassMode::Training);
         let (before, loss) = (-mean(&scores), scores.mean().neg());
         self.discriminator.adopt(copy);
         let Generator { trunk, cells, sizes } = self.generator.clone();
@@ -124,19 +124,19 @@ impl Adversaries {
         before
     }
 
-    /// The generator, tracked.
+    /// The generator, tracked for gradients.
     #[must_use]
     pub fn generator(&self) -> &Generator {
         &self.generator
     }
 
-    /// The discriminator, tracked.
+    /// The discriminator, tracked for gradients.
     #[must_use]
     pub fn discriminator(&self) -> &Discriminator {
         &self.discriminator
     }
 
-    /// The generator with averaged parameters and the running statistics of the trained one, plain.
+    /// The generator with averaged parameters and the running statistics of the trained one, without gradients.
     #[must_use]
     pub fn averaged_generator(&self) -> Generator {
         let mut average = self.average.clone();
@@ -144,7 +144,7 @@ impl Adversaries {
         average
     }
 
-    /// Puts networks and optimisers under `prefix` into a file.
+    /// Writes networks and optimisers under `prefix` into a file.
     pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         memory::store(&self.generator, &format!("{prefix}.generator"), file);
         memory::store(&self.average, &format!("{prefix}.average"), file);
@@ -154,11 +154,11 @@ impl Adversaries {
             .store(&format!("{prefix}.of_discriminator"), file);
     }
 
-    /// Continues from what [`Adversaries::store`] put under `prefix`; the networks must have been grown by the
-    /// same cells.
+    /// Continues from a file of [`Adversaries::store`] under `prefix`; the networks must have grown by the same
+    /// cells.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file does not fit; the networks are then as they were.
+    /// [`TensorFileError`] where the file does not fit; the networks then stay unchanged.
     pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
         let mut restored = self.clone();
         restored.generator = memory::restore(restored.generator, &format!("{prefix}.generator"), file)?;
@@ -176,7 +176,7 @@ impl Adversaries {
     }
 }
 
-/// Where networks are trained: the processor, with autodiff.
+/// The device on which networks are trained: the processor, with autodiff.
 #[must_use]
 pub fn training_device() -> Device {
     device().autodiff()
@@ -189,7 +189,8 @@ pub fn latents(n: usize, latent: usize, rng: &mut impl RngCore) -> Tensor<2> {
     matrix(drawn, latent)
 }
 
-/// The mean in the order of the rows, which is the same on every processor; that of a tensor enters no gradient.
+/// The mean in the order of the rows, which is the same on every processor; no gradient depends on a mean of
+/// the tensor library.
 #[allow(
     clippy::cast_precision_loss,
     reason = "a batch has far fewer than 2^24 images"
@@ -199,7 +200,7 @@ fn mean(scores: &Tensor<2>) -> f32 {
     scores.iter().sum::<f32>() / scores.len() as f32
 }
 
-/// Adam for what all stages share, and one for each grown part.
+/// Adam for the parameters that all stages share, and one for each grown part.
 #[derive(Debug, Clone)]
 struct Optimiser {
     shared: Adam,

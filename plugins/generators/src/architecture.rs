@@ -18,19 +18,19 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Cells of a generator.
+/// Number of cells of a generator.
 pub const N_CELLS: usize = 3;
-/// Architectures of the space.
+/// Number of architectures in the space.
 pub const N_ARCHITECTURES: usize = 36 * 72 * 144;
-/// Integers of a genotype.
+/// Number of integers of a genotype.
 pub const N_GENES: usize = 14;
 
-/// The numbers of options of each gene, cell after cell.
+/// Number of options of each gene, cell after cell.
 const OPTIONS: [u8; N_GENES] = [2, 3, 3, 2, 2, 3, 3, 2, 2, 2, 3, 3, 2, 4];
-/// Where the genes of each cell begin.
+/// Position of the first gene of each cell.
 const BEGIN: [usize; N_CELLS] = [0, 4, 9];
 
-/// What comes first in a block.
+/// Order of the operations in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Order {
     /// Upsampling, convolution, normalisation, rectifier.
@@ -39,10 +39,10 @@ pub enum Order {
     NormalisationFirst,
 }
 
-/// How a block normalises.
+/// Normalisation in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Normalisation {
-    /// Not at all.
+    /// No normalisation.
     None,
     /// Over the batch, with weights.
     Batch,
@@ -50,7 +50,7 @@ pub enum Normalisation {
     Instance,
 }
 
-/// How a cell enlarges its maps.
+/// Method by which a cell enlarges its maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Upsampling {
     /// Bilinear interpolation.
@@ -64,15 +64,16 @@ pub enum Upsampling {
 /// The options of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CellArchitecture {
-    /// What comes first in both blocks.
+    /// Order of the operations in both blocks.
     pub order: Order,
-    /// How both blocks normalise.
+    /// Normalisation of both blocks.
     pub normalisation: Normalisation,
-    /// How the first block, the shortcut and the skips enlarge.
+    /// Enlargement in the first block, the shortcut and the skips.
     pub upsampling: Upsampling,
     /// Whether the enlarged input is added to the output.
     pub shortcut: bool,
-    /// Which earlier cells' skip outputs are added, first cell first; those that are not earlier are `false`.
+    /// Whether the skip output of each earlier cell is added, first cell first; `false` for cells that are not
+    /// earlier.
     pub skips: [bool; N_CELLS - 1],
 }
 
@@ -84,7 +85,7 @@ pub struct Architecture {
     pub cells: [CellArchitecture; N_CELLS],
 }
 
-/// What E2GAN's search found (its program's published genotype, for CIFAR-10 and STL-10).
+/// Result of E2GAN's search (the genotype in its program, for CIFAR-10 and STL-10).
 pub const E2GAN: Architecture = Architecture {
     cells: [
         found([0, 1, 0, 1], [false, false]),
@@ -93,7 +94,7 @@ pub const E2GAN: Architecture = Architecture {
     ],
 };
 
-/// What AutoGAN's search found (the genotype of its program for training from scratch).
+/// Result of AutoGAN's search (the genotype in its program, for training from scratch).
 pub const AUTOGAN: Architecture = Architecture {
     cells: [
         found([1, 0, 1, 1], [false, false]),
@@ -102,29 +103,29 @@ pub const AUTOGAN: Architecture = Architecture {
     ],
 };
 
-/// Why 14 integers are no genotype.
+/// Reason why a text or a list is not a genotype.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GenotypeError {
-    /// There are more or fewer of them.
+    /// The number of integers is not 14.
     #[error("a genotype is {N_GENES} integers, found {found}")]
     Length {
-        /// How many there are.
+        /// Number of integers.
         found: usize,
     },
-    /// One is beyond its options.
+    /// An integer exceeds the options of its gene.
     #[error("integer {place} of a genotype is below {options}, found {found}")]
     Gene {
-        /// Counted from 1.
+        /// Position of the gene, counted from 1.
         place: usize,
-        /// How many options there are.
+        /// Number of options of the gene.
         options: u8,
-        /// What is there.
+        /// Value of the integer.
         found: u8,
     },
-    /// One is no small integer.
+    /// A word is not a small integer.
     #[error("`{word}` is no integer of a genotype")]
     Word {
-        /// What is there.
+        /// The word as it is written.
         word: String,
     },
 }
@@ -160,7 +161,7 @@ impl Architecture {
         Ok(Self { cells })
     }
 
-    /// The genotype.
+    /// The architecture as integers.
     #[must_use]
     pub fn genotype(&self) -> [u8; N_GENES] {
         let mut genotype = [0; N_GENES];
@@ -190,7 +191,7 @@ impl Architecture {
         (left == 0).then(|| Self::from_genotype(&genotype).ok()).flatten()
     }
 
-    /// The number of which [`Architecture::from_index`] makes it.
+    /// The number that [`Architecture::from_index`] turns into this architecture.
     #[must_use]
     pub fn index(&self) -> usize {
         let genes = self.genotype().into_iter().zip(OPTIONS);
@@ -200,7 +201,7 @@ impl Architecture {
     }
 }
 
-/// A cell of genes that are within their options.
+/// A cell from genes that are within their options.
 const fn found([order, normalisation, upsampling, shortcut]: [u8; 4], skips: [bool; 2]) -> CellArchitecture {
     CellArchitecture {
         order: if order == 0 {

@@ -1,7 +1,7 @@
-//! Agent `image_classifier`: a [`FeatureNetwork`] that learns to say the class of an image.
+//! Agent `image_classifier`: a [`FeatureNetwork`] that learns to classify images.
 //!
-//! It descends the cross entropy of batches of examples with Adam. What it leaves as its policy is the network with
-//! which scores see generated images.
+//! It descends the cross entropy of batches of examples with Adam. Its policy is the network by which scores
+//! describe generated images.
 //!
 //! Metrics, means over the batches since the last measurement: `cross_entropy`.
 
@@ -27,11 +27,11 @@ use std::path::Path;
 const NAME: &str = "image_classifier";
 const STATE: &str = "agent.safetensors";
 
-/// Hyper-parameters.
+/// Settings of the `image_classifier` agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Channels of the first layer; features are four times as many.
+    /// Channels of the first layer; the number of features is four times as large.
     #[schemars(range(min = 1, max = 512))]
     pub channels: usize,
     /// Step size of Adam.
@@ -58,7 +58,6 @@ pub struct ImageClassifier {
     n_updates: u64,
 }
 
-/// Registers the agent.
 pub(crate) fn register(registry: &mut Registry) {
     let about =
         "a convolutional network that says the class of an image, and whose features scores are made of";
@@ -76,7 +75,7 @@ pub(crate) fn register(registry: &mut Registry) {
     registry.agent(NAME, 1, about, traits, build);
 }
 
-/// Builds the agent for one seat that observes a square image and says one of several classes.
+/// Builds the agent for one seat that observes a square image and acts by choosing one of several classes.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
@@ -344,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_refused() {
+    fn a_seat_without_an_image_is_refused() {
         let mut interface = shapes().interface();
         if let Space::Box(pixels) = &mut interface.seats[0].observation {
             pixels.pop();

@@ -9,31 +9,31 @@
 //! - third and last: `conv(relu(conv(relu(x)))) + x`.
 
 use crate::generator::IMAGE_CHANNELS;
-use crate::layers::{Convolution, Pass, SpectralLinear};
-use crate::memory::Remembering;
+use crate::layers::{Convolution, PassMode, SpectralLinear};
+use crate::memory::StatefulModule;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use numerics::image::pointwise::relu;
 use numerics::image::resize::{average_pool, sum_pixels};
 use rand::RngCore;
 
-/// A discriminator for a generator with as many cells as it was grown by.
+/// A discriminator with one block for each cell of its generator.
 #[derive(Module, Debug)]
 pub struct Discriminator {
-    pub(crate) ending: Ending,
+    pub(crate) ending: LastLayers,
     pub(crate) blocks: Vec<Residual>,
     #[module(skip)]
     pub(crate) n_channels: usize,
 }
 
-/// What all stages share.
+/// The last block and the linear layer, which all stages share.
 #[derive(Module, Debug)]
-pub(crate) struct Ending {
+pub(crate) struct LastLayers {
     block: Residual,
     linear: SpectralLinear,
 }
 
-/// What a block does beside its two convolutions.
+/// Kind of a block, by its input and its change of size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// Takes the image, and halves the sides.
@@ -44,7 +44,7 @@ enum Kind {
     Keeping,
 }
 
-/// Two convolutions with something beside them.
+/// Two convolutions with a shortcut.
 #[derive(Module, Debug)]
 pub(crate) struct Residual {
     first: Convolution,
@@ -55,9 +55,9 @@ pub(crate) struct Residual {
 }
 
 impl Discriminator {
-    /// The last block and the linear layer, for maps with `n_channels`; to be grown at least once.
+    /// The last block and the linear layer, for maps with `n_channels`; it must grow at least once before use.
     pub fn new(n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
-        let ending = Ending {
+        let ending = LastLayers {
             block: Residual::new(Kind::Keeping, n_channels, rng, device),
             linear: SpectralLinear::new([n_channels, 1], rng, device),
         };
@@ -68,7 +68,7 @@ impl Discriminator {
         }
     }
 
-    /// Adds a block before the last one; what is there keeps its numbers.
+    /// Adds a block before the last one; the other parts keep their numbers.
     pub fn grow(&mut self, rng: &mut impl RngCore, device: &Device) {
         let kind = match self.blocks.len() {
             0 => Kind::First,
@@ -80,7 +80,7 @@ impl Discriminator {
     }
 
     /// Scores `[batch, 1]` of images `[batch, side, side, 3]`.
-    pub fn forward(&mut self, images: Tensor<4>, pass: Pass) -> Tensor<2> {
+    pub fn forward(&mut self, images: Tensor<4>, pass: PassMode) -> Tensor<2> {
         let blocks = self.blocks.iter_mut().chain([&mut self.ending.block]);
         let map = relu(blocks.fold(images, |map, block| block.forward(map, pass)));
         let scores = self.ending.linear.forward(sum_pixels(map), pass);
@@ -88,16 +88,16 @@ impl Discriminator {
     }
 }
 
-impl Remembering for Discriminator {
-    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
-        let Ending { block, linear } = &mut self.ending;
+impl StatefulModule for Discriminator {
+    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
+        let LastLayers { block, linear } = &mut self.ending;
         let blocks = self.blocks.iter_mut().chain([block]);
         let convolutions = blocks.flat_map(|block| {
             let both = [&mut block.first, &mut block.second];
             both.into_iter().chain(block.shortcut.as_mut())
         });
-        let of_convolutions = convolutions.flat_map(Remembering::remembered);
-        of_convolutions.chain(linear.remembered()).collect()
+        let of_convolutions = convolutions.flat_map(StatefulModule::state_vectors);
+        of_convolutions.chain(linear.state_vectors()).collect()
     }
 }
 
@@ -118,7 +118,7 @@ impl Residual {
         }
     }
 
-    fn forward(&mut self, input: Tensor<4>, pass: Pass) -> Tensor<4> {
+    fn forward(&mut self, input: Tensor<4>, pass: PassMode) -> Tensor<4> {
         let rectified = if self.kind == Kind::First {
             input.clone()
         } else {

@@ -1,4 +1,4 @@
-//! What scores see of an image: features, and the classes that it may be of.
+//! The network by which scores describe an image: features, and the logits of its classes.
 //!
 //! | layer | output |
 //! |---|---|
@@ -26,26 +26,26 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
 
-/// What tells such a file from the policies of agents.
+/// The kind in the file's header, by which it differs from the policies of other agents.
 const KIND: &str = "image_classifier";
 const PREFIX: &str = "network";
 
-/// The sizes of a network.
+/// Sizes of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Form {
-    /// Pixels a side of the images that it was made for, a multiple of 4.
+    /// Height and width of the images that the network was made for, pixels, a multiple of 4.
     pub size: usize,
     /// Channels `c` of the first layer.
     pub channels: usize,
-    /// Classes.
+    /// Number of classes.
     pub classes: usize,
 }
 
-/// Most pixels a side that a stored network may say: images are interpolated to that.
+/// Largest height and width that a stored network may name; images are interpolated to it.
 const LARGEST: usize = 1024;
 
 impl Form {
-    /// Holds what a file says against its tensors, before anything is made of these sizes.
+    /// Compares the sizes in a file with its tensors, before any network is made of these sizes.
     fn fits(self, file: &TensorFile) -> Result<(), TensorFileError> {
         let last = &file.get(&format!("{PREFIX}.last.0"))?.shape;
         let is_of = |shape: &[usize]| match (shape, self.channels.checked_mul(4)) {
@@ -69,14 +69,14 @@ impl Form {
     }
 }
 
-/// One layer.
+/// A convolution with its bias.
 #[derive(Module, Debug)]
 struct Convolution {
     weight: Param<Tensor<4>>,
     bias: Param<Tensor<1>>,
 }
 
-/// The network; the default one holds a place and sees nothing.
+/// The feature network; the default one is empty and only takes the place of another.
 #[derive(Module, Debug, Default)]
 pub struct FeatureNetwork {
     layers: Vec<Convolution>,
@@ -84,9 +84,9 @@ pub struct FeatureNetwork {
     last_bias: Vec<Param<Tensor<1>>>,
 }
 
-/// What a network sees of a batch.
+/// Features and logits of a batch of images.
 #[derive(Debug)]
-pub struct Seen {
+pub struct ImageFeatures {
     /// `[batch, 4 c]`.
     pub features: Tensor<2>,
     /// `[batch, classes]`.
@@ -94,7 +94,7 @@ pub struct Seen {
 }
 
 impl FeatureNetwork {
-    /// A network that can be trained.
+    /// A network with random weights, tracked for gradients.
     pub fn new(form: Form, rng: &mut impl RngCore) -> Self {
         let device = device().autodiff();
         let Form {
@@ -115,9 +115,9 @@ impl FeatureNetwork {
         }
     }
 
-    /// What it sees of images `[batch, size, size, 3]` in [-1, 1].
+    /// Features and logits of images `[batch, size, size, 3]` in [-1, 1].
     #[must_use]
-    pub fn see(&self, images: Tensor<4>) -> Seen {
+    pub fn see(&self, images: Tensor<4>) -> ImageFeatures {
         let mut x = images;
         for (at, layer) in self.layers.iter().enumerate() {
             x = relu(convolve_3x3(x, layer.weight.val(), layer.bias.val()));
@@ -136,12 +136,12 @@ impl FeatureNetwork {
             self.last_bias[0].val(),
             None,
         );
-        Seen { features, logits }
+        ImageFeatures { features, logits }
     }
 
-    /// As [`see`](Self::see), of images of any size, which are interpolated to the one that it was made for.
+    /// As [`see`](Self::see), for images of any size, which are interpolated to that of the network.
     #[must_use]
-    pub fn see_resized(&self, images: Tensor<4>, form: Form) -> Seen {
+    pub fn see_resized(&self, images: Tensor<4>, form: Form) -> ImageFeatures {
         let [_, height, width, _] = images.dims();
         if [height, width] == [form.size; 2] {
             return self.see(images);
@@ -149,10 +149,10 @@ impl FeatureNetwork {
         self.see(resize_bilinear(images, [form.size; 2]))
     }
 
-    /// Writes network and form into a folder, as the policy of a trial.
+    /// Writes network and sizes into a folder, as the policy of a trial.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the system refuses.
+    /// [`TensorFileError::File`] where the file cannot be written.
     pub fn write(&self, form: Form, folder: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         file.header = json!({ "kind": KIND, "form": form });
@@ -160,10 +160,10 @@ impl FeatureNetwork {
         file.write(&folder.join(FILE_NAME))
     }
 
-    /// Reads what [`write`](Self::write) wrote, without gradients.
+    /// Reads a network of [`write`](Self::write), without gradients.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file is missing or something else.
+    /// [`TensorFileError`] where the file is missing or is not such a network.
     pub fn read(folder: &Path) -> Result<(Self, Form), TensorFileError> {
         let path = folder.join(FILE_NAME);
         let file = TensorFile::read(&path)?;
@@ -178,15 +178,15 @@ impl FeatureNetwork {
                 problem: "it is no classifier of images".into(),
             })?;
         form.fits(file)?;
-        let blank = Self::new(form, &mut Nothing);
+        let blank = Self::new(form, &mut ZeroRng);
         Ok((restore(blank, PREFIX, file)?.valid(), form))
     }
 }
 
-/// Draws nothing: for parameters that are read in the next moment.
-struct Nothing;
+/// Returns zeros: for parameters that are then replaced by those of a file.
+struct ZeroRng;
 
-impl RngCore for Nothing {
+impl RngCore for ZeroRng {
     fn next_u32(&mut self) -> u32 {
         0
     }
@@ -309,7 +309,7 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             FeatureNetwork::read(folder.path())
         };
-        // What stands before the numbers, and one bit of each eighth number.
+        // The header, and one bit of each eighth number.
         let header = 8 + usize::try_from(u64::from_le_bytes(whole[..8].try_into().unwrap())).unwrap();
         let numbers = (header..whole.len()).step_by(29).map(|place| (place, place % 8));
         for (place, bit) in (0..header)

@@ -14,8 +14,8 @@
 //! rectifier, upsampling and convolution. Every map has the same number of channels.
 
 use crate::architecture::{CellArchitecture, Normalisation, Order};
-use crate::layers::{Convolution, Enlargement, NormRelu, Pass, Stem};
-use crate::memory::Remembering;
+use crate::layers::{Convolution, Enlargement, NormRelu, PassMode, Stem};
+use crate::memory::StatefulModule;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use numerics::image::{pointwise, resize};
@@ -25,18 +25,18 @@ use rand::RngCore;
 /// Channels of an image.
 pub const IMAGE_CHANNELS: usize = 3;
 
-/// Sizes that no architecture decides.
+/// Sizes that are not part of an architecture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GeneratorSizes {
-    /// Side of the map that the stem makes.
+    /// Height and width of the stem's map, pixels.
     pub bottom: usize,
     /// Channels of every map.
     pub channels: usize,
-    /// Numbers of a latent vector.
+    /// Length of a latent vector.
     pub latent: usize,
 }
 
-/// A generator with as many cells as it was grown by.
+/// A generator with the cells by which it has grown.
 #[derive(Module, Debug)]
 pub struct Generator {
     pub(crate) trunk: Trunk,
@@ -45,7 +45,7 @@ pub struct Generator {
     pub(crate) sizes: GeneratorSizes,
 }
 
-/// What all stages share.
+/// The stem and the head, which all stages share.
 #[derive(Module, Debug)]
 pub(crate) struct Trunk {
     stem: Stem,
@@ -53,9 +53,9 @@ pub(crate) struct Trunk {
     head: Convolution,
 }
 
-/// What a generator makes of latent vectors.
+/// Images and last map of a batch of latent vectors.
 #[derive(Debug, Clone)]
-pub struct Generated {
+pub struct GeneratedBatch {
     /// Images `[batch, side, side, 3]` between -1 and 1.
     pub images: Tensor<4>,
     /// The map of the last cell `[batch, side, side, channels]`, or of the stem where there is none.
@@ -82,33 +82,33 @@ impl Generator {
         }
     }
 
-    /// Adds a cell; what is there keeps its numbers.
+    /// Adds a cell; the other parts keep their numbers.
     pub fn grow(&mut self, architecture: &CellArchitecture, rng: &mut impl RngCore, device: &Device) {
         let at = self.cells.len();
         self.cells
             .push(Cell::new(architecture, at, self.sizes.channels, rng, device));
     }
 
-    /// Cells so far.
+    /// Number of cells so far.
     #[must_use]
     pub fn n_cells(&self) -> usize {
         self.cells.len()
     }
 
-    /// Height and width of its images.
+    /// Height and width of the images, pixels.
     #[must_use]
     pub fn side(&self) -> usize {
         self.sizes.bottom << self.cells.len()
     }
 
-    /// The sizes it was made with.
+    /// The sizes given to [`Generator::new`].
     #[must_use]
     pub fn sizes(&self) -> GeneratorSizes {
         self.sizes
     }
 
     /// Images and last map of latent vectors `[batch, latent]`.
-    pub fn forward(&mut self, latents: Tensor<2>, pass: Pass) -> Generated {
+    pub fn forward(&mut self, latents: Tensor<2>, pass: PassMode) -> GeneratedBatch {
         let mut map = self.trunk.stem.forward(latents);
         let mut skip_outputs = Vec::new();
         for cell in &mut self.cells {
@@ -117,22 +117,22 @@ impl Generator {
             map = output;
         }
         let rectified = self.trunk.norm.forward(map.clone(), pass);
-        Generated {
+        GeneratedBatch {
             images: pointwise::tanh(self.trunk.head.forward(rectified, pass)),
             map,
         }
     }
 
-    /// As [`Generator::forward`] for evaluation: nothing is remembered.
+    /// As [`Generator::forward`] in evaluation: running statistics stay unchanged.
     #[must_use]
-    pub fn evaluate(&self, latents: Tensor<2>) -> Generated {
-        self.clone().forward(latents, Pass::Evaluation)
+    pub fn evaluate(&self, latents: Tensor<2>) -> GeneratedBatch {
+        self.clone().forward(latents, PassMode::Evaluation)
     }
 }
 
-impl Generated {
-    /// The mean over the batch of the map resized to one pixel, `[channels]`: of a map with even sides the mean
-    /// of its four central pixels.
+impl GeneratedBatch {
+    /// The mean over the batch of the map resized to one pixel, `[channels]`: for a map with even sides the
+    /// mean of its four central pixels.
     #[must_use]
     #[allow(
         clippy::cast_precision_loss,
@@ -150,8 +150,8 @@ impl Generated {
     }
 }
 
-impl Remembering for Generator {
-    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
+impl StatefulModule for Generator {
+    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
         let cells = self
             .cells
             .iter_mut()
@@ -159,18 +159,18 @@ impl Remembering for Generator {
         let norms = cells.map(|block| &mut block.norm);
         norms
             .chain([&mut self.trunk.norm])
-            .flat_map(Remembering::remembered)
+            .flat_map(StatefulModule::state_vectors)
             .collect()
     }
 }
 
-/// One cell.
+/// One cell of a generator.
 #[derive(Module, Debug)]
 pub(crate) struct Cell {
     first: Block,
     second: Block,
-    shortcut: Option<Side>,
-    skips: Vec<Side>,
+    shortcut: Option<SideBranch>,
+    skips: Vec<SideBranch>,
     /// The earlier cell of each skip.
     #[module(skip)]
     from: Vec<usize>,
@@ -178,7 +178,7 @@ pub(crate) struct Cell {
 
 /// A branch beside the blocks: enlargement and convolution 1x1.
 #[derive(Module, Debug)]
-struct Side {
+struct SideBranch {
     enlargement: Enlargement,
     convolution: Convolution,
 }
@@ -195,7 +195,7 @@ impl Cell {
         let upsampling = architecture.upsampling;
         let first = Block::new(architecture, true, n_channels, rng, device);
         let second = Block::new(architecture, false, n_channels, rng, device);
-        let mut side = |doublings: usize| Side {
+        let mut side = |doublings: usize| SideBranch {
             enlargement: Enlargement::new(upsampling, 1 << doublings, n_channels, rng, device),
             convolution: Convolution::new(1, [n_channels; 2], rng, device),
         };
@@ -219,7 +219,7 @@ impl Cell {
         &mut self,
         input: Tensor<4>,
         skip_outputs: &[Tensor<4>],
-        pass: Pass,
+        pass: PassMode,
     ) -> (Tensor<4>, Tensor<4>) {
         let mut hidden = self.first.forward(input.clone(), pass);
         for (skip, from) in self.skips.iter_mut().zip(&self.from) {
@@ -233,8 +233,8 @@ impl Cell {
     }
 }
 
-impl Side {
-    fn forward(&mut self, map: Tensor<4>, pass: Pass) -> Tensor<4> {
+impl SideBranch {
+    fn forward(&mut self, map: Tensor<4>, pass: PassMode) -> Tensor<4> {
         self.convolution.forward(self.enlargement.forward(map), pass)
     }
 }
@@ -267,7 +267,7 @@ impl Block {
         }
     }
 
-    pub(crate) fn forward(&mut self, map: Tensor<4>, pass: Pass) -> Tensor<4> {
+    pub(crate) fn forward(&mut self, map: Tensor<4>, pass: PassMode) -> Tensor<4> {
         match self.order {
             Order::ConvolutionFirst => {
                 let map = self.convolution.forward(self.enlarged(map), pass);

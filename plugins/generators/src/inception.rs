@@ -1,13 +1,13 @@
-//! Inception-v3 in the form that published Fréchet distances and inception scores are made with.
+//! Inception-v3 in the form by which published Fréchet distances and inception scores are computed.
 //!
-//! C. Szegedy et al. 2015, "Rethinking the Inception architecture for computer vision", arXiv:1512.00567, as
-//! TensorFlow's graph of 2015-12-05 has it, which M. Heusel et al. 2017 (arXiv:1706.08500) score with, and as
-//! M. Seitzer's pytorch-fid translates it. The weights are no part of this program: the user gives the published
-//! PyTorch state dict as a safetensors file, `f32` or `f16`, with its names: `Conv2d_1a_3x3.conv.weight`,
-//! `Mixed_5b.branch1x1.bn.running_mean`, `fc.weight`. Tensors that are not needed may be there or not: `fc.bias` and
-//! the counters `num_batches_tracked`.
+//! C. Szegedy et al. 2015, "Rethinking the Inception architecture for computer vision", arXiv:1512.00567, in
+//! the form of TensorFlow's graph of 2015-12-05, by which M. Heusel et al. 2017 (arXiv:1706.08500) compute
+//! scores and which M. Seitzer's pytorch-fid translates. The weights are not part of this program: the user
+//! gives the published PyTorch state dict as a safetensors file, `f32` or `f16`, with its names:
+//! `Conv2d_1a_3x3.conv.weight`, `Mixed_5b.branch1x1.bn.running_mean`, `fc.weight`. Unneeded tensors may be
+//! present or absent: `fc.bias` and the counters `num_batches_tracked`.
 //!
-//! | part | output | what differs from other networks of this name |
+//! | part | output | difference from other networks of this name |
 //! |---|---|---|
 //! | bilinear resize to 299 x 299, centres of pixels at halves (`align_corners=False`) | `[batch, 3, 299, 299]` | |
 //! | stem: 3x3 of stride 2, 3x3, 3x3, largest of 3x3; 1x1, 3x3, largest of 3x3 | `[batch, 192, 35, 35]` | |
@@ -20,19 +20,19 @@
 //! | mean over all pixels: the *features* (`pool3`) | `[batch, 2048]` | |
 //! | features times `fc.weight`: the *logits* | `[batch, 1008]` | no bias; 1008 classes, 8 of them unused |
 //!
-//! The softmax of these logits is what the published inception score is computed of: its code multiplies `pool3` with
-//! the matrix of the graph's last layer and adds no bias. Each convolution has no bias of its own and is followed by
-//! batch normalisation (variance + 0.001) and a rectifier; the normalisation is folded into weight and bias, in
-//! `f64`, when the file is read, which moves outputs by rounding alone.
+//! The published inception score is computed from the softmax of these logits: its code multiplies `pool3` by
+//! the matrix of the graph's last layer and adds no bias. Each convolution has no bias of its own and is
+//! followed by batch normalisation (variance + 0.001) and a rectifier; the normalisation is folded into weight
+//! and bias, in `f64`, when the file is read, which moves outputs by rounding only.
 //!
-//! Two things are not as in the graph of 2015, and are as in pytorch-fid. That graph resizes with corners of pixels
-//! in the place of centres (TensorFlow 1's `ResizeBilinear`), so features of images that are not 299 x 299 differ
-//! slightly. And it takes bytes as `(byte - 128) / 128` where [-1, 1] is `byte / 127.5 - 1`. Published code scores
-//! bytes: whoever compares rounds images to bytes before they are passed in.
+//! Two properties follow pytorch-fid instead of the graph of 2015. That graph resizes with the corners of
+//! pixels in the place of their centres (TensorFlow 1's `ResizeBilinear`), so features of images that are not
+//! 299 x 299 differ slightly. And it takes bytes as `(byte - 128) / 128` where [-1, 1] is `byte / 127.5 - 1`.
+//! Published code scores bytes, so a comparison rounds images to bytes first.
 //!
-//! Convolutions are `burn`'s, whose products of matrices are summed in blocks that follow the caches of the
-//! processor: features are the same bits for any number of workers, and on another kind of processor the same up to
-//! rounding.
+//! Convolutions are `burn`'s, whose matrix products are summed in blocks that follow the caches of the
+//! processor: features are the same bits for any number of workers, and equal up to rounding on another kind of
+//! processor.
 
 mod plan;
 mod weights;
@@ -49,11 +49,11 @@ use weights::{Lookup, WeightFile};
 
 pub use weights::InceptionError;
 
-/// Height and width that images are resized to.
+/// Height and width to which images are resized, pixels.
 pub const SIZE: usize = 299;
-/// Numbers that an image is described by.
+/// Number of features of an image.
 pub const FEATURES: usize = 2048;
-/// Classes, of which 1000 are those of `ImageNet`.
+/// Number of classes, 1000 of them those of `ImageNet`.
 pub const CLASSES: usize = 1008;
 
 /// The network, without gradients.
@@ -68,8 +68,8 @@ impl Inception {
     /// Reads the published weights.
     ///
     /// # Errors
-    /// [`InceptionError`]: where the file cannot be read or is none of tensors, and the first tensor that is missing,
-    /// cut off, of another shape or type, or not finite.
+    /// [`InceptionError`] where the file cannot be read or is not a safetensors file, or for the first tensor
+    /// that is missing, cut off, of another shape or type, or not finite.
     pub fn read(path: &Path) -> Result<Self, InceptionError> {
         let file = WeightFile::read(path)?;
         Self::from_weights(&|name, shape| file.tensor(name, shape))
@@ -90,10 +90,10 @@ impl Inception {
         })
     }
 
-    /// Features `[batch, 2048]` and logits `[batch, 1008]` of `images` `[batch, height, width, 3]` in [-1, 1], of any
-    /// size. A tracked image is taken for its numbers: no gradient comes back.
+    /// Features `[batch, 2048]` and logits `[batch, 1008]` of `images` `[batch, height, width, 3]` in [-1, 1],
+    /// of any size. No gradients flow back to the images.
     ///
-    /// A batch takes some 15 MB an image while it passes.
+    /// A batch takes about 15 MB of memory per image.
     #[must_use]
     pub fn see(&self, images: Tensor<4>) -> (Tensor<2>, Tensor<2>) {
         let features = means(self.blocks.iter().fold(planes(images), |x, block| block.see(x)));
@@ -125,13 +125,13 @@ fn means(x: Tensor<4>) -> Tensor<2> {
         .reshape([batch, channels])
 }
 
-/// Branches that see the same input; their outputs lie one after the other along the channels.
+/// Branches with the same input; their outputs are concatenated along the channels.
 #[derive(Debug)]
 struct Block {
     branches: Vec<Branch>,
 }
 
-/// A pooling, then convolutions one after the other, then some that all see the result of those.
+/// A pooling, then a chain of convolutions, then parallel convolutions of the chain's output.
 #[derive(Debug)]
 struct Branch {
     pool: Option<Pool>,
@@ -139,7 +139,7 @@ struct Branch {
     fork: Vec<Convolution>,
 }
 
-/// A convolution with its normalisation folded in, and a rectifier.
+/// A convolution with its normalisation folded in, followed by a rectifier.
 #[derive(Debug)]
 struct Convolution {
     /// `[outputs, inputs, height, width]`.
@@ -217,7 +217,7 @@ impl Convolution {
     }
 }
 
-/// Of squares of 3x3.
+/// Pooling over squares of 3x3 pixels.
 fn pool_3x3(x: Tensor<4>, pool: Pool) -> Tensor<4> {
     let largest = MaxPoolOptions::new([3, 3]);
     match pool {

@@ -1,15 +1,15 @@
-//! Layers of generators and discriminators, started from a random stream of our own.
+//! Layers of generators and discriminators, initialised from a random stream of the trial.
 //!
 //! Weights of convolutions are uniform in `+-sqrt(6 / (k^2 (inputs + outputs)))` (Glorot and Bengio 2010, eq.
 //! 16), with `k` the side of the kernel. Their biases and all numbers of deconvolutions and linear layers are
-//! uniform in `+-1 / sqrt(n)`, as PyTorch starts them: `n` numbers enter an output, of a deconvolution 4 times
-//! its outputs. Weights of batch normalisation are normal with mean 1 and standard deviation 0.02.
+//! uniform in `+-1 / sqrt(n)`, like PyTorch's: `n` numbers enter an output, for a deconvolution 4 times its
+//! outputs. Weights of batch normalisation are normal with mean 1 and standard deviation 0.02.
 //!
-//! What a layer remembers beside its parameters (singular vectors, running statistics) is plain numbers that a
-//! copy has for itself.
+//! The state of a layer beside its parameters (singular vectors, running statistics) is plain numbers, of which
+//! each copy has its own.
 
 use crate::architecture::{Normalisation, Upsampling};
-use crate::memory::Remembering;
+use crate::memory::StatefulModule;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use numerics::gaussian::standard_normal;
@@ -20,12 +20,12 @@ use numerics::image::{convolution, deconvolution, pointwise};
 use numerics::network::device;
 use rand::{Rng, RngCore};
 
-/// Whether a pass is one of training.
+/// Purpose of a forward pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pass {
-    /// Normalise by the batch and absorb its statistics; one more power iteration.
+pub enum PassMode {
+    /// Normalises by the batch and absorbs its statistics; takes one power iteration.
     Training,
-    /// By running statistics and the singular vectors as they are; nothing is remembered.
+    /// Uses running statistics and singular vectors unchanged.
     Evaluation,
 }
 
@@ -35,7 +35,7 @@ pub struct Convolution {
     /// `[k, k, inputs, outputs]`.
     weight: Param<Tensor<4>>,
     bias: Param<Tensor<1>>,
-    /// Where the weight is divided by its largest singular value.
+    /// Singular vectors, where the weight is divided by its largest singular value.
     #[module(skip)]
     singular: Option<SingularVectors>,
 }
@@ -70,10 +70,10 @@ impl Convolution {
     }
 
     /// Output `[batch, height, width, outputs]` of an image `[batch, height, width, inputs]`.
-    pub fn forward(&mut self, image: Tensor<4>, pass: Pass) -> Tensor<4> {
+    pub fn forward(&mut self, image: Tensor<4>, pass: PassMode) -> Tensor<4> {
         let mut weight = self.weight.val();
         if let Some(singular) = &mut self.singular {
-            if pass == Pass::Training {
+            if pass == PassMode::Training {
                 singular.iterate(&weight);
             }
             weight = normalised(weight, singular);
@@ -87,8 +87,8 @@ impl Convolution {
     }
 }
 
-impl Remembering for Convolution {
-    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
+impl StatefulModule for Convolution {
+    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
         let singular = self.singular.iter_mut();
         singular
             .flat_map(|singular| [&mut singular.of_outputs, &mut singular.of_rows])
@@ -116,9 +116,9 @@ impl SpectralLinear {
     }
 
     /// Outputs `[batch, height, width, outputs]` of every pixel of `[batch, height, width, inputs]`.
-    pub fn forward(&mut self, input: Tensor<4>, pass: Pass) -> Tensor<4> {
+    pub fn forward(&mut self, input: Tensor<4>, pass: PassMode) -> Tensor<4> {
         let weight = self.weight.val();
-        if pass == Pass::Training {
+        if pass == PassMode::Training {
             self.singular.iterate(&weight);
         }
         let no_bias = Tensor::zeros([weight.dims()[1]], &device());
@@ -126,13 +126,13 @@ impl SpectralLinear {
     }
 }
 
-impl Remembering for SpectralLinear {
-    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
+impl StatefulModule for SpectralLinear {
+    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
         vec![&mut self.singular.of_outputs, &mut self.singular.of_rows]
     }
 }
 
-/// A linear layer, whose outputs are a small image.
+/// A linear layer whose outputs form a small image.
 #[derive(Module, Debug)]
 pub struct Stem {
     /// `[latent, height * width * channels]`.
@@ -161,7 +161,8 @@ impl Stem {
     #[must_use]
     pub fn forward(&self, latents: Tensor<2>) -> Tensor<4> {
         let ([n_images, _], [height, width, channels]) = (latents.dims(), self.shape);
-        // A convolution of one pixel: the same bits on every processor, which a matrix product does not promise.
+        // A convolution of one pixel gives the same bits on every processor, which a matrix product does not
+        // promise.
         let pixels = latents.reshape([n_images as i64, 1, 1, -1]);
         convolution::convolve_1x1(pixels, self.weight.val(), self.bias.val())
             .reshape([n_images, height, width, channels])
@@ -175,7 +176,7 @@ pub struct NormRelu {
     bias: Option<Param<Tensor<1>>>,
     #[module(skip)]
     kind: Normalisation,
-    /// Running statistics; empty where the batch is not what is normalised over.
+    /// Running statistics; empty unless normalisation is over the batch.
     #[module(skip)]
     running: Statistics,
 }
@@ -197,17 +198,17 @@ impl NormRelu {
         }
     }
 
-    /// The image `[batch, height, width, channels]` normalised, and 0 where that is negative.
-    pub fn forward(&mut self, image: Tensor<4>, pass: Pass) -> Tensor<4> {
+    /// The normalised image `[batch, height, width, channels]`, with 0 in place of negative values.
+    pub fn forward(&mut self, image: Tensor<4>, pass: PassMode) -> Tensor<4> {
         let affine = self.weight.as_ref().zip(self.bias.as_ref());
         match (affine, self.kind, pass) {
-            (Some((weight, bias)), _, Pass::Training) => {
+            (Some((weight, bias)), _, PassMode::Training) => {
                 let [n_images, height, width, _] = image.dims();
                 let (output, of_batch) = normalise_batch(image, weight.val(), bias.val(), true);
                 self.running.absorb(&of_batch, n_images * height * width);
                 output
             }
-            (Some((weight, bias)), _, Pass::Evaluation) => {
+            (Some((weight, bias)), _, PassMode::Evaluation) => {
                 normalise_by(image, weight.val(), bias.val(), self.running.clone(), true)
             }
             (None, Normalisation::Instance, _) => normalise_instances(image, true),
@@ -216,8 +217,8 @@ impl NormRelu {
     }
 }
 
-impl Remembering for NormRelu {
-    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
+impl StatefulModule for NormRelu {
+    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
         vec![&mut self.running.mean, &mut self.running.variance]
     }
 }
@@ -225,7 +226,7 @@ impl Remembering for NormRelu {
 /// Enlargement by 2 or 4.
 #[derive(Module, Debug)]
 pub struct Enlargement {
-    /// One doubling each, where they are learnt.
+    /// The deconvolutions, where enlargement is learnt.
     doublings: Vec<Doubling>,
     #[module(skip)]
     kind: Upsampling,
@@ -242,7 +243,7 @@ struct Doubling {
 }
 
 impl Enlargement {
-    /// Enlargement of maps with `n_channels` by `factor`, a power of 2; learnt doublings one after the other.
+    /// Enlargement of maps with `n_channels` by `factor`, a power of 2; learnt doublings follow each other.
     ///
     /// # Panics
     /// Where `factor` is no power of 2.
@@ -308,7 +309,7 @@ fn uniform(count: usize, bound: f64, rng: &mut impl RngCore) -> Vec<f32> {
         .collect()
 }
 
-/// Directions without a preference, for both sides of a weight `[rows, outputs]`.
+/// Random directions for both sides of a weight `[rows, outputs]`.
 fn singular_vectors(n_rows: usize, n_outputs: usize, rng: &mut impl RngCore) -> SingularVectors {
     let mut direction = |length: usize| {
         let drawn: Vec<f64> = (0..length).map(|_| standard_normal(rng)).collect();

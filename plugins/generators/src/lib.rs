@@ -6,13 +6,13 @@
 
 pub mod adversarial;
 pub mod architecture;
+mod cache;
 pub mod classifier;
 pub mod discriminator;
 pub mod feature_network;
 pub mod generator;
 pub mod images;
 pub mod inception;
-mod kept;
 pub mod layers;
 pub mod memory;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Reading of the reference values in `tests/fixtures/images`, for tests.
+//! Reference values in `tests/fixtures/images`, for tests.
 
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
@@ -25,7 +25,7 @@ pub fn tensor<const D: usize>(shape: [usize; D], seed: usize) -> Tensor<D> {
     )
 }
 
-/// The module with parameters by the formula from number `known` on.
+/// The module with parameters from number `known` on set by the formula.
 pub fn by_formula<M: Module>(module: M, seed: usize, known: usize) -> M {
     let mut all = parameters(&module);
     for (at, parameter) in all.iter_mut().enumerate().skip(known) {
@@ -36,7 +36,7 @@ pub fn by_formula<M: Module>(module: M, seed: usize, known: usize) -> M {
     with_parameters(module, &all).unwrap()
 }
 
-/// Whether numbers are those of a thinned list, up to a part of the largest or an absolute bound.
+/// Asserts that numbers equal those of a thinned list, up to a fraction of the largest or an absolute bound.
 pub fn assert_close(found: &[f32], expected: &Value, (relative, absolute): (f64, f64), what: &str) {
     let number = |key: &str| expected[key].as_f64().unwrap();
     assert_eq!(found.len() as f64, number("length"), "{what}");

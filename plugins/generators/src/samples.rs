@@ -1,8 +1,8 @@
-//! Environment `image_samples`: one image, whose class is to be said.
+//! Environment `image_samples`: classify one image.
 //!
-//! An episode is one step. What is seen are the numbers of an image, `[height, width, 3]` in [-1, 1], row by row; the
-//! state, which a regression learns from, is 1 for the class of the image and 0 for the others. The last images of
-//! the set are held out: measurements show those, learning the others.
+//! An episode is one step. The observation holds the numbers of an image, `[height, width, 3]` in [-1, 1], row
+//! by row; the state, from which a regression learns, is 1 for the class of the image and 0 for the others. The
+//! last images of the set are held out: measurements show those, learning the others.
 
 use crate::{
     images::Images,
@@ -17,16 +17,16 @@ use std::sync::Arc;
 
 const NAME: &str = "image_samples";
 
-/// Settings.
+/// Settings of the `image_samples` environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Where the images come from.
+    /// Source of the images.
     pub images: Source,
-    /// Pixels a side.
+    /// Height and width, pixels.
     #[schemars(range(min = 4, max = 96))]
     pub size: usize,
-    /// Share of the images, counted from the last one, that measurements show and learning does not.
+    /// Fraction of the images, counted from the last one, that measurements show and learning does not.
     #[schemars(range(min = 0.01, max = 0.9))]
     pub held_out: f64,
 }
@@ -49,7 +49,7 @@ pub struct ImageSamples {
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     config: Config,
-    /// Read when the first one is shown.
+    /// Images, read when the first one is shown.
     images: Option<Arc<Images>>,
     n_images: usize,
     n_shown: usize,
@@ -57,7 +57,6 @@ pub struct ImageSamples {
     answer: Option<usize>,
 }
 
-/// Registers the environment.
 pub(crate) fn register(registry: &mut Registry) {
     registry.environment(NAME, 1, "one image, whose class is to be said", build);
 }
@@ -122,13 +121,13 @@ impl ImageSamples {
         Ok(vec![self.seen()])
     }
 
-    /// The image; nothing before one is shown.
+    /// The image; empty before one is shown.
     fn seen(&self) -> Vec<f64> {
         let numbers = self.images.iter().flat_map(|images| images.batch(&[self.at]));
         numbers.map(f64::from).collect()
     }
 
-    /// The class of the image; `None` before one is shown. The build made sure that there are labels.
+    /// The class of the image; `None` before one is shown. The constructor checked that there are labels.
     fn class(&self) -> Option<usize> {
         let labels = self.images.as_ref()?.labels()?;
         Some(usize::from(labels[self.at]))

@@ -1,8 +1,8 @@
-//! What is chosen of each cell of a generator, as choices among options.
+//! The decisions on each cell of a generator, as choices among options.
 //!
-//! The space is that of Gong et al. 2019 (AutoGAN), which the thesis searches too: three cells of 36, 72 and 144
-//! forms. Every step decides one cell with the same choices. Skips that a cell cannot have (the first has none, the
-//! second has one) are decided all the same and count for nothing, as in the released code of E2GAN.
+//! The space is that of Gong et al. 2019 (AutoGAN), as in the thesis: three cells of 36, 72 and 144 forms.
+//! Every step decides one cell with the same choices. Skips that a cell cannot have (the first has none, the
+//! second has one) are decided all the same and have no effect, as in the released code of E2GAN.
 
 pub use crate::architecture::N_CELLS;
 use contract::Choice;
@@ -23,7 +23,7 @@ pub fn choices() -> Vec<Choice> {
 /// Options of one cell, in the order of [`choices`].
 pub type CellOptions = [usize; 6];
 
-/// How many options each choice of the cell at `step`, from 0, really has: 1 where it counts for nothing.
+/// Number of effective options of each choice of the cell at `step`, from 0: 1 for a choice without effect.
 #[must_use]
 pub fn n_options(step: usize) -> CellOptions {
     [
@@ -36,7 +36,7 @@ pub fn n_options(step: usize) -> CellOptions {
     ]
 }
 
-/// The options of a cell, the first one in the place of those that count for nothing.
+/// The options of a cell, with the first one for choices without effect.
 ///
 /// # Panics
 /// Where there are not six.

@@ -1,25 +1,25 @@
-//! Which images there are, as a study says it.
+//! Sources of images in a config.
 
 use crate::{
+    cache::Cache,
     images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10},
-    kept::Kept,
 };
 use contract::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fs, sync::Arc};
 
-/// Where images come from.
+/// Source of the images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Source {
     /// Figures of ten classes that the program draws.
     Shapes {
-        /// How many.
+        /// Number of images.
         #[serde(default = "ten_thousand")]
         #[schemars(range(min = 20, max = 10_000_000))]
         count: u64,
-        /// Names the stream that they are drawn from.
+        /// Names the random stream of the drawings.
         #[serde(default)]
         seed: u64,
     },
@@ -32,7 +32,7 @@ pub enum Source {
     Stl10 {
         /// `train_X.bin`.
         images: ImageFile,
-        /// `train_y.bin`; nothing for images without labels.
+        /// `train_y.bin`; absent for images without labels.
         #[serde(default)]
         labels: Option<ImageFile>,
         /// `unlabeled_X.bin`, whose images are added; labels are then not known.
@@ -45,7 +45,7 @@ pub enum Source {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImageFile {
-    /// Its path.
+    /// Path of the file.
     pub file: DataFile,
 }
 
@@ -63,20 +63,20 @@ impl Default for Source {
 }
 
 impl Source {
-    /// The images, each side `size` pixels; read once as long as not many others are asked for.
+    /// The images with `size` pixels a side, from the cache if they are there.
     ///
     /// # Errors
-    /// [`Error::Config`] for a size that these images cannot have, [`Error::File`] and [`Error::Damaged`] for a file
-    /// that cannot be read or is something else.
+    /// [`Error::Config`] for a size that these images cannot have, [`Error::File`] and [`Error::Damaged`] for a
+    /// file that cannot be read or has the wrong content.
     pub fn load(&self, size: usize) -> Result<Arc<Images>, Error> {
-        static KEPT: Kept<Images> = Kept::new();
-        KEPT.or_made(format!("{size} {}", self.identity()?), || self.read(size))
+        static KEPT: Cache<Images> = Cache::new();
+        KEPT.get_or_make(format!("{size} {}", self.identity()?), || self.read(size))
     }
 
-    /// How many images there are, by the sizes of files, without reading them.
+    /// Number of images, from the sizes of files without reading them.
     ///
     /// # Errors
-    /// [`Error::File`] where a file is not there.
+    /// [`Error::File`] for a missing file.
     pub fn count(&self) -> Result<usize, Error> {
         let in_file = |of: &ImageFile, bytes_each: u64| {
             let path = of.file.path();
@@ -105,7 +105,7 @@ impl Source {
         }
     }
 
-    /// True where the class of every image is known.
+    /// Whether the class of every image is known.
     #[must_use]
     pub fn has_labels(&self) -> bool {
         match self {
@@ -116,7 +116,7 @@ impl Source {
         }
     }
 
-    /// What tells these images from others: the content of files, not their paths.
+    /// A text that identifies these images: the content of files, not their paths.
     ///
     /// # Errors
     /// [`Error::File`] where a file cannot be read.
@@ -218,10 +218,11 @@ fn damaged(error: ImageFileError) -> Error {
     }
 }
 
-/// The images with another side: halved as often as it takes, each pixel the mean of four, and then interpolated.
+/// The images at a smaller size: halved as often as possible, each pixel the mean of four, and then
+/// interpolated.
 ///
 /// # Errors
-/// [`Error::Config`] where they would have to grow.
+/// [`Error::Config`] for a larger size.
 pub fn shrunk(images: Images, size: usize) -> Result<Images, Error> {
     if size > images.size() {
         let problem = format!(
@@ -242,7 +243,7 @@ pub fn shrunk(images: Images, size: usize) -> Result<Images, Error> {
     })
 }
 
-/// Numbers that an image of this size has.
+/// Count of the numbers of an image of this size.
 #[must_use]
 pub fn n_numbers(size: usize) -> usize {
     size * size * CHANNELS

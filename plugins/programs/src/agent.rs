@@ -4,11 +4,11 @@ use crate::{
     ProgramConfig,
     link::Link,
     metrics::Metrics,
-    output::{self, Listening},
+    output::{self, OutputReader},
     policy::Policy,
     process::{self, Process},
-    words::{Known, OTHERS, Word, filled, parsed},
-    workplace::Workplace,
+    words::{OTHERS, Word, WordValues, filled, parsed},
+    working_folder::WorkingFolder,
 };
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
@@ -22,9 +22,9 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks at whether a program asks to be measured.
+/// Time between two polls for a measurement that the program requests.
 const LOOK: Duration = Duration::from_millis(2);
-/// How long a program may take to leave that broke a measurement off.
+/// Time that a program has to end after it broke a measurement off.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
 /// A program as an agent.
@@ -33,20 +33,20 @@ pub struct ProgramAgent {
     config: ProgramConfig,
     run: Vec<Word>,
     resume: Vec<Word>,
-    /// Whose actions it is asked for.
+    /// The seat for which the program is asked for actions.
     seat: Option<Seat>,
     training: Option<Training>,
-    /// The policy that it left, or that another trial of it left.
+    /// The policy that the program left, here or in another trial.
     policy: Option<Policy>,
 }
 
-/// The program of a training.
+/// State of a training's program.
 #[derive(Debug)]
 enum Work {
-    /// It was started.
+    /// The program runs.
     Running(Process),
-    /// It had ended before: what it said is there.
-    Done(Listening),
+    /// The program had ended before; its captured output is kept.
+    Done(OutputReader),
 }
 
 impl Work {
@@ -57,21 +57,21 @@ impl Work {
         }
     }
 
-    fn listening(&self) -> &Listening {
+    fn output_reader(&self) -> &OutputReader {
         match self {
-            Self::Running(process) => process.listening(),
-            Self::Done(listening) => listening,
+            Self::Running(process) => process.output_reader(),
+            Self::Done(output_reader) => output_reader,
         }
     }
 }
 
-/// A training that was begun.
+/// A training that has begun.
 #[derive(Debug)]
 struct Training {
     folder: PathBuf,
     metrics: Metrics,
     work: Work,
-    /// Where it asks to be measured.
+    /// Socket on which the program requests measurements.
     link: Option<Link>,
     has_ended: bool,
 }
@@ -79,7 +79,7 @@ struct Training {
 /// Builds the agent; registered as `program`.
 ///
 /// # Errors
-/// [`Error::Config`] for what the config lacks, and for words that cannot be read.
+/// [`Error::Config`] for missing keys, and for words of the command that cannot be parsed.
 pub fn build(config: ProgramConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     config.check()?;
     let run = parsed("run", &config.run)?;
@@ -150,7 +150,7 @@ impl Agent for ProgramAgent {
 
 impl OwnTraining for ProgramAgent {
     fn command(&self, of: &Assignment) -> Result<Vec<String>, Error> {
-        self.words(of, &Workplace::at(Path::new("{folder}"), &self.config), true)
+        self.words(of, &WorkingFolder::at(Path::new("{folder}"), &self.config), true)
     }
 
     fn written(&self) -> Vec<String> {
@@ -182,9 +182,9 @@ impl OwnTraining for ProgramAgent {
     }
 
     fn begin(&mut self, of: &Assignment, within: &Place) -> Result<(), Error> {
-        let place = Workplace::at(&within.folder, &self.config);
+        let place = WorkingFolder::at(&within.folder, &self.config);
         end_leftover(&place.notes(), process::grace(&self.config));
-        // Measurements that were asked for are in no file.
+        // Measurements by calls are in no file.
         let is_asked = self.config.measured == Some(Measured::Calls);
         let has_ended = process::has_ended_well(&place.notes()) && !is_asked;
         let can_go_on = place.has_checkpoint() && !output::is_numbered(&place.notes());
@@ -192,17 +192,17 @@ impl OwnTraining for ProgramAgent {
         if !has_ended && !goes_on {
             place.empty()?;
         }
-        let mut listening = process::listening(&self.config, &place)?;
+        let mut output_reader = process::output_reader(&self.config, &place)?;
         let attempts = attempt(&place, has_ended)?;
         let mut metrics = Metrics::of(&self.config, &place.folder, &place.notes(), attempts > 1);
         let link = is_asked.then(|| Link::open(within.patience)).transpose()?;
         let work = if has_ended {
-            listening.end();
-            Work::Done(listening)
+            output_reader.end();
+            Work::Done(output_reader)
         } else {
             if goes_on {
-                listening.begin_again(&place.notes())?;
-                metrics.begin_again()?;
+                output_reader.mark_continuation(&place.notes())?;
+                metrics.mark_continuation()?;
             }
             place.lay(&self.config)?;
             place.tell(of, link.as_ref().map(Link::path).as_deref())?;
@@ -212,7 +212,7 @@ impl OwnTraining for ProgramAgent {
                 &self.config,
                 words,
                 (&place, &within.share),
-                listening,
+                output_reader,
             )?)
         };
         self.training = Some(Training {
@@ -253,7 +253,7 @@ impl OwnTraining for ProgramAgent {
         if !last {
             return Ok(training.metrics.now());
         }
-        let seen = training.work.listening().seen();
+        let seen = training.work.output_reader().seen();
         training.metrics.last(&seen)
     }
 
@@ -264,8 +264,8 @@ impl OwnTraining for ProgramAgent {
     }
 
     fn output(&self) -> Option<Vec<u8>> {
-        let listening = self.training.as_ref()?.work.listening();
-        Some(listening.said()).filter(|said| !said.is_empty())
+        let output_reader = self.training.as_ref()?.work.output_reader();
+        Some(output_reader.captured()).filter(|said| !said.is_empty())
     }
 }
 
@@ -292,7 +292,7 @@ impl Training {
         }
     }
 
-    /// The program's actions for these rows. Where it left instead, its end is the error.
+    /// The program's actions for these rows. Where the program ended instead, its end is the error.
     fn act(&mut self, rows: &[&[f64]], columns: usize) -> Result<Vec<Vec<f64>>, Error> {
         let link = self.link.as_mut().ok_or_else(not_asked)?;
         let error = match link.act(rows, columns) {
@@ -306,10 +306,10 @@ impl Training {
 }
 
 impl ProgramAgent {
-    /// The words of the command, with those that are added where it goes on.
-    fn words(&self, of: &Assignment, place: &Workplace, goes_on: bool) -> Result<Vec<String>, Error> {
+    /// The words of the command, with those that are added for a restart from a checkpoint.
+    fn words(&self, of: &Assignment, place: &WorkingFolder, goes_on: bool) -> Result<Vec<String>, Error> {
         let (checkpoint, parameters) = (place.checkpoint(), place.parameters());
-        let known = Known {
+        let known = WordValues {
             assignment: of,
             parameters: &self.config.parameters,
             inputs: &place.inputs,
@@ -325,8 +325,8 @@ impl ProgramAgent {
     }
 }
 
-/// The words with the interpreter of this machine. A relative place is seen from where the study was started,
-/// and not from the working folder.
+/// Puts this machine's interpreter before the words. A relative path is resolved from the folder where the
+/// study was started, and not from the working folder.
 pub fn started(config: &ProgramConfig, mut words: Vec<String>) -> Result<Vec<String>, Error> {
     let own = &config.interpreter;
     if own.is_empty() {
@@ -354,8 +354,8 @@ fn unbegun() -> Error {
     Error::config("run", "the program was not started")
 }
 
-/// Counts the attempts of a trial in its working folder: this one and those before it, whose files are there still.
-fn attempt(place: &Workplace, has_ended: bool) -> Result<u64, Error> {
+/// Counts the attempts of a trial in its working folder, this one included.
+fn attempt(place: &WorkingFolder, has_ended: bool) -> Result<u64, Error> {
     let path = place.notes().join("attempts");
     let before = fs::read_to_string(&path)
         .ok()

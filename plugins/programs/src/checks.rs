@@ -1,4 +1,4 @@
-//! Refusals of keys of a program before anything runs.
+//! Checks of a program's keys before anything runs.
 
 use crate::config::{ProgramConfig, Reading};
 use contract::{
@@ -9,10 +9,10 @@ use contract::{
 use std::path::Path;
 
 impl ProgramConfig {
-    /// Refuses what cannot be run or read.
+    /// Refuses a config that cannot be run or whose metrics cannot be read.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key.
+    /// [`Error::Config`] at the key.
     pub fn check(&self) -> Result<(), Error> {
         if self.run.first().is_none_or(String::is_empty) {
             let problem = "names no program: write it with its arguments as a list, as `[python, train.py, --seed, \"{seed}\"]`";
@@ -31,7 +31,7 @@ impl ProgramConfig {
         self.needs.check()?;
         self.measures()?;
         self.sources.0.keys().try_for_each(|name| within(name))?;
-        self.metrics.keys().try_for_each(|name| of_ones_own(name))?;
+        self.metrics.keys().try_for_each(|name| check_metric_name(name))?;
         let unknown = self.shown.keys().find(|name| !self.metrics.contains_key(*name));
         if let Some(name) = unknown {
             return Err(Error::config("shown", format!("no metric is named `{name}`")));
@@ -47,7 +47,7 @@ impl ProgramConfig {
         readings.iter().try_for_each(|it| readable(&it.from))
     }
 
-    /// Refuses ways to measure that lack something.
+    /// Refuses a way of measuring that lacks one of its keys.
     fn measures(&self) -> Result<(), Error> {
         let policy = self.leaves.policy.as_deref();
         if self.measured == Some(Measured::Calls) && !self.resume.is_empty() {
@@ -70,13 +70,13 @@ impl ProgramConfig {
     }
 }
 
-/// Files lie in the working folder, and not among those of the engine.
+/// Refuses a file outside the working folder, or among the engine's own files.
 fn within(name: &str) -> Result<(), Error> {
     let mut parts = Path::new(name).components();
     let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
     let problem = if !is_inside || name.is_empty() {
         "leads out of the working folder: give it a name there, as `sources: { lib/a.py: { file: ../lib/a.py } }`"
-    } else if name.starts_with(crate::workplace::NOTES) {
+    } else if name.starts_with(crate::working_folder::NOTES) {
         "is a name of files that this program keeps there"
     } else {
         return Ok(());
@@ -96,7 +96,7 @@ fn readable(from: &str) -> Result<(), Error> {
     Err(Error::config("metrics", problem))
 }
 
-/// True for a name or a pattern in the working folder.
+/// Whether a name or pattern stays in the working folder.
 fn is_inside(pattern: &str) -> bool {
     let is_plain = |part| {
         matches!(
@@ -107,8 +107,8 @@ fn is_inside(pattern: &str) -> bool {
     !pattern.is_empty() && Path::new(pattern).components().all(is_plain)
 }
 
-/// Refuses names that claims cannot say, and those of what is recorded anyhow.
-fn of_ones_own(name: &str) -> Result<(), Error> {
+/// Refuses names that claims cannot write and names of the engine's own metrics.
+fn check_metric_name(name: &str) -> Result<(), Error> {
     let taken = [
         OWN_STEPS,
         UPDATES,
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named_with_what_to_write() {
+    fn missing_keys_are_named_with_a_remedy() {
         for (key, value, why) in [
             ("run", json!([]), "`run`: names no program"),
             ("run", json!([""]), "`run`: names no program"),

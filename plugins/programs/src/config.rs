@@ -12,57 +12,59 @@ use std::{borrow::Cow, collections::BTreeMap};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramConfig {
-    /// The program and its arguments, as a list; no shell reads them. `{seed}`, `{steps}`, `{evaluate_every}`,
+    /// The program and its arguments, as a list that no shell reads. `{seed}`, `{steps}`, `{evaluate_every}`,
     /// `{environment.KEY}`, `{input.NAME}`, `{checkpoint}`, `{folder}`, `{parameters}` (the path of a JSON file
     /// with all of them) and the name of each parameter in braces are replaced; `{{` is a brace.
     pub run: Vec<String>,
-    /// Parameters of the program by name, as `{NAME}` in its words. They are swept and searched as keys of the agent.
+    /// Parameters of the program by name, written as `{NAME}` in `run`. They are swept and searched as keys of
+    /// the agent.
     #[schemars(extend("x-own-keys" = true))]
     pub parameters: BTreeMap<String, Value>,
-    /// Its files, seen from the study's folder: a list of names and patterns in which `*` stands for any part of a name
-    /// and `**` for folders of any depth; or `{ NAME: { file: PATH } }` with the name that each has in the
-    /// working folder. Nothing else lies there.
+    /// Files of the program, relative to the study's folder: a list of names and patterns in which `*` stands
+    /// for any part of a name and `**` for folders of any depth; or `{ NAME: { file: PATH } }` with the name of
+    /// each in the working folder. No other files lie there.
     #[schemars(extend("x-patterns" = true))]
     pub sources: Sources,
-    /// The lock file of its packages, as `uv.lock`, `requirements.txt` or `Cargo.lock`; `none` for a program that needs
-    /// none.
+    /// The lock file of the program's packages, such as `uv.lock`, `requirements.txt` or `Cargo.lock`; `none`
+    /// for a program without packages.
     pub lock: Option<Lock>,
-    /// Other files that it reads, by name: `{input.NAME}` is the path of a copy.
+    /// Other files that the program reads, by name: `{input.NAME}` is the path of a copy.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub inputs: BTreeMap<String, NamedFile>,
-    /// Environment variables that it is given.
+    /// Environment variables of the program.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub variables: BTreeMap<String, String>,
-    /// Where its metrics stand that say nothing else.
-    pub reads: Reads,
-    /// Its metrics by name: each with its key or column there, or as `{ key: .., from: .., step: .., last: .. }`.
+    /// Source of the metrics without a `from` of their own.
+    pub reads: MetricSource,
+    /// Metrics by name: each with its key or column, or as `{ key: .., from: .., step: .., last: .. }`.
     pub metrics: BTreeMap<String, MetricText>,
-    /// The files that it leaves for others, by patterns in the working folder.
-    #[serde(skip_serializing_if = "Leaves::is_empty")]
-    pub leaves: Leaves,
-    /// How the engine measures it, on the episodes of the other agents: by `calls` of `trial.measure` while it runs,
-    /// or by the `policy` that it `leaves`. Absent where the program alone says its numbers.
+    /// Files that the program leaves for other trials, by patterns in the working folder.
+    #[serde(skip_serializing_if = "LeftFiles::is_empty")]
+    pub leaves: LeftFiles,
+    /// How the engine measures the program, on the episodes of the other agents: by `calls` of `trial.measure`
+    /// while it runs, or by the `policy` that it `leaves`. Absent where the program reports all its numbers
+    /// itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measured: Option<Measured>,
-    /// Words that are added where it goes on from what lies in `{checkpoint}`. Without them it begins anew after every
-    /// interruption.
+    /// Words that are added to `run` where the program continues from `{checkpoint}`. Without them it begins
+    /// anew after every interruption.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub resume: Vec<String>,
-    /// Units and better directions of its metrics, by name. No part of a trial's id.
+    /// Units and better directions of metrics, by name. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
-    pub shown: BTreeMap<String, Shown>,
-    /// How it is told to end. No part of a trial's id.
+    pub shown: BTreeMap<String, MetricDisplay>,
+    /// Signal and time to end the program. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
-    pub stop: Stop,
-    /// Names of environment variables of the machine that it is given besides. No part of a trial's id.
+    pub stop: StopRequest,
+    /// Names of the machine's environment variables that the program gets too. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub inherit: Vec<String>,
-    /// The cores and graphics cards of a trial: `{ cores: 2, gpus: 1 }`. No part of a trial's id.
+    /// The cores and graphics cards of a trial: `{ cores: 2, gpus: 1 }`. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     #[serde(skip_serializing_if = "is_usual")]
     pub needs: Needs,
-    /// The program that runs in the place of the first word: one on the path, or its place, as
-    /// `.venv/bin/python`; empty for the first word itself. No part of a trial's id.
+    /// The program that runs in place of the first word: one on the path, or a location such as
+    /// `.venv/bin/python`; empty for the first word itself. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub interpreter: String,
 }
@@ -73,7 +75,7 @@ impl contract::Config for ProgramConfig {}
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedFile {
-    /// The file, as seen from the study.
+    /// Path of the file, relative to the study.
     pub file: DataFile,
 }
 
@@ -108,13 +110,13 @@ impl JsonSchema for Sources {
     }
 }
 
-/// The lock file of the packages of a program.
+/// The lock file of a program's packages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "`none`, or `{ file: PATH }`")]
 pub enum Lock {
-    /// Nothing does.
+    /// The program has no packages.
     Without(NoLock),
-    /// A lock file.
+    /// The lock file.
     File(NamedFile),
 }
 
@@ -122,24 +124,25 @@ pub enum Lock {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoLock {
-    /// There is none.
+    /// No lock file.
     None,
 }
 
-/// Where metrics stand.
+/// Source of metrics, with that of their steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Reads {
-    /// `stdout` or `stderr`, whose lines are JSON objects or words `KEY=VALUE`; `log`, the file of JSON objects that
-    /// the variable `REGIMEN_LOG` names and `trial.log` writes; or a file in the working folder or a pattern of such:
-    /// tables as CSV, Parquet or JSON, and TensorBoard's event files.
+pub struct MetricSource {
+    /// `stdout` or `stderr`, whose lines are JSON objects or words `KEY=VALUE`; `log`, the file of JSON objects
+    /// that the variable `REGIMEN_LOG` names and `trial.log` writes; or a file or a pattern of files in the
+    /// working folder: tables as CSV, Parquet or JSON, and TensorBoard's event files.
     pub from: String,
-    /// The key or column with the step, or `{ sum: COLUMN }`. Absent: `step`; lines of output without it are numbered.
+    /// The key or column of the step, or `{ sum: COLUMN }`. Absent: `step`; lines of output without a step are
+    /// numbered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<StepText>,
 }
 
-impl Default for Reads {
+impl Default for MetricSource {
     fn default() -> Self {
         Self {
             from: "stdout".into(),
@@ -148,18 +151,18 @@ impl Default for Reads {
     }
 }
 
-/// Where steps stand.
+/// Source of the steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "the name of a column, or `{ sum: COLUMN }`")]
 pub enum StepText {
-    /// In a column.
+    /// A column that holds the step.
     Column(String),
-    /// They are the running sum of a column.
+    /// The running sum of a column.
     Sum(SumOf),
 }
 
 impl StepText {
-    /// As files are read by it.
+    /// The step in the form that readers of files take.
     pub fn step(&self) -> Step {
         match self {
             Self::Column(column) => Step::Column(column.clone()),
@@ -168,29 +171,29 @@ impl StepText {
     }
 }
 
-/// Where a metric stands.
+/// Source of a metric.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "a key, or `{ key: .., from: .., step: .., last: .. }`")]
 pub enum MetricText {
-    /// Its key, column or tag.
+    /// Key, column or tag.
     Key(String),
-    /// With more that is said of it.
-    Said(SaidMetric),
+    /// Key with a source or a mean of its own.
+    Detailed(MetricDetails),
 }
 
-/// A metric that stands elsewhere, or of which several values count.
+/// A metric with a source of its own, or averaged over several values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SaidMetric {
-    /// Its key, column or tag; names of nested objects are joined by `/`.
+pub struct MetricDetails {
+    /// Key, column or tag; names of nested objects are joined by `/`.
     pub key: String,
-    /// As `from` of `reads`.
+    /// Like `from` of `reads`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<String>,
-    /// As `step` of `reads`.
+    /// Like `step` of `reads`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<StepText>,
-    /// How many of the last values are averaged to what is measured at a step.
+    /// Number of last values that are averaged to the measurement at a step.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     #[schemars(range(min = 1, max = 1_000_000))]
     pub last: u64,
@@ -209,43 +212,43 @@ fn is_usual(needs: &Needs) -> bool {
     *needs == Needs::default()
 }
 
-/// How a metric is shown.
+/// Unit and direction of a metric.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Shown {
-    /// SI unit; empty where there is none.
+pub struct MetricDisplay {
+    /// SI unit; empty for a number without one.
     pub unit: String,
-    /// Whether less is better.
+    /// Whether lower values are better.
     pub lower_is_better: bool,
 }
 
 /// The artifacts of a program.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Leaves {
-    /// Its policy: one ONNX file from an observation to an action, as `"*.onnx"`.
+pub struct LeftFiles {
+    /// The program's policy: one ONNX file from an observation to an action, as `"*.onnx"`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub policy: Option<String>,
 }
 
-impl Leaves {
+impl LeftFiles {
     fn is_empty(&self) -> bool {
         self.policy.is_none()
     }
 }
 
-/// How a program is told to end.
+/// Signal to end a program, and the time that it has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Stop {
+pub struct StopRequest {
     /// The signal: `term`, or `usr1` for programs that save their state at it and leave.
     pub signal: StopSignal,
-    /// How long it may take to leave, before it is ended.
+    /// Time that the program has to end before it is killed.
     #[schemars(range(min = 0.0, max = 3600.0), extend("x-unit" = "s"))]
     pub grace_s: f64,
 }
 
-impl Default for Stop {
+impl Default for StopRequest {
     fn default() -> Self {
         Self {
             signal: StopSignal::Term,
@@ -254,33 +257,33 @@ impl Default for Stop {
     }
 }
 
-/// Where a metric stands, with what all have in common.
+/// Source of a metric, with the defaults of `reads` filled in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
-    /// Its name.
+    /// Name of the metric.
     pub name: String,
-    /// Its key, column or tag.
+    /// Key, column or tag.
     pub key: String,
     /// `stdout`, `stderr`, `log`, or a pattern.
     pub from: String,
-    /// Where steps stand, if the study says so.
+    /// Source of the steps, if the study names one.
     pub step: Option<StepText>,
-    /// How many values count.
+    /// Number of last values that are averaged.
     pub last: u64,
 }
 
 impl ProgramConfig {
-    /// Where each metric stands, in the order of their names.
+    /// Sources of all metrics, ordered by name.
     pub fn readings(&self) -> Vec<Reading> {
         let reading = |(name, text): (&String, &MetricText)| {
             let said = match text {
-                MetricText::Key(key) => SaidMetric {
+                MetricText::Key(key) => MetricDetails {
                     key: key.clone(),
                     from: None,
                     step: None,
                     last: one(),
                 },
-                MetricText::Said(said) => said.clone(),
+                MetricText::Detailed(said) => said.clone(),
             };
             Reading {
                 name: name.clone(),
@@ -293,7 +296,7 @@ impl ProgramConfig {
         self.metrics.iter().map(reading).collect()
     }
 
-    /// A metric as tables and figures know it.
+    /// The metric in the form that tables and figures use.
     pub fn metric(&self, name: &str) -> Metric {
         let shown = self.shown.get(name).cloned().unwrap_or_default();
         let metric = Metric::new(name, &shown.unit, "as the program says it");
@@ -329,7 +332,7 @@ pub(crate) mod tests {
         assert_eq!(config.metric("b").unit, "m");
     }
 
-    /// The words that say the same must not have two ids.
+    /// Words with one meaning must not have two ids.
     #[test]
     fn a_config_is_written_as_it_is_read() {
         let written = json!({

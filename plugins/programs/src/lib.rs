@@ -1,11 +1,12 @@
-//! Programs of any language as trials: an agent that trains itself, and environments that are only named.
+//! Programs in any language as trials: an agent that trains itself, and environments that only have a name.
 //!
-//! A trial of a program has a working folder of its own, in which nothing lies but what the study declares. The program
-//! runs there under a guard of the engine; its metrics are read from its output and its files while it runs.
+//! A trial of a program has a working folder of its own, which holds only the files that the study declares.
+//! The program runs there under a guard of the engine; its metrics are read from its output and its files while
+//! it runs.
 //!
 //! A trial's id holds everything that determines numbers: the words of the command with the parameters, the
-//! content of sources, lock file and inputs, and the environment's values. Which machine, folder or interpreter
-//! runs it is not.
+//! content of sources, lock file and inputs, and the environment's values. Machine, folder and interpreter are
+//! not part of it.
 
 mod agent;
 mod checks;
@@ -20,7 +21,7 @@ mod policy;
 mod process;
 mod variables;
 mod words;
-mod workplace;
+mod working_folder;
 
 pub use config::ProgramConfig;
 pub use named::NamedConfig;

@@ -1,33 +1,34 @@
 //! Lines of a program's output that hold metrics: JSON objects, or words `KEY=VALUE`.
 //!
-//! Of each such line what is declared is noted in a file of JSON lines, which is then read as any other. Values that no
-//! reader would take for numbers are no values of a metric, as in a line `loss=see below`.
+//! The declared keys of each such line are noted in a file of JSON lines, which is then read like any other
+//! file. A text that no reader would take for a number is not a value of a metric, as in a line `loss=see
+//! below`.
 
 use imported::of_line;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
-/// A line that is longer is none.
+/// Longest line, bytes; longer ones are ignored.
 const LONGEST: usize = 1 << 20;
-/// How many other keys are kept for a message.
+/// Most other keys that are kept for a message.
 const MOST_KEYS: usize = 100;
 /// The key of the step where a study names none.
 const STEP: &str = "step";
-/// The key of a noted line with the place at which it ends in the output.
+/// Key of a noted line for the position in the output at which the line ends.
 pub const AT: &str = "regimen_at";
 
-/// Cuts bytes into lines; a carriage return ends one too, as progress bars write it.
+/// Splits bytes into lines; a carriage return ends one too, as progress bars write it.
 #[derive(Debug, Default)]
 pub struct Lines {
-    /// Where the bytes end that were taken in.
+    /// Position in the output behind the bytes so far.
     at: u64,
     begun: Vec<u8>,
     is_passed_over: bool,
 }
 
 impl Lines {
-    /// Lines of a file from a place on. One that begins before it is passed over where the place is not the end of
-    /// a line.
+    /// Lines of a file from a position on. The rest of a line that began before the position is skipped, unless
+    /// the position is the end of a line.
     pub fn from(at: u64, is_end_of_line: bool) -> Self {
         Self {
             at,
@@ -36,12 +37,12 @@ impl Lines {
         }
     }
 
-    /// Where the bytes end that were taken in.
+    /// Position in the output behind the bytes so far.
     pub fn at(&self) -> u64 {
         self.at
     }
 
-    /// Takes in bytes, and gives the lines that end in them, each with the place of its end.
+    /// Adds bytes, and calls `line` with each line that ends in them and the position of its end.
     pub fn take(&mut self, bytes: &[u8], line: &mut dyn FnMut(&str, u64)) {
         for piece in bytes.split_inclusive(|byte| matches!(byte, b'\n' | b'\r')) {
             let is_whole = piece.ends_with(b"\n") || piece.ends_with(b"\r");
@@ -56,7 +57,7 @@ impl Lines {
         }
     }
 
-    /// The last line, which nothing ended.
+    /// The last line, which has no end.
     pub fn end(&mut self, line: &mut dyn FnMut(&str, u64)) {
         let text = String::from_utf8_lossy(&self.begun);
         let text = text.trim();
@@ -68,25 +69,25 @@ impl Lines {
     }
 }
 
-/// The metrics in the lines of a stream.
+/// Selects the metrics in the lines of a stream.
 #[derive(Debug, Clone, Default)]
 pub struct Filter {
     /// Keys of metrics.
     pub keys: BTreeSet<String>,
-    /// True where every key with a number is one.
+    /// Whether every key with a number is a metric.
     pub all: bool,
-    /// Keys of steps that a study names.
+    /// Keys of steps that the study names.
     pub steps: BTreeSet<String>,
-    /// True where a metric has no named step: it stands under `step`, or lines are numbered.
+    /// Whether a metric has no named step: its steps stand under `step`, or its lines are numbered.
     pub numbers: bool,
-    /// Lines that counted so far.
+    /// Count of the lines with metrics so far.
     pub counted: u64,
-    /// Other keys that were there, for a message.
+    /// Other keys in the lines, for a message.
     pub seen: BTreeSet<String>,
 }
 
 impl Filter {
-    /// The note of a line that ends at a place of the output; `None` where it holds no metric.
+    /// The note of a line that ends at `at` in the output; `None` where it holds no metric.
     pub fn noted(&mut self, line: &str, at: u64) -> Option<String> {
         let values = values(line)?;
         for (key, _) in &values {
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_declared_is_noted_of_a_line() {
+    fn only_declared_keys_of_a_line_are_noted() {
         let mut filter = filter(&["t"]);
         for (line, noted) in [
             (

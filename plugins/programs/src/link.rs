@@ -1,9 +1,10 @@
-//! How a program asks to be measured, and is asked for actions meanwhile.
+//! The socket on which a program requests measurements, and answers with actions while it is measured.
 //!
-//! A program opens a connection for each measurement and writes a line of JSON, `{"step": 1000}` or `{"step": null}`
-//! for the last one. From then on both sides write rows of numbers: two whole numbers of 4 bytes, how many rows and
-//! columns follow, and the numbers, 8 bytes each, low byte first. No rows are the end: as many bytes of JSON as columns
-//! are said follow, the mean of each metric or `null`.
+//! A program opens a connection for each measurement and writes a line of JSON, `{"step": 1000}` or `{"step":
+//! null}` for the last one. From then on both sides write rows of numbers: two integers of 4 bytes, the count
+//! of rows and of columns, and the numbers, 8 bytes each, in little-endian order. A count of zero rows ends the
+//! measurement: the count of columns is then the length of a JSON text, which follows and holds the mean of
+//! each metric or `null`.
 
 use contract::{Error, own_training::Asked};
 use serde::Deserialize;
@@ -16,22 +17,22 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// How long the line may take with which a program asks.
+/// Longest wait for the line of a request.
 const LONGEST_LINE: Duration = Duration::from_secs(10);
-/// How long that line may be.
+/// Longest line of a request, bytes.
 const MOST_ASKED: u64 = 1000;
 
-/// Where a program asks.
+/// A socket for requests of measurements.
 #[derive(Debug)]
 pub struct Link {
-    /// A folder of its own: the paths of sockets have to be short.
+    /// A temporary folder: the paths of sockets have to be short.
     folder: TempDir,
     listener: UnixListener,
     asking: Option<UnixStream>,
     patience: Option<Duration>,
 }
 
-/// The line with which a program asks.
+/// The line of a request.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -39,10 +40,10 @@ struct Line {
 }
 
 impl Link {
-    /// A place at which a program can ask, which is waited for not longer than `patience`.
+    /// Opens a socket; a program that does not answer within `patience` is an error.
     ///
     /// # Errors
-    /// [`Error::File`] where there is no room for one.
+    /// [`Error::File`] where no socket can be made.
     pub fn open(patience: Option<Duration>) -> Result<Self, Error> {
         let folder = tempfile::tempdir().map_err(Error::file("create a folder in", &std::env::temp_dir()))?;
         let path = at(&folder);
@@ -58,15 +59,15 @@ impl Link {
         })
     }
 
-    /// Where it is.
+    /// Path of the socket.
     pub fn path(&self) -> PathBuf {
         at(&self.folder)
     }
 
-    /// The next request; `None` where there is none.
+    /// The next request; `None` without one.
     ///
     /// # Errors
-    /// [`Error::Model`] for words that ask for nothing.
+    /// [`Error::Model`] for a line that is not a request.
     pub fn asked(&mut self) -> Result<Option<Asked>, Error> {
         let stream = match self.listener.accept() {
             Ok((stream, _)) => stream,
@@ -75,7 +76,7 @@ impl Link {
         };
         let line = line_of(&stream).map_err(|error| lost(&error))?;
         if line.is_empty() {
-            // It was ended before it asked.
+            // The program was ended before it wrote a request.
             return Ok(None);
         }
         let asked: Line = serde_json::from_str(&line)
@@ -84,11 +85,11 @@ impl Link {
         Ok(Some(asked.step.map_or(Asked::Last, Asked::At)))
     }
 
-    /// The rows of `columns` numbers that the program answers to these rows.
+    /// The rows of `columns` numbers with which the program answers these rows.
     ///
     /// # Errors
-    /// [`Error::Silent`] where it takes too long, [`Error::Action`] for another number of rows or columns, and
-    /// [`Error::Model`] where it left.
+    /// [`Error::Silent`] where the answer takes too long, [`Error::Action`] for a wrong number of rows or
+    /// columns, and [`Error::Model`] where the program left.
     pub fn act(&mut self, rows: &[&[f64]], columns: usize) -> Result<Vec<Vec<f64>>, Error> {
         let patience = self.patience;
         let failed = |error: io::Error| match (error.kind(), patience) {
@@ -112,7 +113,7 @@ impl Link {
         Ok(as_rows(&bytes, columns))
     }
 
-    /// Ends the measurement.
+    /// Ends the measurement and sends the means.
     ///
     /// # Errors
     /// [`Error::Model`] where the program left.
@@ -140,7 +141,7 @@ fn at(folder: &TempDir) -> PathBuf {
     Path::new(folder.path()).join("trial")
 }
 
-/// The line with which a program asks; empty where it left.
+/// Reads the line of a request; empty where the program left.
 fn line_of(stream: &UnixStream) -> io::Result<String> {
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LONGEST_LINE))?;
@@ -189,7 +190,7 @@ fn lost(error: &io::Error) -> Error {
 mod tests {
     use super::*;
 
-    /// The link's replies while another thread asks.
+    /// Runs a program's part of the protocol in another thread, beside the link.
     fn with(
         asks: impl FnOnce(UnixStream) + Send + 'static,
         patience: Option<Duration>,
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn who_asks_for_nothing_answers_otherwise_or_leaves_is_told_so() {
+    fn invalid_requests_and_answers_and_early_exits_are_errors() {
         let (_, asked) = with(|mut stream| stream.write_all(b"{\"stop\": 1}\n").unwrap(), None);
         assert!(asked.unwrap_err().to_string().contains("asks for no measurement"));
         let (_, asked) = with(drop, None);

@@ -1,7 +1,7 @@
-//! Metrics of a program, read from what it writes, while it runs and when it has ended.
+//! Metrics of a program, read from its output and files while it runs and when it has ended.
 //!
-//! Files are read as a whole whenever they changed, and not more often than their reading is cheap. Until the
-//! program has ended, what cannot be read may become whole: a problem counts at the last reading alone.
+//! A file is read as a whole whenever it changed, but not more often than its reading is cheap. Until the
+//! program has ended, a file may be incomplete: problems count at the last reading only.
 
 use crate::{
     ProgramConfig,
@@ -18,38 +18,38 @@ use std::{
     time::{Duration, Instant, SystemTime},
 };
 
-/// The file with the lines at which a program went on.
+/// File with the line numbers at which a program continued.
 const BEGINS: &str = "begins.json";
-/// Between two readings of a source lies this many times what the last one took.
+/// Time between two readings of a source, in multiples of the duration of the last reading.
 const WORK_PER_READING: u32 = 20;
 
-/// The metrics of a program.
+/// All metrics of a program, with their sources.
 #[derive(Debug)]
 pub struct Metrics {
     sources: Vec<Source>,
     curves: Vec<Curve>,
     folder: PathBuf,
     notes: PathBuf,
-    /// True where the program went on from what it had saved: steps may go back.
+    /// Whether the program continued from a checkpoint: steps may then go back.
     goes_on: bool,
-    /// How many lines its files had where it went on.
+    /// Number of lines in each file where the program continued.
     begins: BTreeMap<PathBuf, BTreeSet<u64>>,
 }
 
-/// Metrics that stand in the same files, with the same steps.
+/// Metrics with the same files and the same steps.
 #[derive(Debug)]
 struct Source {
     from: String,
     step: Option<StepText>,
-    /// Keys by place in the list of all metrics.
+    /// Keys by position in the list of all metrics.
     keys: BTreeMap<usize, String>,
-    seen: Vec<Seen>,
+    seen: Vec<FileVersion>,
     read: Instant,
     cost: Duration,
 }
 
 /// A file with its length and the time of its last change.
-type Seen = (PathBuf, u64, Option<SystemTime>);
+type FileVersion = (PathBuf, u64, Option<SystemTime>);
 
 #[expect(
     clippy::disallowed_methods,
@@ -89,12 +89,12 @@ impl Metrics {
         }
     }
 
-    /// The program goes on from a checkpoint: what stands behind the lines that its files have now counts in the place
-    /// of what stands before at the same and later steps.
+    /// Marks that the program continues from a checkpoint: rows behind the lines that its files have now
+    /// replace earlier rows at the same and later steps.
     ///
     /// # Errors
-    /// [`Error::File`] where that cannot be noted.
-    pub fn begin_again(&mut self) -> Result<(), Error> {
+    /// [`Error::File`] where the mark cannot be written.
+    pub fn mark_continuation(&mut self) -> Result<(), Error> {
         for source in &self.sources {
             for path in self
                 .files(source)?
@@ -112,16 +112,16 @@ impl Metrics {
             .map_err(Error::file("write", &path))
     }
 
-    /// The values that are there by now.
+    /// The values so far.
     pub fn now(&mut self) -> &[Curve] {
         for place in 0..self.sources.len() {
-            // A file that cannot be read may become whole.
+            // A file that cannot be read may still be completed.
             let _ = self.look(place, false);
         }
         &self.curves
     }
 
-    /// All that is there, once the program has ended; `seen` are keys that its output had.
+    /// All values, once the program has ended; `seen` are the keys of its output.
     ///
     /// # Errors
     /// [`Error::Input`] for a file that cannot be read, and for a metric without a value.
@@ -132,7 +132,7 @@ impl Metrics {
         for source in &self.sources {
             for (place, key) in &source.keys {
                 if self.curves[*place].values.is_empty() {
-                    return Err(self.lacks(source, *place, key, seen));
+                    return Err(self.missing_metric(source, *place, key, seen));
                 }
             }
         }
@@ -141,7 +141,7 @@ impl Metrics {
 
     fn look(&mut self, place: usize, is_last: bool) -> Result<(), Error> {
         let files = self.files(&self.sources[place])?;
-        let seen: Vec<Seen> = files.iter().map(|path| seen(path)).collect();
+        let seen: Vec<FileVersion> = files.iter().map(|path| seen(path)).collect();
         let source = &self.sources[place];
         let is_costly = source.read.elapsed() < source.cost * WORK_PER_READING;
         if !is_last && (seen == source.seen || is_costly) {
@@ -157,7 +157,7 @@ impl Metrics {
         Ok(())
     }
 
-    /// The files of a source, those that are there.
+    /// The files of a source that exist.
     fn files(&self, source: &Source) -> Result<Vec<PathBuf>, Error> {
         if is_noted(&source.from) {
             let path = noted(&self.notes, &source.from);
@@ -172,7 +172,7 @@ impl Metrics {
             .collect())
     }
 
-    /// The values of all metrics of a source; where one is not there yet, of the others.
+    /// The values of all metrics of a source, without those that have no value yet.
     fn read(&self, source: &Source, files: &[PathBuf]) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
         if files.is_empty() {
             return Ok(Vec::new());
@@ -216,7 +216,7 @@ impl Metrics {
         Ok(these.iter().filter_map(values).collect())
     }
 
-    fn lacks(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
+    fn missing_metric(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
         let name = &self.curves[place].metric.name;
         let from = &source.from;
         let files = self.files(source).unwrap_or_default();
@@ -255,7 +255,7 @@ impl Source {
     }
 }
 
-fn seen(path: &Path) -> Seen {
+fn seen(path: &Path) -> FileVersion {
     let found = path.metadata().ok();
     let length = found.as_ref().map_or(0, std::fs::Metadata::len);
     (path.to_owned(), length, found.and_then(|it| it.modified().ok()))
@@ -281,12 +281,12 @@ mod tests {
     use crate::config::tests::config;
     use serde_json::{Value, json};
 
-    struct Written {
+    struct WrittenFiles {
         folder: tempfile::TempDir,
         metrics: Metrics,
     }
 
-    impl Written {
+    impl WrittenFiles {
         fn new(reads: Value, metrics: Value, goes_on: bool) -> Self {
             let folder = tempfile::tempdir().unwrap();
             let config = config(json!({ "reads": reads, "metrics": metrics }));
@@ -311,7 +311,7 @@ mod tests {
     fn values_are_read_from_every_source_while_they_grow() {
         let metrics =
             json!({ "a": "x", "b": { "key": "r", "from": "runs/*/log.csv", "step": { "sum": "l" } } });
-        let mut written = Written::new(json!({}), metrics, false);
+        let mut written = WrittenFiles::new(json!({}), metrics, false);
         assert!(written.metrics.now().iter().all(|curve| curve.values.is_empty()));
         written.write("stdout.jsonl", "{\"step\": 1, \"x\": \"0.5\"}\n");
         assert_eq!(written.metrics.now()[0].values, [(1, 0.5)]);
@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn a_number_that_is_none_stays_one_to_be_judged() {
-        let mut written = Written::new(json!({}), json!({ "a": "x" }), false);
+        let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), false);
         written.write(
             "stdout.jsonl",
             "{\"step\": \"1\", \"x\": \"NaN\"}\n{\"step\": \"2\", \"x\": \"inf\"}\n",
@@ -337,7 +337,8 @@ mod tests {
 
     #[test]
     fn one_metric_does_not_wait_for_another() {
-        let mut written = Written::new(json!({ "from": "log.csv" }), json!({ "a": "x", "b": "y" }), false);
+        let mut written =
+            WrittenFiles::new(json!({ "from": "log.csv" }), json!({ "a": "x", "b": "y" }), false);
         written.write("log.csv", "step,y\n1,2\n");
         let _ = written.metrics.now();
         let told = written.last().unwrap_err();
@@ -345,14 +346,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_in_the_end_is_told_with_what_was_there() {
-        let mut written = Written::new(json!({}), json!({ "a": "x" }), false);
+    fn a_metric_without_values_at_the_end_is_named_with_the_keys_found() {
+        let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), false);
         let told = written.last().unwrap_err();
         assert!(
             told.contains("no value of it, which is to be `a`; keys that were there: `lr`"),
             "{told}"
         );
-        let mut written = Written::new(json!({ "from": "*.csv" }), json!({ "a": "x" }), false);
+        let mut written = WrittenFiles::new(json!({ "from": "*.csv" }), json!({ "a": "x" }), false);
         assert!(written.last().unwrap_err().contains("wrote no such file"));
         written.write("b.csv", "step,y\n1,2\n");
         let told = written.last().unwrap_err();
@@ -364,7 +365,7 @@ mod tests {
         let log = "{\"step\":\"10\",\"x\":\"1\"}\n{\"step\":\"20\",\"x\":\"2\"}\n{\"step\":\"20\",\"x\":\"3\"}\n\
                    {\"step\":\"15\",\"x\":\"4\"}\n";
         let read = |goes_on| {
-            let mut written = Written::new(json!({}), json!({ "a": "x" }), goes_on);
+            let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), goes_on);
             written.write("stdout.jsonl", log);
             written.last()
         };
@@ -380,7 +381,7 @@ mod tests {
         let config = config(json!({ "reads": { "from": "log.csv" }, "metrics": { "a": "x" } }));
         let metrics = || Metrics::of(&config, folder.path(), folder.path(), true);
         fs::write(folder.path().join("log.csv"), "step,x\n1,1\n2,10\n").unwrap();
-        metrics().begin_again().unwrap();
+        metrics().mark_continuation().unwrap();
         fs::write(
             folder.path().join("log.csv"),
             "step,x\n1,1\n2,10\n2,20\n3,30\n3,50\n",
@@ -392,7 +393,7 @@ mod tests {
 
     #[test]
     fn several_runs_are_no_trial() {
-        let mut written = Written::new(json!({ "from": "*/log.csv" }), json!({ "a": "x" }), false);
+        let mut written = WrittenFiles::new(json!({ "from": "*/log.csv" }), json!({ "a": "x" }), false);
         written.write("one/log.csv", "step,x\n1,2\n");
         written.write("two/log.csv", "step,x\n1,2\n");
         let told = written.last().unwrap_err();

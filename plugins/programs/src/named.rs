@@ -1,4 +1,4 @@
-//! The environment `named`: values that tell one task from another, and nothing to act in.
+//! The environment `named`: values that distinguish tasks, without a simulation.
 
 use contract::{Channel, Environment, Error, Rng, Seat, Step};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{borrow::Cow, collections::BTreeMap};
 
-/// Settings of the `named` environment: its id, and whatever else a program is told of it.
+/// Settings of the `named` environment: the id of the task, and further values for the program.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct NamedConfig(BTreeMap<String, Value>);
 
@@ -33,14 +33,14 @@ impl JsonSchema for NamedConfig {
     }
 }
 
-/// A task that only programs know.
+/// A task that only programs simulate.
 #[derive(Debug)]
-struct Named;
+struct NamedTask;
 
 /// Builds the environment; registered as `named`.
 pub fn build(config: NamedConfig) -> Result<Box<dyn Environment>, Error> {
     match config.0.get("id").and_then(Value::as_str) {
-        Some(id) if !id.is_empty() => Ok(Box::new(Named)),
+        Some(id) if !id.is_empty() => Ok(Box::new(NamedTask)),
         _ => {
             let problem =
                 "names no task: write the name by which the program knows it, as `{ id: CartPole-v1 }`";
@@ -49,24 +49,24 @@ pub fn build(config: NamedConfig) -> Result<Box<dyn Environment>, Error> {
     }
 }
 
-fn cannot() -> Error {
+fn refusal() -> Error {
     Error::Mismatch {
         agent: "named",
         problem: "the environment is named alone: only a program can act in it".into(),
     }
 }
 
-impl Environment for Named {
+impl Environment for NamedTask {
     fn seats(&self) -> &[Seat] {
         &[]
     }
 
     fn reset(&mut self, _: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        Err(cannot())
+        Err(refusal())
     }
 
     fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Err(cannot())
+        Err(refusal())
     }
 
     fn trace_channels(&self) -> Vec<Channel> {

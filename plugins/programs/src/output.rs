@@ -1,8 +1,9 @@
-//! The output of a program: lines with metrics are noted while it says them, and its first and last words are kept.
+//! The output of a program: lines with metrics are noted as they are written, and its beginning and end are
+//! kept.
 //!
-//! The program writes into files, `stdout.raw` and `stderr.raw`, so that nothing is lost that it said, whoever is killed.
-//! They are read as they grow; what was read is given back to the disk. Each noted line holds the place at which it ends
-//! in its file: who goes on reading begins behind the last one.
+//! The program writes into files, `stdout.raw` and `stderr.raw`, so that no output is lost when a process is
+//! killed. They are read as they grow; the parts that were read are given back to the disk. Each noted line
+//! holds the position at which it ends in its file: reading continues behind the last one.
 
 use crate::lines::{AT, Filter, Lines};
 use contract::Error;
@@ -17,34 +18,34 @@ use std::{
 
 /// The streams of a program, as a study names them.
 pub const STREAMS: [&str; 2] = ["stdout", "stderr"];
-/// The file that a program is told of, as a study names it: what it says there needs no filter.
+/// The name of the log file in a study; its lines need no filter.
 pub const LOG: &str = "log";
-/// How much is kept of the beginning, and as much again of the end, bytes.
+/// Length of the beginning of the output that is kept, and of its end, bytes.
 const KEPT: usize = 1 << 20;
-/// How much that was read stays in a file before it is given back to the disk, bytes.
+/// Length of a file's read part before it is given back to the disk, bytes.
 const READ: u64 = 1 << 24;
-/// How much of standard error is told where a program fails, bytes.
+/// Length of the end of standard error in an error message, bytes.
 const LAST_WORDS: usize = 2000;
 
-/// True for what lies in [`noted`].
+/// Whether a source is a file of noted lines, see [`noted`].
 pub fn is_noted(from: &str) -> bool {
     from == LOG || STREAMS.contains(&from)
 }
 
-/// The file of lines with metrics: those of a stream, or of [`LOG`].
+/// The file of noted lines of a stream, or of [`LOG`].
 pub fn noted(notes: &Path, stream: &str) -> PathBuf {
     notes.join(format!("{stream}.jsonl"))
 }
 
-/// The file that a program writes a stream into.
+/// The file into which a program writes a stream.
 fn raw(notes: &Path, stream: &str) -> PathBuf {
     notes.join(format!("{stream}.raw"))
 }
 
-/// Files for the output of a program: it writes behind what lies there.
+/// Opens the files for a program's output, which is appended to their content.
 ///
 /// # Errors
-/// [`Error::File`] where they cannot be made.
+/// [`Error::File`] where they cannot be created.
 pub fn files(notes: &Path) -> Result<[File; 2], Error> {
     let file = |stream| {
         let path = raw(notes, stream);
@@ -55,18 +56,18 @@ pub fn files(notes: &Path) -> Result<[File; 2], Error> {
     Ok([file(output)?, file(errors)?])
 }
 
-/// The ear on a program.
+/// Reader of both output streams of a program.
 #[derive(Debug)]
-pub struct Listening {
-    ears: [Ear; 2],
-    said: Said,
-    /// How much was heard since somebody asked.
+pub struct OutputReader {
+    readers: [StreamReader; 2],
+    captured: CapturedOutput,
+    /// Bytes that were read since the last [`has_heard`](Self::has_heard).
     heard: u64,
 }
 
-/// The output so far.
+/// Parts of the output that are kept in memory.
 #[derive(Debug, Default)]
-struct Said {
+struct CapturedOutput {
     first: Vec<u8>,
     last: VecDeque<u8>,
     left_out: u64,
@@ -74,107 +75,114 @@ struct Said {
     problem: Option<String>,
 }
 
-impl Listening {
-    /// Listens to both streams, by their filters, from behind what was noted before.
+impl OutputReader {
+    /// Reads both streams, each through its filter, from behind the lines noted before.
     ///
     /// # Errors
-    /// [`Error::File`] where what is heard cannot be noted.
+    /// [`Error::File`] where the notes cannot be written.
     pub fn to(notes: &Path, filters: [Filter; 2]) -> Result<Self, Error> {
         fs::create_dir_all(notes).map_err(Error::file("create", notes))?;
         let [of_output, of_errors] = filters;
         let [output, errors] = STREAMS;
         Ok(Self {
-            ears: [
-                Ear::on(notes, output, of_output)?,
-                Ear::on(notes, errors, of_errors)?,
+            readers: [
+                StreamReader::on(notes, output, of_output)?,
+                StreamReader::on(notes, errors, of_errors)?,
             ],
-            said: Said::default(),
+            captured: CapturedOutput::default(),
             heard: 0,
         })
     }
 
-    /// Takes in what was said since the last look.
+    /// Reads the output since the last call.
     pub fn look(&mut self) {
-        for ear in &mut self.ears {
-            let heard = ear.listen(&mut self.said);
+        for reader in &mut self.readers {
+            let heard = reader.listen(&mut self.captured);
             if let Err(error) = heard.as_ref() {
-                self.said.problem.get_or_insert(error.to_string());
+                self.captured.problem.get_or_insert(error.to_string());
             }
             self.heard += heard.unwrap_or_default();
         }
     }
 
-    /// Takes in all that was said by a program that has ended.
+    /// Reads the rest of the output of a program that has ended.
     pub fn end(&mut self) {
         self.look();
-        for ear in &mut self.ears {
-            let noted = ear.end();
+        for reader in &mut self.readers {
+            let noted = reader.end();
             if let Err(error) = noted {
-                self.said.problem.get_or_insert(error.to_string());
+                self.captured.problem.get_or_insert(error.to_string());
             }
         }
     }
 
-    /// The program goes on from a checkpoint: what it says from now on counts in the place of what it said before at the
-    /// same and later steps. A line that it had begun is none.
+    /// Marks that the program continues from a checkpoint: its output from now on replaces earlier output at
+    /// the same and later steps. A line that was begun before is dropped.
     ///
     /// # Errors
-    /// [`Error::File`] where that cannot be noted.
-    pub fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+    /// [`Error::File`] where the mark cannot be written.
+    pub fn mark_continuation(&mut self, notes: &Path) -> Result<(), Error> {
         self.look();
-        for ear in &mut self.ears {
-            ear.begin_again(notes)?;
+        for reader in &mut self.readers {
+            reader.mark_continuation(notes)?;
         }
         mark(&noted(notes, LOG), &json!({ BEGINS_AGAIN: true }))
     }
 
-    /// True where something was heard since this was asked last.
+    /// Whether any output was read since the last call.
     pub fn has_heard(&mut self) -> bool {
         std::mem::take(&mut self.heard) > 0
     }
 
-    /// Why what was heard could not be noted.
+    /// The problem that prevented a note, if any.
     pub fn problem(&self) -> Option<&str> {
-        self.said.problem.as_deref()
+        self.captured.problem.as_deref()
     }
 
-    /// The keys that lines had.
+    /// The keys in the lines.
     pub fn seen(&self) -> Vec<String> {
-        let seen: BTreeSet<&String> = self.ears.iter().flat_map(|ear| &ear.filter.seen).collect();
+        let seen: BTreeSet<&String> = self
+            .readers
+            .iter()
+            .flat_map(|reader| &reader.filter.seen)
+            .collect();
         seen.into_iter().cloned().collect()
     }
 
-    /// The last words on standard error.
+    /// The end of standard error.
     pub fn last_words(&self) -> String {
-        let words: Vec<u8> = self.said.errors.iter().copied().collect();
+        let words: Vec<u8> = self.captured.errors.iter().copied().collect();
         String::from_utf8_lossy(&words).trim().to_owned()
     }
 
-    /// The output: its beginning and its end, with how much is left out between them.
-    pub fn said(&self) -> Vec<u8> {
-        let mut all = self.said.first.clone();
-        if self.said.left_out > 0 {
-            let left_out = format!("\n[{} bytes of output are left out here]\n", self.said.left_out);
+    /// The beginning and the end of the output, with the length of the gap between them.
+    pub fn captured(&self) -> Vec<u8> {
+        let mut all = self.captured.first.clone();
+        if self.captured.left_out > 0 {
+            let left_out = format!(
+                "\n[{} bytes of output are left out here]\n",
+                self.captured.left_out
+            );
             all.extend(left_out.as_bytes());
         }
-        all.extend(self.said.last.iter());
+        all.extend(self.captured.last.iter());
         all
     }
 }
 
-/// Listens to one stream.
+/// Reader of one stream.
 #[derive(Debug)]
-struct Ear {
+struct StreamReader {
     stream: &'static str,
     filter: Filter,
     raw: File,
     lines: Lines,
-    /// How much of the file was given back.
+    /// Length of the file's part that was given back to the disk.
     given_back: u64,
     noted: File,
 }
 
-impl Ear {
+impl StreamReader {
     fn on(notes: &Path, stream: &'static str, mut filter: Filter) -> Result<Self, Error> {
         let path = noted(notes, stream);
         let before = whole_lines(&path)?;
@@ -207,15 +215,15 @@ impl Ear {
         })
     }
 
-    /// Reads what is there, and how much that was.
-    fn listen(&mut self, said: &mut Said) -> std::io::Result<u64> {
+    /// Reads the new output and returns its length.
+    fn listen(&mut self, captured: &mut CapturedOutput) -> std::io::Result<u64> {
         let (mut piece, mut heard) = (vec![0; 1 << 16], 0);
         loop {
             let read = self.raw.read(&mut piece)?;
             if read == 0 {
                 break;
             }
-            said.add(self.stream, &piece[..read]);
+            captured.add(self.stream, &piece[..read]);
             self.note(|lines, line| lines.take(&piece[..read], line))?;
             heard += read as u64;
         }
@@ -230,7 +238,7 @@ impl Ear {
         self.note(|lines, line| lines.end(line))
     }
 
-    fn begin_again(&mut self, notes: &Path) -> Result<(), Error> {
+    fn mark_continuation(&mut self, notes: &Path) -> Result<(), Error> {
         let at = self.lines.at();
         self.lines = Lines::from(at, true);
         mark(&noted(notes, self.stream), &json!({ BEGINS_AGAIN: true, AT: at }))
@@ -245,12 +253,12 @@ impl Ear {
                 noted.push('\n');
             }
         });
-        // Whole lines at once, so that a reader finds no half of one.
+        // Whole lines at once, so that a reader never finds half a line.
         self.noted.write_all(noted.as_bytes())
     }
 }
 
-/// The lines of a file of JSON; one at its end that is not whole is taken away.
+/// The lines of a file of JSON; an incomplete line at its end is cut off.
 fn whole_lines(path: &Path) -> Result<Vec<Value>, Error> {
     let text = match fs::read(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -271,7 +279,7 @@ fn whole_lines(path: &Path) -> Result<Vec<Value>, Error> {
         .collect())
 }
 
-/// Marks where a program goes on, in a file of lines that it or its ear writes. One that is not there needs no mark.
+/// Writes a mark into a file of lines where a program continues. A file that does not exist needs no mark.
 fn mark(path: &Path, line: &Value) -> Result<(), Error> {
     if !path.exists() {
         return Ok(());
@@ -282,8 +290,8 @@ fn mark(path: &Path, line: &Value) -> Result<(), Error> {
     marked.map_err(Error::file("write", path))
 }
 
-/// True where lines of an earlier attempt had no step and were numbered: a program that says them again would not find
-/// its numbers.
+/// Whether lines of an earlier attempt had no step and were numbered; a program that writes them again would
+/// get other numbers.
 pub fn is_numbered(notes: &Path) -> bool {
     let is_numbered = |line: &Value| line["step"].is_u64();
     STREAMS
@@ -291,7 +299,7 @@ pub fn is_numbered(notes: &Path) -> bool {
         .any(|stream| whole_lines(&noted(notes, stream)).is_ok_and(|lines| lines.iter().any(is_numbered)))
 }
 
-/// The first place from `at` on that was not given back to the disk.
+/// The first position from `at` on that was not given back to the disk.
 fn first_data(file: &File, at: u64) -> u64 {
     #[cfg(target_os = "linux")]
     if let Ok(data) = rustix::fs::seek(file, rustix::fs::SeekFrom::Data(at)) {
@@ -301,7 +309,7 @@ fn first_data(file: &File, at: u64) -> u64 {
     at
 }
 
-/// Gives what lies before a place back to the disk, where that is possible.
+/// Gives the part of a file before a position back to the disk, where that is possible.
 fn give_back(file: &File, until: u64) {
     #[cfg(target_os = "linux")]
     {
@@ -313,7 +321,7 @@ fn give_back(file: &File, until: u64) {
     let _ = (file, until);
 }
 
-impl Said {
+impl CapturedOutput {
     fn add(&mut self, stream: &str, piece: &[u8]) {
         let room = KEPT.saturating_sub(self.first.len()).min(piece.len());
         self.first.extend(&piece[..room]);
@@ -341,15 +349,15 @@ mod tests {
         })
     }
 
-    /// A program that has said this.
+    /// Writes the output of a program.
     fn say(notes: &Path, stdout: &[u8], stderr: &[u8]) {
         let [mut output, mut errors] = files(notes).unwrap();
         output.write_all(stdout).unwrap();
         errors.write_all(stderr).unwrap();
     }
 
-    fn listen(notes: &Path) -> Listening {
-        Listening::to(notes, filters()).unwrap()
+    fn listen(notes: &Path) -> OutputReader {
+        OutputReader::to(notes, filters()).unwrap()
     }
 
     fn lines(notes: &Path, stream: &str) -> Vec<String> {
@@ -381,10 +389,10 @@ mod tests {
         assert!(is_numbered(folder.path()));
     }
 
-    /// A worker is killed after any part of the output, and while it notes a line: whoever goes on loses no line and takes
-    /// none twice.
+    /// A worker is killed after any part of the output, and while it notes a line: the next reader loses no
+    /// line and takes none twice.
     #[test]
-    fn who_goes_on_listening_loses_nothing_and_takes_nothing_twice() {
+    fn a_new_reader_loses_no_line_and_takes_none_twice() {
         let all = b"step=1 x=1\nhello\nstep=2 x=2\nstep=3 x=3\n";
         let expected = ["1: 1", "2: 2", "3: 3"];
         for first in 0..=all.len() {
@@ -408,9 +416,9 @@ mod tests {
         let notes = folder.path();
         fs::write(noted(notes, LOG), "{\"step\": 1}\n{\"st").unwrap();
         say(notes, b"step=1 x=1\nstep=2 x=0.", b"");
-        listen(notes).begin_again(notes).unwrap();
-        // Killed once more before it said anything.
-        listen(notes).begin_again(notes).unwrap();
+        listen(notes).mark_continuation(notes).unwrap();
+        // Killed once more before it wrote anything.
+        listen(notes).mark_continuation(notes).unwrap();
         say(notes, b"step=2 x=5\n", b"");
         listen(notes).end();
         assert_eq!(lines(notes, "stdout"), ["1: 1", "again", "again", "2: 5"]);
@@ -421,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_read_is_given_back_to_the_disk() {
+    fn output_that_was_read_is_given_back_to_the_disk() {
         use std::os::unix::fs::MetadataExt as _;
         let folder = tempfile::tempdir().unwrap();
         let notes = folder.path();
@@ -446,15 +454,16 @@ mod tests {
 
     #[test]
     fn of_much_output_the_beginning_and_the_end_are_kept() {
-        let mut said = Said::default();
+        let mut captured = CapturedOutput::default();
         for _ in 0..5 {
-            said.add("stdout", &vec![b'a'; KEPT / 2]);
+            captured.add("stdout", &vec![b'a'; KEPT / 2]);
         }
-        said.add("stderr", b"the end");
-        assert_eq!((said.first.len(), said.last.len()), (KEPT, KEPT));
-        assert_eq!(said.left_out, (KEPT / 2 + 7) as u64);
+        captured.add("stderr", b"the end");
+        assert_eq!((captured.first.len(), captured.last.len()), (KEPT, KEPT));
+        assert_eq!(captured.left_out, (KEPT / 2 + 7) as u64);
         assert!(
-            said.last
+            captured
+                .last
                 .iter()
                 .copied()
                 .collect::<Vec<u8>>()

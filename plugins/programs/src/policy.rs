@@ -1,4 +1,4 @@
-//! The policy that a program left as an ONNX file, computed by the engine.
+//! The policy that a program left as an ONNX file, evaluated by the engine.
 
 use contract::{Error, Seat, Space, first_largest};
 use document::reach::Reach;
@@ -11,10 +11,10 @@ use std::{
 
 /// The file of a policy in a trial's folder.
 const FILE: &str = "policy.onnx";
-/// How far the sum of shares may be from 1 that are made to sum to it.
+/// Tolerance for the sum of shares, which are then scaled to sum to 1.
 const SHARES_WITHIN: f64 = 1e-3;
 
-/// A policy for a seat.
+/// A policy for one seat.
 #[derive(Debug)]
 pub struct Policy {
     network: Network,
@@ -24,10 +24,10 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// The only file in a folder that a pattern names.
+    /// The only file in a folder that a pattern matches.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is none or several, and where the file is no policy for the seat.
+    /// [`Error::Input`] without a file or with several, and for a file that is not a policy of the seat.
     pub fn left(folder: &Path, pattern: &str, seat: &Seat) -> Result<Self, Error> {
         let found = matching(&Reach::of(folder), folder, pattern);
         let found = found.map_err(|error| Error::config("leaves.policy", error.to_string()))?;
@@ -46,10 +46,10 @@ impl Policy {
         }
     }
 
-    /// What [`leave`](Self::leave) wrote.
+    /// Reads the policy that [`leave`](Self::leave) wrote.
     ///
     /// # Errors
-    /// As [`left`](Self::left).
+    /// The errors of [`left`](Self::left).
     pub fn taken_up(folder: &Path, seat: &Seat) -> Result<Self, Error> {
         Self::read(&folder.join(FILE), seat)
     }
@@ -68,7 +68,7 @@ impl Policy {
             path: path.to_owned(),
             action: seat.action.clone(),
         };
-        // A policy of other sizes is refused before anything is measured.
+        // A policy with wrong sizes is refused before anything is measured.
         let n_acted = policy.outputs(&vec![0.0; n_seen])?.len();
         if !entries(&seat.action).contains(&n_acted) {
             let expected: Vec<String> = entries(&seat.action).iter().map(usize::to_string).collect();
@@ -81,7 +81,7 @@ impl Policy {
         Ok(policy)
     }
 
-    /// A policy that gives zeros, as `check` holds others against it.
+    /// A policy that returns zeros, for the rehearsal of `check`.
     pub fn specimen(seat: &Seat) -> Vec<u8> {
         let (n_seen, n_acted) = (seat.observation.len(), seat.action.len());
         let (mut graph, observation) = Graph::of_observation(n_seen);
@@ -93,21 +93,23 @@ impl Policy {
     /// Writes a policy into a trial's folder.
     ///
     /// # Errors
-    /// [`Error::File`] where that is not possible.
+    /// [`Error::File`] where the file cannot be written.
     pub fn leave(bytes: &[u8], folder: &Path) -> Result<(), Error> {
         let path = folder.join(FILE);
         fs::write(&path, bytes).map_err(Error::file("write", &path))
     }
 
-    /// The file.
+    /// Content of the file.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The action at an observation: within the limits of a box, shares that sum to 1, and of choices the best.
+    /// The action at an observation: clamped to the limits of a box, shares that sum to 1, the best option of
+    /// each choice.
     ///
     /// # Errors
-    /// [`Error::Action`] for what is no action, and [`Error::Input`] for what cannot be computed.
+    /// [`Error::Action`] for outputs that are not an action, and [`Error::Input`] where the network cannot be
+    /// evaluated.
     pub fn act(&self, observation: &[f64]) -> Result<Vec<f64>, Error> {
         let outputs = self.outputs(observation)?;
         match &self.action {
@@ -131,7 +133,7 @@ impl Policy {
     }
 }
 
-/// How many numbers an action may be written with.
+/// The counts of numbers in which an action may be given.
 fn entries(space: &Space) -> Vec<usize> {
     match space {
         Space::Discrete(names) => vec![1, names.len()],
@@ -140,7 +142,7 @@ fn entries(space: &Space) -> Vec<usize> {
     }
 }
 
-/// Shares of single precision sum to 1 nearly.
+/// Shares in single precision sum to 1 approximately.
 fn shares(outputs: &[f64]) -> Result<Vec<f64>, Error> {
     let positive: Vec<f64> = outputs.iter().map(|share| share.max(0.0)).collect();
     let total: f64 = positive.iter().sum();
@@ -177,7 +179,7 @@ mod tests {
         (0..count).map(|at| at.to_string()).collect()
     }
 
-    /// A file that gives these numbers for `[0, 0]`, and as much more as the observation is.
+    /// A file whose outputs at `[0, 0]` are these numbers, to which the sum of the observation is added.
     fn giving(numbers: &[f32], inputs: usize) -> Vec<u8> {
         let (mut graph, observation) = Graph::of_observation(inputs);
         let (n, weight) = (numbers.len(), vec![1.0; inputs * numbers.len()]);

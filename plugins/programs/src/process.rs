@@ -1,28 +1,29 @@
-//! A program that runs under its guard, with an ear on what it says.
+//! A program that runs under its guard, with a reader of its output.
 
 use crate::{
     ProgramConfig,
     lines::Filter,
-    output::{self, Listening, STREAMS},
+    output::{self, OutputReader, STREAMS},
     variables,
-    workplace::Workplace,
+    working_folder::WorkingFolder,
 };
 use contract::{Error, ending::Ending, resources::Share};
 use execution::guard::{Guarded, Left, Order};
 use std::{path::Path, time::Duration};
 
-/// Time between two looks at a program.
+/// Time between two polls of a program.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// Signals by which people, terminals and batch systems stop programs: no fault of what is stopped.
+/// Signals by which people, terminals and batch systems stop programs; they are no fault of the stopped
+/// program.
 const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
 
 /// A program that was started.
 #[derive(Debug)]
 pub struct Process {
     guarded: Guarded,
-    listening: Listening,
-    /// Its first words, for messages.
+    output_reader: OutputReader,
+    /// First words of the command, for messages.
     name: String,
 }
 
@@ -30,12 +31,12 @@ impl Process {
     /// Starts a program in its working folder.
     ///
     /// # Errors
-    /// [`Error::Worker`] where no guard can be started, and [`Error::File`].
+    /// [`Error::Worker`] where no guard can be started, and [`Error::File`] where the output cannot be written.
     pub fn start(
         config: &ProgramConfig,
         words: Vec<String>,
-        (place, share): (&Workplace, &Share),
-        listening: Listening,
+        (place, share): (&WorkingFolder, &Share),
+        output_reader: OutputReader,
     ) -> Result<Self, Error> {
         let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
         let order = Order {
@@ -49,16 +50,16 @@ impl Process {
         let guarded = Guarded::start(order, &variables, output::files(&place.notes())?)?;
         Ok(Self {
             guarded,
-            listening,
+            output_reader,
             name,
         })
     }
 
-    /// Waits for its end, not longer than `wait`; `None` where it runs on.
+    /// Waits for the end of the program, but not longer than `wait`; `None` where it still runs.
     pub fn ends_within(&mut self, wait: Duration) -> Option<Result<(), Error>> {
         let mut left = wait;
         loop {
-            self.listening.look();
+            self.output_reader.look();
             if self.guarded.has_left() {
                 let left = self.end();
                 return Some(self.judged(left));
@@ -72,17 +73,17 @@ impl Process {
         }
     }
 
-    /// True where something was heard of it since this was asked last.
+    /// Whether any output was read since the last call.
     pub fn has_heard(&mut self) -> bool {
-        self.listening.has_heard()
+        self.output_reader.has_heard()
     }
 
-    /// The ear on it.
-    pub fn listening(&self) -> &Listening {
-        &self.listening
+    /// Reader of the program's output.
+    pub fn output_reader(&self) -> &OutputReader {
+        &self.output_reader
     }
 
-    /// Tells it to end, and waits until it has.
+    /// Tells the program to end, and waits for its end.
     pub fn stop(&mut self) {
         self.guarded.ask_to_stop();
         self.end();
@@ -90,7 +91,7 @@ impl Process {
 
     fn end(&mut self) -> Left {
         let left = self.guarded.end();
-        self.listening.end();
+        self.output_reader.end();
         left
     }
 
@@ -125,12 +126,12 @@ impl Process {
         Err(Error::Program {
             program: self.name.clone(),
             how,
-            said: self.listening.last_words(),
+            said: self.output_reader.last_words(),
         })
     }
 
     fn noted_well(&self) -> Result<(), Error> {
-        match self.listening.problem() {
+        match self.output_reader.problem() {
             Some(problem) => Err(Error::Store {
                 problem: format!("what a program says cannot be noted: {problem}"),
             }),
@@ -139,20 +140,20 @@ impl Process {
     }
 }
 
-/// How long a program may take to leave.
+/// Time that a program has to end.
 pub fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
 }
 
-/// The ear on a program: of what it says, the metrics of the study are noted.
+/// The reader of a program's output, which notes the study's metrics.
 ///
 /// # Errors
-/// [`Error::File`] where nothing can be noted.
-pub fn listening(config: &ProgramConfig, place: &Workplace) -> Result<Listening, Error> {
-    Listening::to(&place.notes(), STREAMS.map(|stream| filter(config, stream)))
+/// [`Error::File`] where the notes cannot be written.
+pub fn output_reader(config: &ProgramConfig, place: &WorkingFolder) -> Result<OutputReader, Error> {
+    OutputReader::to(&place.notes(), STREAMS.map(|stream| filter(config, stream)))
 }
 
-/// The metrics in a stream.
+/// The filter for the metrics in a stream.
 fn filter(config: &ProgramConfig, stream: &str) -> Filter {
     let mut filter = Filter::default();
     for reading in config.readings().into_iter().filter(|it| it.from == stream) {
@@ -165,7 +166,7 @@ fn filter(config: &ProgramConfig, stream: &str) -> Filter {
     filter
 }
 
-/// True where a program that worked there ended well, by itself.
+/// Whether a program that worked there ended by itself and well.
 pub fn has_ended_well(notes: &Path) -> bool {
     let last = execution::guard::last_ending(notes);
     matches!(

@@ -1,11 +1,11 @@
-//! The environment variables of the machine that a program sees: a list, since each of them is an input that nobody
-//! declared.
+//! The machine's environment variables that a program sees: a fixed list, since every other variable would be
+//! an undeclared input.
 
-use crate::{ProgramConfig, output, workplace::Workplace};
+use crate::{ProgramConfig, output, working_folder::WorkingFolder};
 use contract::resources::Share;
 use std::{collections::BTreeMap, ffi::OsString};
 
-/// Passed on as they are; a `*` at the end stands for any letters.
+/// Passed on unchanged; a `*` at the end stands for any letters.
 const PASSED: [&str; 23] = [
     "CONDA_*",
     "CUDA_*",
@@ -31,8 +31,7 @@ const PASSED: [&str; 23] = [
     "JULIA_*",
     "RUSTUP_HOME",
 ];
-/// Decided for every trial: the same hashes, no files of compiled code, output that arrives at once, no windows,
-/// nothing sent to a service.
+/// Set in every trial: fixed hashes, no compiled files, unbuffered output, no windows, no uploads to a service.
 const SET: [(&str, &str); 6] = [
     ("PYTHONHASHSEED", "0"),
     ("PYTHONDONTWRITEBYTECODE", "1"),
@@ -41,12 +40,12 @@ const SET: [(&str, &str); 6] = [
     ("WANDB_MODE", "offline"),
     ("TERM", "dumb"),
 ];
-/// Libraries that would take all processors of a machine; a trial has the cores of its share.
+/// Libraries that would use all processors of a machine; a trial has the cores of its share.
 const THREADS: [&str; 4] = ["OMP", "OPENBLAS", "MKL", "NUMEXPR"];
 
-/// The variables of a program: those of the machine that are passed on, those that are set for every trial, those
-/// of the study, and those by which the program finds what is its trial's.
-pub fn given(config: &ProgramConfig, place: &Workplace, share: &Share) -> BTreeMap<String, String> {
+/// The variables of a program: those of the machine that are passed on, those that are set in every trial,
+/// those of the study, and those by which the program finds its trial's files.
+pub fn given(config: &ProgramConfig, place: &WorkingFolder, share: &Share) -> BTreeMap<String, String> {
     #[expect(
         clippy::disallowed_methods,
         reason = "a program is found by the variables of its machine; the study declares all others"
@@ -59,8 +58,8 @@ pub fn given(config: &ProgramConfig, place: &Workplace, share: &Share) -> BTreeM
     all
 }
 
-/// The variables of a trial. Modules of its own stand behind those of the study.
-fn of_trial(place: &Workplace, python_path: Option<&String>) -> [(String, String); 3] {
+/// The variables of a trial. The module of the trial stands behind the study's own modules.
+fn of_trial(place: &WorkingFolder, python_path: Option<&String>) -> [(String, String); 3] {
     let log = output::noted(&place.notes(), output::LOG);
     let trial = place.trial().display().to_string();
     let modules = place.python().display().to_string();
@@ -122,7 +121,7 @@ mod tests {
             (Some("/bin"), Some("C"), Some("s"))
         );
         assert_eq!((value("PYTHONPATH"), value("SLURM_NTASKS")), (None, None));
-        let place = Workplace::at(std::path::Path::new("folder"), &ProgramConfig::default());
+        let place = WorkingFolder::at(std::path::Path::new("folder"), &ProgramConfig::default());
         let of_trial = |before: Option<&String>| BTreeMap::from(of_trial(&place, before));
         let own = "own".to_owned();
         assert_eq!(of_trial(None)["PYTHONPATH"], "folder/.regimen/python");

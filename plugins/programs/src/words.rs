@@ -1,6 +1,6 @@
 //! The words of a command, in which names in braces are replaced.
 //!
-//! A word stays one argument, whatever is put into it: no shell reads it.
+//! A word stays one argument, whatever its value: no shell reads it.
 
 use contract::{Error, own_training::Assignment};
 use serde_json::Value;
@@ -17,28 +17,28 @@ enum Piece {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Word(Vec<Piece>);
 
-/// The values of names.
+/// Values of the names in braces.
 #[derive(Debug, Clone, Copy)]
-pub struct Known<'a> {
+pub struct WordValues<'a> {
     /// The trial.
     pub assignment: &'a Assignment,
     /// Parameters of the program.
     pub parameters: &'a BTreeMap<String, Value>,
-    /// Where inputs lie, by name.
+    /// Paths of the inputs, by name.
     pub inputs: &'a BTreeMap<String, String>,
     /// The working folder.
     pub folder: &'a Path,
-    /// The folder in which the program saves itself.
+    /// The folder in which the program saves its state.
     pub checkpoint: &'a Path,
     /// The file with all parameters.
     pub parameters_file: &'a Path,
 }
 
 impl Word {
-    /// Reads a word.
+    /// Parses a word.
     ///
     /// # Errors
-    /// The mistake in its braces.
+    /// The mistake in the braces.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (mut pieces, mut plain, mut rest) = (Vec::new(), String::new(), text);
         while let Some(place) = rest.find(['{', '}', '\0']) {
@@ -69,7 +69,7 @@ impl Word {
         Ok(Self(pieces))
     }
 
-    /// The names in it.
+    /// The names in braces.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.iter().filter_map(|piece| match piece {
             Piece::Name(name) => Some(name.as_str()),
@@ -77,11 +77,11 @@ impl Word {
         })
     }
 
-    /// The argument that it becomes.
+    /// The word with its names replaced.
     ///
     /// # Errors
-    /// Which name stands for nothing, or for a text that would become an option.
-    pub fn filled(&self, known: &Known<'_>) -> Result<String, String> {
+    /// The name that has no value, or whose value would become an option.
+    pub fn filled(&self, known: &WordValues<'_>) -> Result<String, String> {
         let mut argument = String::new();
         for piece in &self.0 {
             let (name, value) = match piece {
@@ -121,7 +121,7 @@ fn spelled(name: &str, value: &Value) -> Result<String, String> {
     Ok(text)
 }
 
-impl Known<'_> {
+impl WordValues<'_> {
     fn value(&self, name: &str) -> Result<Value, String> {
         let of = self.assignment;
         let path = |path: &Path| Value::String(path.display().to_string());
@@ -181,7 +181,7 @@ impl Known<'_> {
     }
 }
 
-/// Names that stand for something in every trial.
+/// Names that have a value in every trial.
 pub const OTHERS: [&str; 8] = [
     "seed",
     "steps",
@@ -193,21 +193,21 @@ pub const OTHERS: [&str; 8] = [
     "parameters",
 ];
 
-/// Words that were read, each with the key in which they stand.
+/// Parses words.
 ///
 /// # Errors
-/// [`Error::Config`] with the key.
+/// [`Error::Config`] at `key`.
 pub fn parsed(key: &str, words: &[String]) -> Result<Vec<Word>, Error> {
     let word =
         |text: &String| Word::parse(text).map_err(|why| Error::config(key, format!("in `{text}` {why}")));
     words.iter().map(word).collect()
 }
 
-/// The arguments that words become.
+/// The words with their names replaced.
 ///
 /// # Errors
-/// [`Error::Config`] with the key.
-pub fn filled(key: &str, words: &[Word], known: &Known<'_>) -> Result<Vec<String>, Error> {
+/// [`Error::Config`] at `key`.
+pub fn filled(key: &str, words: &[Word], known: &WordValues<'_>) -> Result<Vec<String>, Error> {
     let word = |word: &Word| word.filled(known).map_err(|why| Error::config(key, why));
     words.iter().map(word).collect()
 }
@@ -225,7 +225,7 @@ mod tests {
             environment: json!({ "id": "CartPole-v1", "wind": { "speed": 1.5 } }),
             ..Assignment::default()
         };
-        let known = Known {
+        let known = WordValues {
             assignment: &assignment,
             parameters: &serde_json::from_value(parameters).unwrap(),
             inputs: &[("cases".to_owned(), "/w/cases.csv".to_owned())].into(),
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_for_nothing_is_refused_with_what_does() {
+    fn an_unknown_name_is_refused_with_the_known_ones() {
         for (text, why) in [
             (
                 "{sed}",
@@ -291,7 +291,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever a value holds, it comes back as it was, in one argument.
+        /// Any value comes back unchanged, in one argument.
         #[test]
         fn a_value_is_one_argument(value in "[^\0]*", before in "[a-z=]{1,5}") {
             let filled = fill(&format!("{before}{{value}}"), json!({ "value": value })).unwrap();

@@ -1,14 +1,15 @@
-//! Protocol `attribution`: how much each observed quantity decides what a policy does; nothing is learned.
+//! Protocol `attribution`: the influence of each observed quantity on a policy's actions; nothing is learned.
 //!
-//! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its decisions,
-//! the others stay, and it is asked again: its *influence* is how far actions move, in the mean. Where every
-//! quantity is exchanged at once (`whole_influence`), the policy is shown another decision's observation; that is
-//! the scale on which the others are read. An exchange tears apart quantities that move together in the world, so an
-//! influence says what the policy reads and not what the quantity is worth.
+//! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its
+//! decisions, the other quantities stay, and the policy acts again: the *influence* is the mean distance that
+//! actions move. Where every quantity is exchanged at once (`whole_influence`), the policy gets another
+//! decision's observation; that is the scale on which the others are read. An exchange tears apart quantities
+//! that move together in the environment, so an influence says which quantity the policy reads and not how
+//! useful the quantity is.
 //!
-//! An explanation that is the same for a policy which has learned nothing explains nothing. So the same agent without
-//! training stands beside the trained one, under the same episodes' numbers and the same exchanges; the table kind
-//! `metrics` ranks the two against each other.
+//! An explanation that is the same for an untrained policy explains nothing. So the same agent without training
+//! stands beside the trained one, with the same episodes and the same exchanges; the table kind `metrics` ranks
+//! the two against each other.
 
 use contract::{
     Config, Error, Interface, Metric, Mode, Observation, Phase, Protocol, Registry, Rng, Space, choice,
@@ -18,14 +19,14 @@ use rand::seq::SliceRandom as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What the names of influences begin with; the name of the observed quantity follows.
+/// Beginning of the names of influences; the name of the observed quantity follows.
 const INFLUENCE: &str = "influence_";
-/// The influence of all quantities together, which is no rival of theirs and has another beginning.
+/// The influence of all quantities together. It is not ranked among the others and so begins differently.
 const OF_ALL: &str = "whole_influence";
-/// Rows that an agent is shown together.
+/// Rows in one call of the agent.
 const ROWS: usize = 256;
 
-/// What to explain.
+/// Settings of the `attribution` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Attribution {
@@ -48,7 +49,6 @@ impl Default for Attribution {
 
 impl Config for Attribution {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "attribution",
@@ -84,7 +84,7 @@ impl Protocol for Attribution {
         false
     }
 
-    /// It is what an explanation is held against.
+    /// Explanations are compared with those of the untrained agent.
     fn compares_untrained(&self) -> bool {
         true
     }
@@ -104,13 +104,13 @@ impl Protocol for Attribution {
                 "the agent remembers what it saw before, so that one decision cannot be explained by itself",
             ));
         }
-        // It is explained in seconds, and stopped at the end alone.
+        // An explanation takes seconds; it can be stopped at the end only.
         if run.resume::<()>()?.is_some() {
             return Ok(());
         }
         let interface = (run.make_environment)()?.interface();
         let seen = spread(self.decisions(run)?, self.decisions);
-        let explained = Explained::of(run, &interface, seen)?;
+        let explained = ExplainedDecisions::of(run, &interface, seen)?;
         for (seat, of) in interface.seats.iter().enumerate() {
             for (entry, name) in of.observation.names().iter().enumerate() {
                 explained.record(run, seat, &[entry], &format!("{INFLUENCE}{name}"))?;
@@ -123,7 +123,7 @@ impl Protocol for Attribution {
 }
 
 impl Attribution {
-    /// What the policy sees in all decisions of the episodes.
+    /// The policy's observations in all decisions of the episodes.
     fn decisions(&self, run: &mut Run<'_>) -> Result<Vec<Observation>, Error> {
         let mut environment = (run.make_environment)()?;
         let mut acting = run.streams.agent("attribution");
@@ -150,7 +150,7 @@ impl Attribution {
     }
 }
 
-/// At most so many, evenly spread.
+/// At most `most` observations, evenly spread.
 fn spread(all: Vec<Observation>, most: usize) -> Vec<Observation> {
     let n = all.len();
     if n <= most {
@@ -159,15 +159,15 @@ fn spread(all: Vec<Observation>, most: usize) -> Vec<Observation> {
     (0..most).map(|place| all[place * n / most].clone()).collect()
 }
 
-/// Decisions with what was done in them.
-struct Explained<'a> {
+/// Decisions with the actions that were taken in them.
+struct ExplainedDecisions<'a> {
     interface: &'a Interface,
     seen: Vec<Observation>,
     /// `[decision][seat][entry]`
     done: Vec<Vec<Vec<f64>>>,
 }
 
-impl<'a> Explained<'a> {
+impl<'a> ExplainedDecisions<'a> {
     fn of(run: &mut Run<'_>, interface: &'a Interface, seen: Vec<Observation>) -> Result<Self, Error> {
         let done = act(run, &seen)?;
         Ok(Self {
@@ -180,8 +180,8 @@ impl<'a> Explained<'a> {
     /// Records the influence of some entries of a seat's observation on what that seat does.
     fn record(&self, run: &mut Run<'_>, seat: usize, entries: &[usize], metric: &str) -> Result<(), Error> {
         let mut order: Vec<usize> = (0..self.seen.len()).collect();
-        // The exchange is the environment's and one for all entries: every agent meets the same one, and the influence
-        // of everything is held against the same decisions.
+        // The exchange belongs to the environment and is one for all entries: every agent gets the same
+        // exchange, and the influence of all quantities is compared over the same decisions.
         let mut rng: Rng = run.streams.environment(&format!("exchange {seat}"), 0);
         order.shuffle(&mut rng);
         let mut exchanged = self.seen.clone();
@@ -204,7 +204,7 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// What the policy does where it sees these. One that draws its actions draws the same numbers each time.
+/// The policy's actions at these observations. A policy that samples draws the same numbers each time.
 fn act(run: &mut Run<'_>, seen: &[Observation]) -> Result<Vec<Vec<Vec<f64>>>, Error> {
     let mut rng = run.streams.agent("explain");
     let mut all = Vec::with_capacity(seen.len());
@@ -214,9 +214,9 @@ fn act(run: &mut Run<'_>, seen: &[Observation]) -> Result<Vec<Vec<Vec<f64>>>, Er
     Ok(all)
 }
 
-/// How far two actions lie from each other, from 0 to 1: the share that is moved of a simplex, the mean over entries of
-/// a box in parts of their ranges (of four typical deviations where there is no range), the share of choices that
-/// differ.
+/// Distance of two actions, from 0 to 1: the share of a simplex that is moved, the mean over the entries of a
+/// box in parts of their ranges (of four typical deviations where there is no range), the fraction of choices
+/// that differ.
 fn distance(space: &Space, one: &[f64], other: &[f64]) -> Result<f64, Error> {
     let gaps = one.iter().zip(other).map(|(a, b)| (a - b).abs());
     #[allow(clippy::cast_precision_loss, reason = "an action has few entries")]
@@ -247,7 +247,7 @@ fn distance(space: &Space, one: &[f64], other: &[f64]) -> Result<f64, Error> {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::numbered::recorded, *};
+    use super::{super::numbered_episodes::recorded, *};
     use contract::{Channel, choice::Choice};
     use serde_json::json;
     use std::collections::BTreeMap;
@@ -261,14 +261,14 @@ mod tests {
     }
 
     #[test]
-    fn what_a_policy_reads_moves_it_and_nothing_else_does() {
+    fn only_the_quantity_that_a_policy_reads_has_influence() {
         let found = influences("repeats", 0).unwrap();
         let names: Vec<&str> = found.keys().map(String::as_str).collect();
         assert_eq!(
             names,
             ["influence_decision", "influence_number", "whole_influence"]
         );
-        // Two numbers of a range that know nothing of each other lie a third of it apart.
+        // Two independent uniform numbers lie a third of their range apart.
         assert!((found["influence_number"] - 1.0 / 3.0).abs() < 0.06, "{found:?}");
         assert_eq!(found["influence_decision"], 0.0);
         assert_eq!(found["whole_influence"], found["influence_number"]);

@@ -1,8 +1,8 @@
-//! Protocol `estimator_tracking`: let an agent estimate something from more and more samples, and record what
-//! it has so far.
+//! Protocol `estimator_tracking`: an agent estimates quantities from more and more samples, and its running
+//! estimates are recorded.
 //!
-//! The agent does not improve; its `learn` takes in one-step samples and says its running estimates with
-//! [`Recorder::latest`](contract::Recorder::latest). They are recorded at 1, 2, 4, 8, ... batches and at the
+//! The agent does not improve; its `learn` takes in one-step samples and records its running estimates with
+//! [`Recorder::latest`](contract::Recorder::latest). They are recorded after 1, 2, 4, 8, ... batches and at the
 //! end.
 
 use contract::{
@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// How many samples to take.
+/// Settings of the `estimator_tracking` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorTracking {
@@ -37,7 +37,6 @@ impl Default for EstimatorTracking {
 
 impl Config for EstimatorTracking {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "estimator_tracking",
@@ -89,7 +88,7 @@ impl Protocol for EstimatorTracking {
     }
 }
 
-/// Sampling between two batches.
+/// State of the sampling between two batches.
 struct Sampling {
     /// Batches so far.
     batch: u64,
@@ -99,11 +98,11 @@ struct Sampling {
     learn_rng: Rng,
 }
 
-/// What [`Sampling`] is restored from.
+/// Form of [`Sampling`] in a checkpoint.
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedSampling {
     batch: u64,
-    /// `None` before the first batch: the environment is then as it is made.
+    /// `None` before the first batch: the environment is then as it was built.
     environment: Option<Value>,
     environment_rng: Rng,
     act_rng: Rng,

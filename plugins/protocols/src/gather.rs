@@ -1,7 +1,8 @@
-//! Protocol `gather`: whole episodes of an agent as it is, kept as a dataset for others to learn from.
+//! Protocol `gather`: whole episodes of an agent that does not learn, kept as a dataset from which others
+//! learn.
 //!
-//! Episode `k` has random numbers of its own, which no measurement meets. What was gathered so far is part of
-//! the trial's state, so a trial that was stopped ends with the same bytes.
+//! Episode `k` has random numbers of its own, which no measurement uses. The episodes gathered so far are part
+//! of the trial's state, so a trial that was stopped ends with the same bytes.
 
 use contract::{
     ArtifactKind, Config, Error, Interface, Metric, Mode, Protocol, Registry,
@@ -12,29 +13,29 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{cell::RefCell, collections::BTreeMap, path::Path};
 
-/// What to gather.
+/// Settings of the `gather` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Gather {
+pub struct EpisodeGathering {
     /// Episodes of the dataset.
     #[schemars(range(min = 1))]
     pub episodes: u64,
-    /// How the agent acts.
+    /// Mode in which the agent acts.
     pub mode: GatherMode,
 }
 
-/// How an agent acts while its episodes are kept.
+/// Mode in which an agent acts while its episodes are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GatherMode {
-    /// As while it learns: policies that draw their actions explore.
+    /// As during training: policies that sample their actions explore.
     #[default]
     Train,
-    /// As where it is scored.
+    /// As in an evaluation.
     Evaluate,
 }
 
-impl Default for Gather {
+impl Default for EpisodeGathering {
     fn default() -> Self {
         Self {
             episodes: 200,
@@ -43,20 +44,19 @@ impl Default for Gather {
     }
 }
 
-impl Config for Gather {}
+impl Config for EpisodeGathering {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "gather",
         1,
         "Keep whole episodes of an agent as a dataset; nothing is learned.",
-        |config: Gather| config,
+        |config: EpisodeGathering| config,
         |config| Ok(Box::new(config)),
     );
 }
 
-impl Protocol for Gather {
+impl Protocol for EpisodeGathering {
     fn metrics(&self) -> Vec<Metric> {
         protocol::measurement_metrics()
     }
@@ -89,7 +89,7 @@ impl Protocol for Gather {
         let (before, blocks) =
             position.map_or((None, None), |position| (position.learning, position.measuring));
         let kept: Kept = RefCell::new((0..).zip(before.unwrap_or_default()).collect());
-        // Between blocks all episodes before the next one have ended.
+        // Between blocks all earlier episodes have ended.
         let so_far = || Some(kept.borrow().values().cloned().collect::<Vec<Episode>>());
         measure_and_keep(run, &self.episodes_to_keep(), blocks, so_far, Some(&kept))?;
         (run.progress)(self.episodes, self.episodes);
@@ -98,7 +98,7 @@ impl Protocol for Gather {
     }
 }
 
-impl Gather {
+impl EpisodeGathering {
     fn episodes_to_keep(&self) -> Measurement {
         let mode = match self.mode {
             GatherMode::Train => Mode::Train,

@@ -6,7 +6,7 @@ mod attribution;
 mod estimator_tracking;
 mod gather;
 #[cfg(test)]
-mod numbered;
+mod numbered_episodes;
 mod offline_fit;
 #[cfg(test)]
 mod offline_tests;
@@ -21,16 +21,16 @@ mod train_evaluate;
 
 pub use attribution::Attribution;
 pub use estimator_tracking::EstimatorTracking;
-pub use gather::{Gather, GatherMode};
+pub use gather::{EpisodeGathering, GatherMode};
 pub use offline_fit::OfflineFit;
 pub use search::{Choose, Search};
 pub use supervised_fit::SupervisedFit;
-pub use track::Track;
+pub use track::EpisodeTracking;
 pub use train_evaluate::TrainEvaluate;
 
 use contract::Registry;
 
-/// Registers all of them.
+/// Registers all protocols of this crate.
 pub fn register(registry: &mut Registry) {
     train_evaluate::register(registry);
     attribution::register(registry);
@@ -42,13 +42,13 @@ pub fn register(registry: &mut Registry) {
     track::register(registry);
 }
 
-/// For keys that are written only where they are true.
+/// For serde: a key that is written only where it is true.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// For keys that are written only where they are false.
+/// For serde: a key that is written only where it is false.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_true(value: &bool) -> bool {
     *value

@@ -1,9 +1,9 @@
-//! Protocol `offline_fit`: learn from datasets that other trials gathered, without the simulator; measure as
-//! `train_evaluate` does.
+//! Protocol `offline_fit`: learn from datasets that other trials gathered, without the simulator; measure like
+//! `train_evaluate`.
 //!
 //! Batches are drawn uniformly and with replacement from all transitions of the datasets, joined in their
-//! order. The environment is simulated where policies are measured and nowhere else; a measurement has the
-//! episodes that it has under `train_evaluate`.
+//! order. The environment is simulated only where policies are measured; a measurement has the same episodes as
+//! under `train_evaluate`.
 
 use contract::{
     Artifact, Config, Error, Interface, Metric, Phase, Protocol, Registry, Rng,
@@ -16,14 +16,14 @@ use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// From what and how long to learn, and how much to measure.
+/// Settings of the `offline_fit` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OfflineFit {
-    /// The datasets, which are joined.
+    /// The datasets, which are joined in this order.
     pub datasets: Vec<Artifact<artifact::Dataset>>,
-    /// Batches to learn from. An agent that is made for datasets makes one update with each; one that has a
-    /// replay buffer of its own takes them in as experience and updates at the pace that its settings say.
+    /// Batches to learn from. An agent made for datasets takes one update with each batch; one with a replay
+    /// buffer of its own takes batches in as experience and updates at the pace of its settings.
     #[schemars(extend("x-unit" = "batches"))]
     pub steps: u64,
     /// Transitions in a batch.
@@ -37,10 +37,10 @@ pub struct OfflineFit {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
+    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface
     /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
-    /// False where the agent does not learn: measurements alone. No study writes it.
+    /// False for an agent that does not learn, which is only measured. No study writes this key.
     #[schemars(skip)]
     #[serde(skip_serializing_if = "super::is_true")]
     pub train: bool,
@@ -63,7 +63,6 @@ impl Default for OfflineFit {
 
 impl Config for OfflineFit {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "offline_fit",
@@ -75,7 +74,7 @@ pub(super) fn register(registry: &mut Registry) {
     );
 }
 
-/// What is left for an agent that does not learn: the measurements, at the same steps.
+/// The protocol for an agent that does not learn: the measurements alone, at the same steps.
 fn without_training(config: OfflineFit) -> OfflineFit {
     let alone = OfflineFit {
         datasets: Vec::new(),
@@ -137,7 +136,7 @@ impl Protocol for OfflineFit {
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         if self.train {
             let blocks = self.fit_and_measure(run)?;
-            measure(run, &self.last(), blocks, || None::<Fit>)?;
+            measure(run, &self.last(), blocks, || None::<FitState>)?;
         } else {
             let all = (0..self.n_measurements())
                 .map(|index| self.measurement(index))
@@ -154,12 +153,12 @@ impl Protocol for OfflineFit {
 }
 
 impl OfflineFit {
-    /// All but the final measurement; gives back where to continue that.
+    /// Everything up to the final measurement; returns the position at which that measurement continues.
     fn fit_and_measure(&self, run: &mut Run<'_>) -> Result<Option<Blocks>, Error> {
         match run.resume()? {
             None if self.steps == 0 => {}
             None => {
-                let fit = Fit::start(run);
+                let fit = FitState::start(run);
                 let transitions = self.transitions(run)?;
                 run.agent.survey(&transitions)?;
                 self.measure_when_due(run, &fit, None)?;
@@ -183,7 +182,7 @@ impl OfflineFit {
         Ok(None)
     }
 
-    /// Everything that there is to learn from.
+    /// The transitions of all datasets.
     fn transitions(&self, run: &Run<'_>) -> Result<Vec<Transition>, Error> {
         let datasets = self.read(&(run.make_environment)()?.interface())?;
         let transitions: Vec<Vec<Transition>> = datasets
@@ -200,7 +199,7 @@ impl OfflineFit {
         Ok(transitions)
     }
 
-    /// The datasets, for use in an environment.
+    /// The datasets, checked against this environment.
     fn read(&self, here: &Interface) -> Result<Vec<Dataset>, Error> {
         let read = |(index, product): (usize, &Artifact<artifact::Dataset>)| {
             Dataset::read_for(product.folder()?, here).map_err(|error| match error {
@@ -214,7 +213,7 @@ impl OfflineFit {
         self.datasets.iter().enumerate().map(read).collect()
     }
 
-    /// Measurements before the final one: before the first batch, and after every `evaluate_every`.
+    /// Count of measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
         if self.steps == 0 {
             0
@@ -225,7 +224,7 @@ impl OfflineFit {
         }
     }
 
-    /// Episodes of all measurements.
+    /// Count of the episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.episodes)
@@ -240,7 +239,7 @@ impl OfflineFit {
         Measurement::at_the_end(self.steps, self.final_episodes, self.trace_episodes)
     }
 
-    fn fit(&self, run: &mut Run<'_>, mut fit: Fit, transitions: &[Transition]) -> Result<(), Error> {
+    fn fit(&self, run: &mut Run<'_>, mut fit: FitState, transitions: &[Transition]) -> Result<(), Error> {
         while fit.step < self.steps {
             run.checkpoint(|| Position {
                 learning: Some(&fit),
@@ -255,7 +254,12 @@ impl OfflineFit {
         Ok(())
     }
 
-    fn measure_when_due(&self, run: &mut Run<'_>, fit: &Fit, blocks: Option<Blocks>) -> Result<(), Error> {
+    fn measure_when_due(
+        &self,
+        run: &mut Run<'_>,
+        fit: &FitState,
+        blocks: Option<Blocks>,
+    ) -> Result<(), Error> {
         if self.evaluate_every == 0 || !fit.step.is_multiple_of(self.evaluate_every) {
             return Ok(());
         }
@@ -272,16 +276,16 @@ impl OfflineFit {
     }
 }
 
-/// A fit between two batches.
+/// State of the fit between two batches.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Fit {
+struct FitState {
     /// Batches so far.
     step: u64,
     batch_rng: Rng,
     learn_rng: Rng,
 }
 
-impl Fit {
+impl FitState {
     fn start(run: &Run<'_>) -> Self {
         Self {
             step: 0,

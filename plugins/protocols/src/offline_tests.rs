@@ -1,5 +1,5 @@
-//! What is gathered and what is learned from it, on walks: a walk begins somewhere between two ends and is
-//! over when it leaves them.
+//! Tests of gathering and of learning from gathered data, on walks: a walk begins between two ends and is over
+//! when it leaves them.
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode,
@@ -23,11 +23,11 @@ thread_local! {
     static STEPS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Walks of one seat, or of several, of whom the first one steers. Seat `k` earns `k + 1` times the place.
+/// Walks of one or several seats, the first of which steers. Seat `k` earns `k + 1` times the position.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct WalkConfig {
-    /// How many walk.
+    /// Number of walks.
     seats: usize,
 }
 
@@ -117,17 +117,17 @@ struct NoConfig {}
 
 impl Config for NoConfig {}
 
-/// Pushes to the right where it is scored, and anywhere while it learns. Where it learns, it is content to
-/// read.
+/// Pushes to the right in evaluation, and anywhere in training. Its `learn` only records the batch that it
+/// gets.
 #[derive(Default, Serialize, Deserialize)]
-struct Walker {
+struct WalkingAgent {
     learns: bool,
     told_of: usize,
     read: u64,
     batches: u64,
 }
 
-impl Agent for Walker {
+impl Agent for WalkingAgent {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let force = |rng: &mut Rng| {
             if mode == Mode::Train {
@@ -184,7 +184,7 @@ fn registry() -> Registry {
         1,
         "Pushes.",
         AgentTraits::default(),
-        |_: NoConfig, _: &Interface, _| Ok(Box::new(Walker::default())),
+        |_: NoConfig, _: &Interface, _| Ok(Box::new(WalkingAgent::default())),
     );
     let traits = AgentTraits {
         learns: true,
@@ -192,15 +192,15 @@ fn registry() -> Registry {
         ..AgentTraits::default()
     };
     registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| {
-        Ok(Box::new(Walker {
+        Ok(Box::new(WalkingAgent {
             learns: true,
-            ..Walker::default()
+            ..WalkingAgent::default()
         }))
     });
     registry
 }
 
-/// A trial as a study would plan it.
+/// The key of a trial as a study would plan it.
 fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
@@ -232,7 +232,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     }
 }
 
-/// Runs a trial that leaves what it leaves in `folder` and finds the products of trial `x` in `products/x`.
+/// Runs a trial that leaves its outputs in `folder` and finds the outputs of trial `x` in `products/x`.
 fn run(key: &TrialKey, products: &Path, folder: &Path, keeper: &mut dyn Keeper) -> Result<Recorder, Error> {
     let find = |taken: &Taken| Ok(products.join(&taken.trial));
     key.run_after(&registry(), &find, Some(folder), &mut |_, _| {}, keeper)
@@ -262,7 +262,7 @@ fn values(record: &Recorder, phase: Phase, metric: &str) -> Vec<f64> {
 }
 
 #[test]
-fn what_is_gathered_is_what_was_recorded() {
+fn the_gathered_dataset_is_that_of_the_record() {
     let trial = tempfile::tempdir().unwrap();
     let (record, dataset) = gather(300, "train", trial.path());
     assert_eq!(
@@ -309,14 +309,14 @@ fn an_episode_does_not_depend_on_how_many_there_are() {
     assert_ne!(many[0], many[1]);
 }
 
-/// Saves in memory, and asks to stop at the opportunity `at`.
-struct Stopping {
+/// Saves in memory, and asks to stop at the opportunity number `at`.
+struct StoppingKeeper {
     at: u64,
     seen: u64,
     saved: Option<(Value, tempfile::TempDir, Recorder)>,
 }
 
-impl Keeper for Stopping {
+impl Keeper for StoppingKeeper {
     fn due(&mut self) -> bool {
         self.seen += 1;
         self.seen == self.at
@@ -343,7 +343,7 @@ impl Keeper for Stopping {
     }
 }
 
-/// What a trial records and leaves.
+/// Record and dataset of a trial.
 fn outcome(record: &Recorder, folder: &Path) -> (String, Option<Dataset>) {
     let rows: Vec<_> = record
         .rows()
@@ -356,12 +356,12 @@ fn outcome(record: &Recorder, folder: &Path) -> (String, Option<Dataset>) {
     )
 }
 
-/// Stops the trial at every opportunity to save, one after the other, and goes on in another folder; gives
-/// their number.
+/// Stops the trial at every opportunity to save, one after the other, and continues in another folder; returns
+/// the count of opportunities.
 fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
     let folder = || tempfile::tempdir().unwrap();
     let whole_folder = folder();
-    let mut never = Stopping {
+    let mut never = StoppingKeeper {
         at: 0,
         seen: 0,
         saved: None,
@@ -370,7 +370,7 @@ fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
     let record = run(key, products, whole_folder.path(), &mut never).unwrap();
     let whole = outcome(&record, whole_folder.path());
     for at in 1..=never.seen {
-        let mut keeper = Stopping {
+        let mut keeper = StoppingKeeper {
             at,
             seen: 0,
             saved: None,
@@ -442,7 +442,7 @@ fn batches_come_from_all_datasets_and_nothing_is_simulated_for_them() {
     };
     let (few, more) = (of("few"), of("more"));
     let total = few.len() + more.len();
-    // Batches of one, so that the mean of a batch is a reward.
+    // Batches of one transition, so that the mean of a batch is a reward.
     let key = key(
         "reader",
         fit(json!({ "steps": 200, "batch": 1, "evaluate_every": 1, "episodes": 0, "final_episodes": 1 })),
@@ -532,7 +532,7 @@ fn refusal(key: &TrialKey, products: &Path) -> String {
 }
 
 #[test]
-fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
+fn an_unsuitable_dataset_is_refused_with_a_remedy() {
     let products = products();
     let none = refusal(&key("reader", fit(json!({ "datasets": [] }))), products.path());
     assert!(

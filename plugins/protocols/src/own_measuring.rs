@@ -1,5 +1,5 @@
-//! How a protocol measures an agent that trains itself, on the episodes of the agents that it trains: while the
-//! training runs and asks for it, or by the policy that it left.
+//! Measurements of an agent that trains itself, on the same episodes as for agents that the protocol trains:
+//! during the training, when the program asks for one, or afterwards by the policy that it left.
 
 use super::{own_training::own, train_evaluate::TrainEvaluate};
 use contract::{
@@ -9,9 +9,9 @@ use contract::{
 };
 use std::collections::BTreeMap;
 
-/// The measurements that a training asked for.
+/// Measurements that a training has requested so far.
 #[derive(Debug, Default)]
-pub(super) struct Taken {
+pub(super) struct RequestedMeasurements {
     record: Recorder,
     /// Number of the next measurement during the training.
     next: u64,
@@ -20,13 +20,13 @@ pub(super) struct Taken {
     reached: Option<u64>,
 }
 
-impl Taken {
-    /// The largest step at which the training asked to be measured.
+impl RequestedMeasurements {
+    /// The largest step at which the training requested a measurement.
     pub(super) fn reached(&self) -> Option<u64> {
         self.reached
     }
 
-    /// Measures what is due, and tells the training.
+    /// Makes the measurement that is due and sends its means to the training.
     pub(super) fn answer(
         &mut self,
         of: &TrainEvaluate,
@@ -71,7 +71,7 @@ impl Taken {
         Ok(means(&part))
     }
 
-    /// Adds what was measured to the record of the training, which is made anew from what the training says.
+    /// Adds the measurements to the record of the training, which is made anew from the training's own values.
     pub(super) fn into_record(self, record: &mut Recorder) {
         record.append(&self.record);
     }
@@ -98,7 +98,7 @@ fn means(record: &Recorder) -> BTreeMap<String, f64> {
     sums.into_iter().map(mean).collect()
 }
 
-/// Takes the measurements that are left once the training has ended and all that it said is in the record.
+/// Makes the remaining measurements, once the training has ended and all its values are in the record.
 pub(super) fn end(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
     let measured = own(run)?.measured();
     if measured == Some(Measured::Policy) {
@@ -115,7 +115,7 @@ pub(super) fn end(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    fn asked(taken: &mut Taken, asked: Asked) -> Option<u64> {
+    fn asked(taken: &mut RequestedMeasurements, asked: Asked) -> Option<u64> {
         let of = TrainEvaluate {
             steps: 100,
             evaluate_every: 10,
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn one_measurement_is_due_for_each_multiple_and_one_at_the_end() {
-        let mut taken = Taken::default();
+        let mut taken = RequestedMeasurements::default();
         let steps = [0, 5, 12, 19, 40, 30, 100, 101];
         let due: Vec<_> = steps
             .iter()
@@ -150,7 +150,10 @@ mod tests {
             evaluate_every: 0,
             ..TrainEvaluate::default()
         };
-        assert_eq!(Taken::default().due(&of, Asked::At(10)).unwrap(), None);
+        assert_eq!(
+            RequestedMeasurements::default().due(&of, Asked::At(10)).unwrap(),
+            None
+        );
     }
 
     #[test]

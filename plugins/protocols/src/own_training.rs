@@ -1,7 +1,7 @@
-//! How a protocol lets an agent train itself: it waits, takes in what is measured, and makes the record from it.
+//! Training by the agent itself: the protocol waits, takes in its values, and makes the record from them.
 //!
-//! While the training runs, values become rows as they arrive, for those who look on. The record that counts is
-//! made anew from all values in the end, in one order, so that it does not depend on when anybody looked:
+//! While the training runs, values become rows as they arrive, for live views. The final record is made anew
+//! from all values at the end, in one order, so that it does not depend on the times at which they were read:
 //!
 //! | phase | rows |
 //! |---|---|
@@ -9,10 +9,10 @@
 //! | `evaluate` | at each multiple of `evaluate_every`: the mean of the last values up to there |
 //! | `final` | the mean of the last values, at the last step of the protocol |
 //!
-//! Measurements on the protocol's own episodes ([`own_measuring`]) come after them.
+//! Measurements on the protocol's own episodes ([`own_measuring`]) come after these rows.
 
 use super::{
-    own_measuring::{self, Taken},
+    own_measuring::{self, RequestedMeasurements},
     train_evaluate::TrainEvaluate,
 };
 use contract::{
@@ -25,9 +25,9 @@ use contract::{
 use statistics::estimators::mean;
 use std::time::{Duration, Instant};
 
-/// Time between two looks at a training.
+/// Time between two polls of a training.
 const LOOK: Duration = Duration::from_millis(50);
-/// Time between two times at which what it printed is kept.
+/// Time between two copies of the training's output.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 /// Lets the agent train for the steps of a protocol.
@@ -42,7 +42,7 @@ pub(super) fn run(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
     };
     let grid = Grid { steps, every };
     own(run)?.begin(&assignment, &place)?;
-    let mut taken = Taken::default();
+    let mut taken = RequestedMeasurements::default();
     let until = until_it_ends(of, &place, &mut taken, run);
     keep_output(run)?;
     if let Some(until) = until? {
@@ -54,8 +54,8 @@ pub(super) fn run(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
     own_measuring::end(of, run)
 }
 
-/// The record of a training that has ended, in the place of what was shown while it ran.
-fn settle(grid: Grid, taken: Taken, run: &mut Run<'_>) -> Result<(), Error> {
+/// Replaces the rows that were shown while the training ran by its final record.
+fn settle(grid: Grid, taken: RequestedMeasurements, run: &mut Run<'_>) -> Result<(), Error> {
     let training = own(run)?;
     taken.is_whole(training.measured())?;
     let curves = training.curves(true)?;
@@ -68,18 +68,18 @@ fn settle(grid: Grid, taken: Taken, run: &mut Run<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// Takes in what is measured until the training ends, or until the step of a pause, which is given back.
+/// Takes in values until the training ends, or until the step of a pause, which is returned.
 fn until_it_ends(
     of: &TrainEvaluate,
     place: &Place,
-    taken: &mut Taken,
+    taken: &mut RequestedMeasurements,
     run: &mut Run<'_>,
 ) -> Result<Option<u64>, Error> {
     let grid = Grid {
         steps: of.steps,
         every: of.evaluate_every,
     };
-    let (mut live, mut heard, mut kept) = (Live::new(grid), clock::now(), clock::now());
+    let (mut live, mut heard, mut kept) = (LiveRecord::new(grid), clock::now(), clock::now());
     loop {
         let advance = own(run)?.advance(LOOK)?;
         let Some(training) = run.agent.own_training() else {
@@ -109,7 +109,7 @@ fn until_it_ends(
         if has_grown || advance != (Advance::Running { heard: false }) {
             heard = clock::now();
         }
-        // A process that is ended for a limit leaves what it kept.
+        // A process that is ended for a limit still leaves its last copy.
         if heard > kept && clock::since(kept) > KEEP_EVERY {
             keep_output(run)?;
             kept = clock::now();
@@ -118,7 +118,7 @@ fn until_it_ends(
     }
 }
 
-/// Its output is kept however it ended.
+/// Copies the training's output, however it ended.
 fn keep_output(run: &mut Run<'_>) -> Result<(), Error> {
     match own(run)?.output() {
         Some(said) => run.keeper.keep_output(&said).map_err(Error::of_store),
@@ -126,7 +126,7 @@ fn keep_output(run: &mut Run<'_>) -> Result<(), Error> {
     }
 }
 
-/// Ends a training of which nothing was heard for too long.
+/// Ends a training that has been silent for too long.
 fn hold_patience(run: &mut Run<'_>, heard: Instant) -> Result<(), Error> {
     match run.keeper.patience() {
         Some(patience) if clock::since(heard) > patience => {
@@ -137,8 +137,8 @@ fn hold_patience(run: &mut Run<'_>, heard: Instant) -> Result<(), Error> {
     }
 }
 
-/// Stops the training and keeps what was measured up to a step. Later work lies in its files, and counts when it
-/// goes on.
+/// Stops the training and keeps the values up to a step. Later work lies in its files, and counts once it
+/// continues.
 fn pause(grid: Grid, until: u64, run: &mut Run<'_>) -> Result<(), Error> {
     own(run)?.stop();
     let record = settled(grid, own(run)?.curves(false)?, Some(until));
@@ -148,7 +148,7 @@ fn pause(grid: Grid, until: u64, run: &mut Run<'_>) -> Result<(), Error> {
     Err(Error::Stopped)
 }
 
-/// Where the training works: a folder of the trial, or one that goes with it.
+/// The folder in which the training works: one of the trial, or a temporary one.
 fn place(run: &mut Run<'_>, temporary: &mut Option<tempfile::TempDir>) -> Result<Place, Error> {
     if let Some(place) = run.keeper.place().map_err(Error::of_store)? {
         return Ok(place);
@@ -179,8 +179,8 @@ struct Grid {
 }
 
 impl Grid {
-    /// The measurements of a curve at multiples of `every` from `first` on and up to `last`; none before its
-    /// first value.
+    /// The measurements of a curve at multiples of `every` from `first` up to `last`; none before its first
+    /// value.
     fn measured(self, curve: &Curve, first: u64, last: u64) -> Vec<(u64, f64)> {
         if self.every == 0 {
             return Vec::new();
@@ -205,13 +205,13 @@ fn last_step(curve: &Curve) -> Option<u64> {
     curve.values.iter().map(|(step, _)| *step).max()
 }
 
-/// The metric that tells how far a training is: the return, or else the first one.
+/// The metric by which the progress of a training is known: the return, or else the first one.
 fn lead(curves: &[Curve]) -> Option<&Curve> {
     let named = curves.iter().find(|it| it.metric.name == "return");
     named.or(curves.first())
 }
 
-/// The record of a training: of all of it, or up to a step, which has the same rows up to there.
+/// The record of a training: of all of it, or up to a step, with the same rows up to there.
 fn settled(grid: Grid, curves: &[Curve], until: Option<u64>) -> Recorder {
     let mut rows = Vec::new();
     for (place, curve) in curves.iter().enumerate() {
@@ -233,7 +233,7 @@ fn settled(grid: Grid, curves: &[Curve], until: Option<u64>) -> Recorder {
     record
 }
 
-/// Values with how many stood at the same step before.
+/// Values, each with the count of earlier values at the same step.
 fn numbered(values: &[(u64, f64)]) -> impl Iterator<Item = (u64, u64, f64)> {
     let mut before = None;
     values.iter().map(move |(step, value)| {
@@ -246,8 +246,8 @@ fn numbered(values: &[(u64, f64)]) -> impl Iterator<Item = (u64, u64, f64)> {
     })
 }
 
-/// The end of a training, which asked to be measured up to a step, if at all. Where nothing says how far it came,
-/// that is not recorded.
+/// Records the last step of a training, which requested measurements up to `asked`, if at all. A training
+/// without any step records none.
 fn end(steps: u64, curves: &[Curve], asked: Option<u64>, record: &mut Recorder) {
     for curve in curves {
         if let Some(value) = recent(curve, u64::MAX) {
@@ -260,16 +260,16 @@ fn end(steps: u64, curves: &[Curve], asked: Option<u64>, record: &mut Recorder) 
     }
 }
 
-/// Rows while a training runs: values as they arrive, and measurements once nothing can be added to them.
-struct Live {
+/// Rows of a running training: values as they arrive, and measurements once no value can change them.
+struct LiveRecord {
     grid: Grid,
-    /// By curve: how many values became rows, and the step of the next measurement.
+    /// For each curve, the count of values that became rows, and the step of the next measurement.
     taken: Vec<(usize, u64)>,
-    /// How far the training is.
+    /// The last step so far.
     step: u64,
 }
 
-impl Live {
+impl LiveRecord {
     fn new(grid: Grid) -> Self {
         Self {
             grid,
@@ -278,7 +278,7 @@ impl Live {
         }
     }
 
-    /// True where there was something new.
+    /// Adds the new rows; returns whether there were any.
     fn record(&mut self, curves: &[Curve], record: &mut Recorder) -> bool {
         self.taken.resize(curves.len(), (0, 0));
         let mut has_grown = false;
@@ -289,7 +289,7 @@ impl Live {
                 has_grown = true;
             }
             *taken = curve.values.len();
-            // At its last step a curve may still grow.
+            // The last step of a curve may still get more values.
             let Some(before) = last_step(curve).and_then(|last| last.checked_sub(1)) else {
                 continue;
             };
@@ -377,13 +377,13 @@ mod tests {
             prop_assert!(next.step > until * 10 || next.phase == Phase::Final);
         }
 
-        /// Whoever looks on sees the measurements that the record has, however often they look.
+        /// The measurements that a live view shows are those of the record, however often it is updated.
         #[test]
-        fn what_was_shown_while_it_ran_is_what_is_recorded(
+        fn the_rows_of_a_running_training_are_those_of_the_record(
             mut values in proptest::collection::vec((0u64..40, -9.0..9.0), 1..20), pieces in 1usize..6,
         ) {
             values.sort_by_key(|(step, _)| *step);
-            let (mut live, mut seen) = (Live::new(GRID), Recorder::default());
+            let (mut live, mut seen) = (LiveRecord::new(GRID), Recorder::default());
             for piece in 1..=pieces {
                 let until = values.len() * piece / pieces;
                 live.record(&[curve("a", 2, &values[..until])], &mut seen);

@@ -1,7 +1,7 @@
-//! Protocol `supervised_fit`: fit a policy to examples whose answer the environment knows.
+//! Protocol `supervised_fit`: fit a policy to examples whose target the environment knows.
 //!
-//! One example is one episode start: the observation is the input, the full state the target. Every batch is
-//! drawn anew; measurements are on examples of their own.
+//! An example is the start of an episode: the observation is the input, the full state the target. Every batch
+//! is drawn anew; measurements have examples of their own.
 
 use contract::{
     Config, End, Environment, Error, Metric, Phase, Protocol, Registry, Rng,
@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// How long to fit and how much to measure.
+/// Settings of the `supervised_fit` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SupervisedFit {
@@ -30,7 +30,7 @@ pub struct SupervisedFit {
     /// Examples of the final measurement.
     #[schemars(range(min = 1))]
     pub final_examples: u64,
-    /// False where the agent does not learn: measurements alone. No study writes it.
+    /// False for an agent that does not learn, which is only measured. No study writes this key.
     #[schemars(skip)]
     #[serde(skip_serializing_if = "super::is_true")]
     pub train: bool,
@@ -51,7 +51,6 @@ impl Default for SupervisedFit {
 
 impl Config for SupervisedFit {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "supervised_fit",
@@ -62,7 +61,7 @@ pub(super) fn register(registry: &mut Registry) {
     );
 }
 
-/// What is left for an agent that does not learn: the measurements, at the same steps.
+/// The protocol for an agent that does not learn: the measurements alone, at the same steps.
 fn without_training(config: SupervisedFit) -> SupervisedFit {
     let alone = SupervisedFit {
         batch: 1,
@@ -125,11 +124,11 @@ impl Protocol for SupervisedFit {
 }
 
 impl SupervisedFit {
-    /// All but the final measurement; gives back where to continue that.
+    /// Everything up to the final measurement; returns the position at which that measurement continues.
     fn fit_and_measure(&self, run: &mut Run<'_>) -> Result<Option<Blocks>, Error> {
         match run.resume()? {
             None => {
-                let fit = Fit::start(run)?;
+                let fit = FitState::start(run)?;
                 self.measure_when_due(run, &fit, None)?;
                 self.fit(run, fit)?;
             }
@@ -137,7 +136,7 @@ impl SupervisedFit {
                 learning: Some(saved),
                 measuring,
             }) => {
-                let fit = Fit::restored(run, saved)?;
+                let fit = FitState::restored(run, saved)?;
                 if measuring.is_some() {
                     self.measure_when_due(run, &fit, measuring)?;
                 }
@@ -151,14 +150,14 @@ impl SupervisedFit {
         Ok(None)
     }
 
-    /// Measurements before the final one: before the first batch, and after every `evaluate_every`.
+    /// Count of measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
         self.steps
             .checked_div(self.evaluate_every)
             .map_or(0, |count| count + 1)
     }
 
-    /// Examples of all measurements.
+    /// Count of the examples of all measurements.
     fn examples_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.examples)
@@ -173,7 +172,7 @@ impl SupervisedFit {
         Measurement::at_the_end(self.steps, self.final_examples, 0)
     }
 
-    fn fit(&self, run: &mut Run<'_>, mut fit: Fit) -> Result<(), Error> {
+    fn fit(&self, run: &mut Run<'_>, mut fit: FitState) -> Result<(), Error> {
         while fit.step < self.steps {
             run.checkpoint(|| Position {
                 learning: Some(fit.save()),
@@ -190,7 +189,12 @@ impl SupervisedFit {
         Ok(())
     }
 
-    fn measure_when_due(&self, run: &mut Run<'_>, fit: &Fit, blocks: Option<Blocks>) -> Result<(), Error> {
+    fn measure_when_due(
+        &self,
+        run: &mut Run<'_>,
+        fit: &FitState,
+        blocks: Option<Blocks>,
+    ) -> Result<(), Error> {
         if self.evaluate_every == 0 || !fit.step.is_multiple_of(self.evaluate_every) {
             return Ok(());
         }
@@ -207,8 +211,8 @@ impl SupervisedFit {
     }
 }
 
-/// A fit between two batches.
-struct Fit {
+/// State of the fit between two batches.
+struct FitState {
     /// Batches so far.
     step: u64,
     environment: Box<dyn Environment>,
@@ -216,17 +220,17 @@ struct Fit {
     learn_rng: Rng,
 }
 
-/// What [`Fit`] is restored from.
+/// Form of [`FitState`] in a checkpoint.
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedFit {
     step: u64,
-    /// `None` before the first example: the environment is then as it is made.
+    /// `None` before the first example: the environment is then as it was built.
     environment: Option<Value>,
     examples_rng: Rng,
     learn_rng: Rng,
 }
 
-impl Fit {
+impl FitState {
     fn start(run: &mut Run<'_>) -> Result<Self, Error> {
         let environment = (run.make_environment)()?;
         let (examples_rng, learn_rng) = (run.streams.environment("train", 0), run.streams.agent("learn"));
@@ -266,7 +270,7 @@ impl Fit {
         })
     }
 
-    /// One example: a start and its answer.
+    /// Draws one example: a start and its target.
     fn draw(&mut self, run: &Run<'_>) -> Result<Transition, Error> {
         let seats = self.environment.reset(&mut self.examples_rng)?;
         let mut observation = observe(&*run.agent, &*self.environment, seats);

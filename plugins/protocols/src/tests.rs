@@ -1,4 +1,4 @@
-//! What trials measure, on dice: an episode shows the number that it began with, whoever plays it.
+//! Measurements of trials, on dice: an episode shows the number that it began with, whichever agent acts.
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode,
@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{collections::BTreeSet, path::Path};
 
-/// Dice with a file that says what is added to each number.
+/// Dice with a file whose number is added to each throw.
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct DiceConfig {
     /// A file with one number.
     file: DataFile,
-    /// Whether the number that is shown is none.
+    /// Whether the observed number is NaN.
     broken: bool,
 }
 
@@ -83,23 +83,23 @@ fn dice(config: DiceConfig) -> Result<Box<dyn Environment>, Error> {
     }))
 }
 
-/// Says any number; where it learns, counts how often it was asked to.
+/// Guesses a number; in training, counts the calls of `learn`.
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct GuessConfig {
-    /// Whether its loss is none.
+    /// Whether its loss is NaN.
     diverges: bool,
 }
 
 impl Config for GuessConfig {}
 
-struct Guess {
+struct GuessingAgent {
     learns: bool,
     n_updates: u64,
     loss: f64,
 }
 
-impl Agent for Guess {
+impl Agent for GuessingAgent {
     fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         Ok(observations.iter().map(|_| vec![vec![rng.random()]]).collect())
     }
@@ -133,7 +133,7 @@ fn registry() -> Registry {
         "Guesses.",
         traits(false),
         |_: GuessConfig, _: &Interface, _| {
-            Ok(Box::new(Guess {
+            Ok(Box::new(GuessingAgent {
                 learns: false,
                 n_updates: 0,
                 loss: 0.0,
@@ -146,7 +146,7 @@ fn registry() -> Registry {
         "Guesses as well.",
         traits(true),
         |config: GuessConfig, _, _| {
-            Ok(Box::new(Guess {
+            Ok(Box::new(GuessingAgent {
                 learns: true,
                 n_updates: 0,
                 loss: if config.diverges { f64::NAN } else { 1.0 },
@@ -156,7 +156,7 @@ fn registry() -> Registry {
     registry
 }
 
-/// A trial as a study would plan it.
+/// The key of a trial as a study would plan it.
 fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
@@ -178,7 +178,7 @@ fn run(key: &TrialKey) -> Result<Recorder, Error> {
     key.run(&registry(), None, &mut |_, _| {}, &mut NoKeeper)
 }
 
-/// Step, episode and value of what was recorded of a metric in a phase.
+/// Step, episode and value of the rows of a metric in a phase.
 fn rows(record: &Recorder, phase: Phase, metric: &str) -> Vec<(u64, u64, f64)> {
     let named = |row: &&contract::recorder::Row| {
         row.phase == phase && record.names()[usize::from(row.metric)] == metric
@@ -235,7 +235,7 @@ fn agents_that_do_not_learn_are_measured_when_learners_are_and_on_the_same_episo
             starts(&rule).is_empty() || of_rule == of_learner,
             "the last step is that of the learners: {budget:?}"
         );
-        // What the agent draws is its own.
+        // The agent's own random numbers differ.
         assert!(
             starts(&rule).is_empty()
                 || rows(&rule, Phase::Evaluate, "return") != rows(&learner, Phase::Evaluate, "return")
@@ -244,7 +244,7 @@ fn agents_that_do_not_learn_are_measured_when_learners_are_and_on_the_same_episo
 }
 
 #[test]
-fn what_an_agent_that_does_not_learn_is_not_measured_by_is_no_part_of_its_trial() {
+fn keys_of_learning_are_not_part_of_a_trial_whose_agent_does_not_learn() {
     let id = |steps: u64, environments: u64, every: u64| {
         let config = json!({ "steps": steps, "environments": environments, "evaluate_every": every });
         key(("rule", json!({})), ("train_evaluate", config)).id()
@@ -389,7 +389,7 @@ fn a_trial_that_records_no_number_says_which_and_when() {
     }
 }
 
-/// A trial whose environment reads a file with this content when it is planned.
+/// A trial whose environment reads a file that has this content when the trial is planned.
 fn with_file(path: &Path, content: &str) -> TrialKey {
     std::fs::write(path, content).unwrap();
     let mut key = key(("rule", json!({})), budgets_of_rule());

@@ -1,9 +1,10 @@
-//! Protocol `track`: an agent follows whole episodes one after the other, as an estimator follows unit after unit;
-//! nothing is learned.
+//! Protocol `track`: an agent acts over whole episodes one after the other, as an estimator tracks unit after
+//! unit; nothing is learned.
 //!
 //! Episodes are the environment's own in their order, where it has a list of them
-//! ([`reset_to`](contract::Environment::reset_to)), and an agent that remembers begins anew with each. They record
-//! the final measurement, an episode each, and leave what the environment draws of the last one.
+//! ([`reset_to`](contract::Environment::reset_to)), and an agent with memory is restarted with each. They
+//! become the final measurement, one episode each, and the trial leaves the environment's drawings of the last
+//! one.
 
 use contract::{
     ArtifactKind, Config, Error, Metric, Protocol, Registry,
@@ -12,18 +13,18 @@ use contract::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What to follow.
+/// Settings of the `track` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Track {
+pub struct EpisodeTracking {
     /// Number of episodes.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub episodes: u64,
-    /// How many of them, from the first, are recorded step by step.
+    /// Number of them, from the first, that are recorded step by step.
     pub trace_episodes: u64,
 }
 
-impl Default for Track {
+impl Default for EpisodeTracking {
     fn default() -> Self {
         Self {
             episodes: 10,
@@ -32,20 +33,19 @@ impl Default for Track {
     }
 }
 
-impl Config for Track {}
+impl Config for EpisodeTracking {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "track",
         1,
         "Follow whole episodes one after the other, as an estimator follows unit after unit; nothing is learned.",
-        |config: Track| config,
+        |config: EpisodeTracking| config,
         |config| Ok(Box::new(config)),
     );
 }
 
-impl Protocol for Track {
+impl Protocol for EpisodeTracking {
     fn metrics(&self) -> Vec<Metric> {
         protocol::measurement_metrics()
     }
@@ -70,7 +70,7 @@ impl Protocol for Track {
 
 #[cfg(test)]
 mod tests {
-    use super::super::numbered::recorded;
+    use super::super::numbered_episodes::recorded;
     use contract::Phase;
     use serde_json::{Value, json};
 

@@ -1,5 +1,5 @@
-//! Protocol `train_evaluate`: learn for a number of environment steps, measuring now and then and thoroughly
-//! at the end.
+//! Protocol `train_evaluate`: learn for a number of environment steps, with short measurements on the way and a
+//! longer one at the end.
 
 use super::own_training;
 use contract::{
@@ -15,14 +15,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// How long to learn and how much to measure.
+/// Settings of the `train_evaluate` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainEvaluate {
     /// Environment steps to learn from, all environments together.
     #[schemars(extend("x-unit" = "steps"))]
     pub steps: u64,
-    /// Environments stepped together while learning.
+    /// Number of environments that are stepped together during learning.
     #[schemars(range(min = 1, max = 4096))]
     pub environments: u64,
     /// Steps between two measurements during learning; 0 measures only at the end.
@@ -33,18 +33,18 @@ pub struct TrainEvaluate {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
+    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface
     /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
-    /// The trial whose learning goes on here, up to `steps`, with the config that the agent has here; it left a
-    /// checkpoint. Learning begins anew where absent.
+    /// The trial whose learning continues here, up to `steps`, with the config that the agent has here; it left
+    /// a checkpoint. LearningState begins anew where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub go_on_from: Option<Artifact<Checkpoint>>,
-    /// Whether learning can go on in another trial. What that takes, experience and environments too, lies in the
-    /// trial's folder then.
+    /// Whether learning can continue in another trial. The trial's folder then holds the checkpoint, with
+    /// experience and environments.
     #[serde(skip_serializing_if = "super::is_false")]
     pub leave_checkpoint: bool,
-    /// False where the agent does not learn: measurements alone. No study writes it.
+    /// False for an agent that does not learn, which is only measured. No study writes this key.
     #[schemars(skip)]
     #[serde(skip_serializing_if = "super::is_true")]
     pub train: bool,
@@ -82,7 +82,6 @@ fn measuring(episodes: u64) -> Part {
     Part::new(NAME, VERSION, json!(alone))
 }
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         NAME,
@@ -95,8 +94,8 @@ pub(super) fn register(registry: &mut Registry) {
     registry.measuring = Some(measuring);
 }
 
-/// The part of the protocol for an agent that trains itself: how long, how often its measurements are taken in, and
-/// what is measured of it.
+/// The protocol for an agent that trains itself: the length, the steps between its measurements, and the
+/// measurements that the engine makes.
 fn for_own_training(config: TrainEvaluate, measured: Option<Measured>) -> TrainEvaluate {
     let of_final = |given: u64, none: u64| if measured.is_some() { given } else { none };
     TrainEvaluate {
@@ -116,7 +115,7 @@ fn for_own_training(config: TrainEvaluate, measured: Option<Measured>) -> TrainE
     }
 }
 
-/// What is left for an agent that does not learn: the measurements, at the same steps.
+/// The protocol for an agent that does not learn: the measurements alone, at the same steps.
 fn without_training(config: TrainEvaluate) -> TrainEvaluate {
     let environments = if config.is_measured_as_with_one_environment() {
         1
@@ -212,8 +211,8 @@ impl Protocol for TrainEvaluate {
 }
 
 impl TrainEvaluate {
-    /// All but the final measurement; gives back what learning can go on from, where it is to be left, and where to
-    /// continue the final measurement.
+    /// Everything up to the final measurement; returns the state of learning, where it is to be left for other
+    /// trials, and the position at which the final measurement continues.
     fn learn_and_measure(&self, run: &mut Run<'_>) -> Result<(Option<SavedLearning>, Option<Blocks>), Error> {
         let learning = match run.resume()? {
             None if self.steps == 0 => return Ok((None, None)),
@@ -226,7 +225,7 @@ impl TrainEvaluate {
                 learning: Some(saved),
                 measuring,
             }) => {
-                let learning = Learning::restored(run, saved)?;
+                let learning = LearningState::restored(run, saved)?;
                 if measuring.is_some() {
                     self.measure_when_due(run, &learning, measuring)?;
                 }
@@ -245,10 +244,10 @@ impl TrainEvaluate {
         Ok((kept, None))
     }
 
-    /// Learning at its first step, or where another trial left it.
-    fn begin(&self, run: &mut Run<'_>) -> Result<Learning, Error> {
+    /// The state of learning at its first step, or where another trial left it.
+    fn begin(&self, run: &mut Run<'_>) -> Result<LearningState, Error> {
         let Some(product) = &self.go_on_from else {
-            let learning = Learning::start(run, self.environments)?;
+            let learning = LearningState::start(run, self.environments)?;
             self.measure_when_due(run, &learning, None)?;
             return Ok(learning);
         };
@@ -265,26 +264,26 @@ impl TrainEvaluate {
                 saved.step, self.steps
             )
         } else {
-            return Learning::restored(run, saved)
+            return LearningState::restored(run, saved)
                 .map_err(|error| protocol::checkpoint_misfit(product, &error));
         };
         Err(protocol::checkpoint_misfit(product, &problem))
     }
 
-    /// Environment steps that learning takes: the last ones are taken by all environments too.
+    /// Environment steps that learning takes, a multiple of the number of environments.
     fn steps_taken(&self) -> u64 {
         self.steps
             .div_ceil(self.environments)
             .saturating_mul(self.environments)
     }
 
-    /// Steps between two measurements: several multiples of `evaluate_every` that are passed at once are one
+    /// Steps between two measurements. Several multiples of `evaluate_every` that are passed at once are one
     /// measurement.
     fn stride(&self) -> u64 {
         self.evaluate_every.max(self.environments)
     }
 
-    /// Measurements before the final one, one of them before the first step.
+    /// Count of measurements before the final one, the first of them before the first step.
     fn n_measurements(&self) -> u64 {
         if self.steps == 0 || self.evaluate_every == 0 {
             0
@@ -293,14 +292,14 @@ impl TrainEvaluate {
         }
     }
 
-    /// Episodes of all measurements.
+    /// Count of the episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.episodes)
             .saturating_add(self.final_episodes)
     }
 
-    /// True where it would be measured at the same steps if environments were stepped one by one.
+    /// Whether measurements fall on the same steps as if environments were stepped one by one.
     fn is_measured_as_with_one_environment(&self) -> bool {
         let last = |steps: u64| steps.checked_div(self.evaluate_every);
         self.stride() == self.evaluate_every && last(self.steps_taken()) == last(self.steps)
@@ -317,7 +316,7 @@ impl TrainEvaluate {
         Measurement::at_the_end(self.steps, self.final_episodes, self.trace_episodes)
     }
 
-    fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<Learning, Error> {
+    fn learn(&self, run: &mut Run<'_>, mut learning: LearningState) -> Result<LearningState, Error> {
         while learning.step < self.steps {
             run.checkpoint(|| Position {
                 learning: Some(learning.save()),
@@ -330,15 +329,14 @@ impl TrainEvaluate {
         Ok(learning)
     }
 
-    /// Measures where a multiple of `evaluate_every` was passed with the last step (and before the first
-    /// step).
+    /// Measures where the last step passed a multiple of `evaluate_every`, and before the first step.
     fn measure_when_due(
         &self,
         run: &mut Run<'_>,
-        learning: &Learning,
+        learning: &LearningState,
         blocks: Option<Blocks>,
     ) -> Result<(), Error> {
-        let Learning { step, before, .. } = *learning;
+        let LearningState { step, before, .. } = *learning;
         let due = self.evaluate_every > 0
             && (step == 0 || step / self.evaluate_every > before / self.evaluate_every);
         if !due {
@@ -353,29 +351,29 @@ impl TrainEvaluate {
     }
 }
 
-/// Learning between two steps.
-struct Learning {
+/// State of learning between two steps.
+struct LearningState {
     /// Environment steps so far, all environments together.
     step: u64,
-    /// The same, before the last step.
+    /// Environment steps before the last step.
     before: u64,
-    slots: Vec<Slot>,
+    slots: Vec<LearningSlot>,
     act_rng: Rng,
     learn_rng: Rng,
 }
 
-/// One of the environments that learning steps together.
-struct Slot {
+/// One of the environments that are stepped together during learning.
+struct LearningSlot {
     environment: Box<dyn Environment>,
     rng: Rng,
     observation: Observation,
     episode_return: f64,
 }
 
-/// What [`Learning`] is restored from.
+/// Form of [`LearningState`] in a checkpoint.
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedLearning {
-    /// True where it goes on in another trial, if anywhere.
+    /// Whether learning is over here and can only continue in another trial.
     #[serde(default)]
     is_over: bool,
     step: u64,
@@ -397,10 +395,10 @@ struct SavedSlot {
     episode_return: f64,
 }
 
-impl Learning {
+impl LearningState {
     fn start(run: &mut Run<'_>, environments: u64) -> Result<Self, Error> {
         let slots = (0..environments)
-            .map(|index| Slot::open(run, index))
+            .map(|index| LearningSlot::open(run, index))
             .collect::<Result<Vec<_>, _>>()?;
         let (act_rng, learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
         Ok(Self {
@@ -417,7 +415,7 @@ impl Learning {
             is_over: false,
             step: self.step,
             before: self.before,
-            slots: self.slots.iter().map(Slot::save).collect(),
+            slots: self.slots.iter().map(LearningSlot::save).collect(),
             act_rng: self.act_rng.clone(),
             learn_rng: self.learn_rng.clone(),
         }
@@ -434,7 +432,7 @@ impl Learning {
         } = saved;
         let slots = slots
             .into_iter()
-            .map(|slot| Slot::restored(run, slot))
+            .map(|slot| LearningSlot::restored(run, slot))
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             step,
@@ -455,7 +453,7 @@ impl Learning {
     }
 }
 
-impl Slot {
+impl LearningSlot {
     fn open(run: &mut Run<'_>, index: u64) -> Result<Self, Error> {
         let mut environment = (run.make_environment)()?;
         let mut rng = run.streams.environment("train", index);
@@ -497,8 +495,12 @@ impl Slot {
     }
 }
 
-/// Steps every environment once with the agent's training actions; starts ended episodes anew.
-fn act_in_all(run: &mut Run<'_>, slots: &mut [Slot], rng: &mut Rng) -> Result<Vec<Transition>, Error> {
+/// Steps every environment once with the agent's training actions; begins a new episode where one ended.
+fn act_in_all(
+    run: &mut Run<'_>,
+    slots: &mut [LearningSlot],
+    rng: &mut Rng,
+) -> Result<Vec<Transition>, Error> {
     let observations: Vec<Observation> = slots.iter().map(|slot| slot.observation.clone()).collect();
     let actions = run.agent.act(&observations, Mode::Train, rng)?;
     let mut transitions = Vec::with_capacity(slots.len());

@@ -1,11 +1,11 @@
-//! The agent `python`: a rule or a learner of a person's own, in a process of the server that holds environments.
+//! The agent `python`: a user's rule or learner in a Python process of the same server that runs environments.
 //!
-//! Every call passes numbers behind a byte ([`Process::ask`]): observations of all rows there, actions back. All
-//! draws come from the trial's streams: a seed when it is made, and one with every call.
+//! Every call sends numbers behind one byte ([`Process::ask`]): the observations of all rows, and gets actions
+//! back. Random numbers come from the trial's streams: one seed at construction and one with every call.
 
 use crate::{
     AgentConfig,
-    making::Told,
+    making::MakeRequest,
     process::{Answer, Process, failed},
     rehearsal, seats, server,
 };
@@ -24,52 +24,52 @@ use std::{
 use tempfile::TempDir;
 
 const NAME: &str = "python";
-/// The file of a checkpoint: the count of updates, then what `save` returned.
+/// File of a checkpoint: the count of updates, followed by the bytes that `save` returned.
 const FILE: &str = "agent.saved";
 
 /// An agent in Python.
 #[derive(Debug)]
 pub struct PythonAgent {
     config: AgentConfig,
-    told: Told,
+    request: MakeRequest,
     interface: Interface,
     process: Mutex<Process>,
-    /// Copies of the files that it reads.
+    /// Holds copies of the data files that the agent reads.
     _files: TempDir,
-    face: Face,
+    face: AgentMethods,
     updates: u64,
     decisions: u64,
-    /// An error that came where none can be returned.
+    /// An error of a method that cannot return one; the next call reports it.
     trouble: Option<Error>,
 }
 
-/// Python's answer about an agent that was made.
+/// Optional methods of an agent, as reported by Python.
 #[derive(Debug, Deserialize)]
-struct Face {
-    /// True where it has `save` and `load`.
+struct AgentMethods {
+    /// Whether it has `save` and `load`.
     saves: bool,
-    /// True where it has `restart`.
+    /// Whether it has `restart`.
     restarts: bool,
 }
 
 /// Builds the agent; registered as `python`.
 ///
 /// # Errors
-/// [`Error::Config`] for what the config lacks and for what Python refuses; [`Error::Unavailable`] where this machine
-/// lacks what it needs.
+/// [`Error::Config`] for missing keys and for refusals of Python; [`Error::Unavailable`] where this machine
+/// lacks an interpreter or a package.
 pub fn build(config: AgentConfig, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let told = config.told(seats::told(&interface.seats), rng.random())?;
-    Ok(Box::new(PythonAgent::made(config, told, interface)?))
+    let request = config.request(seats::described(&interface.seats), rng.random())?;
+    Ok(Box::new(PythonAgent::made(config, request, interface)?))
 }
 
 impl PythonAgent {
-    fn made(config: AgentConfig, told: Told, interface: &Interface) -> Result<Self, Error> {
-        let (files, asked) = server::with_own_files(&told)?;
+    fn made(config: AgentConfig, request: MakeRequest, interface: &Interface) -> Result<Self, Error> {
+        let (files, asked) = server::with_own_files(&request)?;
         let text = asked.to_string();
         let (process, answer) = Process::start(&config.interpreter, files.path(), "agent", text.as_bytes())?;
         Ok(Self {
             config,
-            told,
+            request,
             interface: interface.clone(),
             process: Mutex::new(process),
             _files: files,
@@ -80,25 +80,25 @@ impl PythonAgent {
         })
     }
 
-    /// The same agent as it was made, in a process of its own.
+    /// Makes the same agent anew, in a process of its own.
     ///
     /// # Errors
     /// As [`build`].
     pub fn again(&self) -> Result<Self, Error> {
-        Self::made(self.config.clone(), self.told.clone(), &self.interface)
+        Self::made(self.config.clone(), self.request.clone(), &self.interface)
     }
 
-    /// Watches its process during a rehearsal.
+    /// Watches the process during a rehearsal.
     pub fn watch(&self) -> Watch {
         self.process().watch("the rehearsal of the agent with")
     }
 
-    /// True where it is trained.
+    /// Whether the agent is trained.
     pub fn learns(&self) -> bool {
         self.config.learns
     }
 
-    /// True where it can go on from what it saved.
+    /// Whether the agent can continue from a saved state.
     pub fn saves(&self) -> bool {
         self.face.saves
     }
@@ -120,7 +120,7 @@ impl PythonAgent {
         Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 
-    /// The state with the count of updates before it, as it lies in files.
+    /// The saved state behind the count of updates, in the form of the checkpoint file.
     fn saved(&self) -> Result<Vec<u8>, Error> {
         let state = self.ask(b'p', &[])?;
         Ok([&self.updates.to_le_bytes()[..], &state].concat())
@@ -139,7 +139,7 @@ impl PythonAgent {
         Ok(())
     }
 
-    /// The actions of all rows, from the numbers of Python.
+    /// Converts the numbers from Python to the actions of all rows.
     fn actions(&self, numbers: &[f64]) -> Result<Vec<Action>, Error> {
         let seats = &self.interface.seats;
         let rows = numbers.chunks(seats::n_asked(seats).max(1));
@@ -185,7 +185,7 @@ impl Agent for PythonAgent {
             seats::asked(&self.interface.seats, &transition.action, &mut numbers)?;
             numbers.extend(&transition.rewards);
             see(&transition.next_observation, &mut numbers);
-            // As in `agents.py`.
+            // The codes of `agents.py`.
             numbers.push(match transition.end {
                 None => 0.0,
                 Some(End::Terminated) => 1.0,

@@ -1,8 +1,8 @@
 //! The config of an agent in Python.
 
 use crate::{
-    config::of_ones_own,
-    making::{Code, Make, NamedFile, Told},
+    config::check_metric_name,
+    making::{Code, MakeRequest, Maker, NamedFile},
 };
 use contract::{Error, Metric};
 use schemars::JsonSchema;
@@ -14,21 +14,23 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AgentConfig {
-    /// The maker of the agent: `FILE.py:CLASS`, a file beside the study and the class or function in it that is called.
-    pub make: Make,
-    /// Arguments by name for what makes it. In place of a value, `{ file: PATH }` passes the path of a file whose
+    /// The class or function that makes the agent, as `FILE.py:CLASS`; the file lies beside the study.
+    pub make: Maker,
+    /// Arguments of the call by name. In place of a value, `{ file: PATH }` passes the path of a file whose
     /// content enters the trial's id.
     pub arguments: BTreeMap<String, Value>,
-    /// Whether it learns: protocols then train it by its `learn`. It is a rule otherwise, which is measured alone.
+    /// Whether the agent learns: protocols then train it by its `learn`. Otherwise it is a rule, which is only
+    /// measured.
     pub learns: bool,
-    /// Names of the numbers that `learn` returns, each recorded as the mean since the measurement before.
+    /// Names of the numbers that `learn` returns, each recorded as the mean since the previous measurement.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
     pub metrics: BTreeSet<String>,
     /// Other files of your own that it imports, each as the module with the file's name.
     pub sources: Vec<NamedFile>,
-    /// The lock file of its packages, as `python3 -m pip freeze` writes one: what is installed must be what it says.
+    /// The lock file of its packages, as `python3 -m pip freeze` writes it; the installed packages must match
+    /// it.
     pub lock: Option<NamedFile>,
-    /// The Python that runs it: a program on the path, or its place. No part of a trial's id.
+    /// The Python interpreter: a program on the path, or its location. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub interpreter: String,
 }
@@ -36,7 +38,7 @@ pub struct AgentConfig {
 impl Default for AgentConfig {
     fn default() -> Self {
         Self {
-            make: Make::Word(String::new()),
+            make: Maker::Word(String::new()),
             arguments: BTreeMap::new(),
             learns: false,
             metrics: BTreeSet::new(),
@@ -49,7 +51,7 @@ impl Default for AgentConfig {
 
 impl contract::Config for AgentConfig {}
 
-/// Whether an agent learns, and what it records, as its config says it.
+/// Whether the agent of a config learns, and the metrics that it records.
 pub fn said_of(config: &Value) -> (bool, Vec<Metric>) {
     let names = config["metrics"].as_array().into_iter().flatten();
     let metric = |name: &str| Metric::new(name, "", "of `learn`");
@@ -60,12 +62,12 @@ pub fn said_of(config: &Value) -> (bool, Vec<Metric>) {
 }
 
 impl AgentConfig {
-    /// The text that Python gets, with the seats and the seed in it.
+    /// The request with which Python makes the agent; it holds the seats and the seed.
     ///
     /// # Errors
-    /// [`Error::Config`] for a config that names nothing to make or no lock file, and for metrics that cannot be
-    /// recorded; [`Error::File`] where a file cannot be read.
-    pub fn told(&self, seats: Value, seed: u32) -> Result<Told, Error> {
+    /// [`Error::Config`] for a config without a maker or lock file, and for invalid names of metrics;
+    /// [`Error::File`] where a file cannot be read.
+    pub fn request(&self, seats: Value, seed: u32) -> Result<MakeRequest, Error> {
         let code = Code {
             make: self.make.of_agent()?,
             arguments: &self.arguments,
@@ -79,9 +81,9 @@ impl AgentConfig {
         }
         self.metrics
             .iter()
-            .try_for_each(|name| of_ones_own(name, "what `learn` returns"))?;
+            .try_for_each(|name| check_metric_name(name, "what `learn` returns"))?;
         let agent = json!({ "seats": seats, "seed": seed, "learns": self.learns, "metrics": self.metrics });
-        code.told(json!({ "agent": agent }))
+        code.request(json!({ "agent": agent }))
     }
 }
 
@@ -94,7 +96,7 @@ mod tests {
     }
 
     fn refused(value: Value) -> String {
-        config(value).told(json!([]), 0).unwrap_err().to_string()
+        config(value).request(json!([]), 0).unwrap_err().to_string()
     }
 
     #[test]
@@ -106,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_nothing_or_records_what_it_cannot_is_refused() {
+    fn configs_without_a_maker_or_with_invalid_metrics_are_refused() {
         assert!(refused(json!({})).contains("`make`: `` names nothing that makes an agent"));
         let own = std::env::temp_dir().join(format!("regimen-{}.py", std::process::id()));
         std::fs::write(&own, "class Rule: pass").unwrap();

@@ -1,6 +1,6 @@
-//! What a study says of an environment in Python.
+//! The config of an environment in Python.
 
-use crate::making::{Code, Make, NamedFile, Told};
+use crate::making::{Code, MakeRequest, Maker, NamedFile};
 use contract::{Error, Metric, PerEpisode};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,22 +11,23 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PythonConfig {
-    /// What makes the environment: `gymnasium:ID`; `pettingzoo:MODULE`, whose `parallel_env` is called; or
-    /// `FILE.py:FUNCTION`, a file beside the study and what is called in it.
-    pub make: Make,
-    /// Arguments by name for what makes it. In place of a value, `{ file: PATH }` passes the path of a file whose
+    /// The maker of the environment: `gymnasium:ID`; `pettingzoo:MODULE`, whose `parallel_env` is called; or
+    /// `FILE.py:FUNCTION`, a file beside the study and the function in it that is called.
+    pub make: Maker,
+    /// Arguments of the call by name. In place of a value, `{ file: PATH }` passes the path of a file whose
     /// content enters the trial's id.
     pub arguments: BTreeMap<String, Value>,
-    /// Entries of `info` that are recorded as metrics, by name, with how the steps of an episode become one value:
-    /// `sum`, `mean`, `last`, `max` or `min`; or as `{ take: sum, lower_is_better: true, unit: m3 }`. Of several agents
-    /// each has its own, as `AGENT_NAME`.
+    /// Entries of `info` that are recorded as metrics, by name. The value says how the steps of an episode
+    /// become one number: `sum`, `mean`, `last`, `max` or `min`; or it is written as `{ take: sum,
+    /// lower_is_better: true, unit: m3 }`. With several agents, each has its own metric, as `AGENT_NAME`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, InfoMetric>,
     /// Other files of your own that it imports, each as the module with the file's name.
     pub sources: Vec<NamedFile>,
-    /// The lock file of its packages, as `python3 -m pip freeze` writes one: what is installed must be what it says.
+    /// The lock file of its packages, as `python3 -m pip freeze` writes it; the installed packages must match
+    /// it.
     pub lock: Option<NamedFile>,
-    /// The Python that runs it: a program on the path, or its place. No part of a trial's id.
+    /// The Python interpreter: a program on the path, or its location. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub interpreter: String,
 }
@@ -34,7 +35,7 @@ pub struct PythonConfig {
 impl Default for PythonConfig {
     fn default() -> Self {
         Self {
-            make: Make::Word(String::new()),
+            make: Maker::Word(String::new()),
             arguments: BTreeMap::new(),
             metrics: BTreeMap::new(),
             sources: Vec::new(),
@@ -46,69 +47,69 @@ impl Default for PythonConfig {
 
 impl contract::Config for PythonConfig {}
 
-/// How an entry of `info` becomes a metric.
+/// The metric of an entry of `info`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "`sum`, `mean`, `last`, `max` or `min`, or `{ take: .. }` with one of these"
 )]
 pub enum InfoMetric {
-    /// How steps become an episode, alone.
-    Taken(Take),
-    /// With more that is said of it.
-    Said(SaidMetric),
+    /// The reduction over an episode's steps alone.
+    Reduction(EpisodeReduction),
+    /// The reduction with unit and direction.
+    Detailed(MetricDetails),
 }
 
 /// A metric with its unit and its better direction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SaidMetric {
-    /// How steps become an episode.
-    pub take: Take,
-    /// Whether less is better.
+pub struct MetricDetails {
+    /// Reduction of an episode's steps to one number.
+    pub take: EpisodeReduction,
+    /// Whether lower values are better.
     #[serde(default)]
     pub lower_is_better: bool,
-    /// SI unit; empty where there is none.
+    /// SI unit; empty for a number without one.
     #[serde(default)]
     pub unit: String,
 }
 
-/// How the steps of an episode become one value.
+/// Reduction of an episode's steps to one value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Take {
-    /// Their sum.
+pub enum EpisodeReduction {
+    /// The sum over all steps.
     Sum,
-    /// Their mean.
+    /// The mean over all steps.
     Mean,
-    /// The value of the last step; those before need not have one.
+    /// The value of the last step; earlier steps need not have one.
     Last,
-    /// The largest.
+    /// The largest value.
     Max,
-    /// The smallest.
+    /// The smallest value.
     Min,
 }
 
 impl InfoMetric {
-    /// How steps become an episode.
-    fn take(&self) -> Take {
+    /// Reduction over the steps of an episode.
+    fn take(&self) -> EpisodeReduction {
         match self {
-            Self::Taken(take) | Self::Said(SaidMetric { take, .. }) => *take,
+            Self::Reduction(take) | Self::Detailed(MetricDetails { take, .. }) => *take,
         }
     }
 
-    /// As tables and figures know it.
+    /// The metric in the form that tables and figures use.
     pub fn named(&self, name: &str) -> Metric {
         let per_episode = match self.take() {
-            Take::Sum => PerEpisode::Sum,
-            Take::Mean => PerEpisode::Mean,
-            Take::Last => PerEpisode::Last,
-            Take::Max => PerEpisode::Max,
-            Take::Min => PerEpisode::Min,
+            EpisodeReduction::Sum => PerEpisode::Sum,
+            EpisodeReduction::Mean => PerEpisode::Mean,
+            EpisodeReduction::Last => PerEpisode::Last,
+            EpisodeReduction::Max => PerEpisode::Max,
+            EpisodeReduction::Min => PerEpisode::Min,
         };
         let (unit, lower) = match self {
-            Self::Taken(_) => ("", false),
-            Self::Said(said) => (said.unit.as_str(), said.lower_is_better),
+            Self::Reduction(_) => ("", false),
+            Self::Detailed(said) => (said.unit.as_str(), said.lower_is_better),
         };
         let metric = Metric::new(name, unit, "of `info`").per_episode(per_episode);
         if lower { metric.lower_is_better() } else { metric }
@@ -116,12 +117,12 @@ impl InfoMetric {
 }
 
 impl PythonConfig {
-    /// What Python is told.
+    /// The request with which Python makes the environment.
     ///
     /// # Errors
-    /// [`Error::Config`] for a config that names nothing to make or no lock file, and for a metric with a name of
-    /// another one; [`Error::File`] where a file cannot be read.
-    pub fn told(&self) -> Result<Told, Error> {
+    /// [`Error::Config`] for a config without a maker or lock file, and for a metric with a name that is taken;
+    /// [`Error::File`] where a file cannot be read.
+    pub fn request(&self) -> Result<MakeRequest, Error> {
         let code = Code {
             make: self.make.of_environment()?,
             arguments: &self.arguments,
@@ -131,21 +132,22 @@ impl PythonConfig {
         };
         self.metrics
             .keys()
-            .try_for_each(|name| of_ones_own(name, "an entry of `info`"))?;
-        let takes: BTreeMap<&String, Take> = self
+            .try_for_each(|name| check_metric_name(name, "an entry of `info`"))?;
+        let takes: BTreeMap<&String, EpisodeReduction> = self
             .metrics
             .iter()
             .map(|(name, metric)| (name, metric.take()))
             .collect();
-        code.told(json!({ "metrics": takes }))
+        code.request(json!({ "metrics": takes }))
     }
 }
 
-/// Refuses names that claims cannot say, and those of what is recorded anyhow; `what` is what has the name.
+/// Refuses names that claims cannot write and names of the engine's own metrics; `what` describes the owner of
+/// the name.
 ///
 /// # Errors
 /// [`Error::Config`] at `metrics`.
-pub fn of_ones_own(name: &str, what: &str) -> Result<(), Error> {
+pub fn check_metric_name(name: &str, what: &str) -> Result<(), Error> {
     let problem = if ["return", "episode_length", "success"].contains(&name) {
         Some(format!(
             "is recorded of every environment; take {what} with another name"
@@ -176,24 +178,24 @@ mod tests {
         assert_eq!(config(json!(own)), own);
         let package = config(json!({ "make": "gymnasium:ale_py:ALE/Pong-v5" }));
         assert_eq!(json!(package)["make"], "gymnasium:ale_py:ALE/Pong-v5");
-        let told = package.make.of_environment().unwrap();
+        let request = package.make.of_environment().unwrap();
         assert_eq!(
-            told,
+            request,
             json!({ "package": "gymnasium", "name": "ale_py:ALE/Pong-v5" })
         );
     }
 
     #[test]
-    fn what_makes_nothing_and_what_has_no_lock_file_is_refused() {
+    fn configs_without_a_maker_or_a_lock_file_are_refused() {
         for word in ["", "gymnasium:", "gym:CartPole-v1", "tank.py", "make"] {
-            let problem = config(json!({ "make": word })).told().unwrap_err().to_string();
+            let problem = config(json!({ "make": word })).request().unwrap_err().to_string();
             assert!(
                 problem.contains(&format!("`make`: `{word}` names nothing")),
                 "{problem}"
             );
         }
         let problem = config(json!({ "make": "gymnasium:CartPole-v1" }))
-            .told()
+            .request()
             .unwrap_err();
         assert!(problem.to_string().contains("`lock`: names no file"), "{problem}");
     }
@@ -214,7 +216,7 @@ mod tests {
             config.lock = Some(NamedFile {
                 file: DataFile::new("x"),
             });
-            let problem = config.told().unwrap_err().to_string();
+            let problem = config.request().unwrap_err().to_string();
             assert!(
                 problem.contains("`metrics`") && problem.contains(why),
                 "{problem}"

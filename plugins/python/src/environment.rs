@@ -1,10 +1,10 @@
-//! The environment `python`: one block of a server.
+//! The environment `python`: one block in the shared memory of a server.
 
 use crate::{
     PythonConfig, interface,
-    making::Told,
+    making::MakeRequest,
     process::Answer,
-    server::{self, Request, Server, Shared, prefixed},
+    server::{self, Request, Server, SharedServer, prefixed},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step, exact};
@@ -16,28 +16,29 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-/// What was rehearsed well in this process, with what is doubted of it: a study is read more than once.
+/// Environments that passed their rehearsal in this process, with the doubts about each: a study is read
+/// several times.
 static REHEARSED: Mutex<BTreeMap<String, Vec<String>>> = Mutex::new(BTreeMap::new());
 
 /// An environment in Python.
 #[derive(Debug)]
 pub struct PythonEnvironment {
     config: PythonConfig,
-    told: Told,
-    server: Shared,
+    request: MakeRequest,
+    server: SharedServer,
     slot: usize,
     seats: Vec<Seat>,
     state_channels: Vec<Channel>,
     metrics: Vec<Metric>,
-    /// False until its first episode: another one had its block before.
+    /// Whether no episode has begun yet: another environment may have used the block before.
     is_new: bool,
-    /// True where its next step lies in shared memory.
+    /// Whether the request for the next step already lies in shared memory.
     announced: bool,
-    /// What the seats saw last.
+    /// Last observations of the seats.
     seen: Vec<Vec<f64>>,
-    /// The full state with it.
+    /// Full state at the last observations.
     state: Vec<f64>,
-    /// Steps of the episode.
+    /// Steps so far in the episode.
     steps: u64,
     numbers: Vec<f64>,
 }
@@ -45,10 +46,10 @@ pub struct PythonEnvironment {
 /// Builds the environment; registered as `python`.
 ///
 /// # Errors
-/// [`Error::Config`] for what the config lacks and for what Python refuses.
+/// [`Error::Config`] for missing keys and for refusals of Python.
 pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
-    let told = config.told()?;
-    let server = server::shared(&config.interpreter, &told)?;
+    let request = config.request()?;
+    let server = server::shared(&config.interpreter, &request)?;
     let (slot, seats, state_channels, names) = {
         let mut server = server::lock(&server);
         let slot = server.open()?;
@@ -59,7 +60,7 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
             server.metrics().to_vec(),
         )
     };
-    // The entries that are taken of each seat, in their order.
+    // The reductions of each seat's metrics, in their order.
     let taken = config.metrics.values().cycle();
     let metrics = names
         .iter()
@@ -68,7 +69,7 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
         .collect();
     Ok(Box::new(PythonEnvironment {
         config,
-        told,
+        request,
         server,
         slot,
         seen: seats
@@ -87,7 +88,7 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 impl PythonEnvironment {
-    /// Takes the answer that lies in shared memory apart: how the episode stands, the rewards and the metrics;
+    /// Splits the answer in shared memory: the end of the episode, the rewards and the metrics are returned,
     /// observations and state are kept.
     fn take_answer(&mut self) -> Result<(Option<End>, Vec<f64>, Vec<f64>), Error> {
         server::lock(&self.server).answer(self.slot, &mut self.numbers)?;
@@ -100,7 +101,7 @@ impl PythonEnvironment {
         }
         let (state, values) = rest.split_at(self.state.len());
         self.state.copy_from_slice(state);
-        // As in `server.py`.
+        // The codes of `server.py`.
         let end = match head[0] {
             1.0 => Some(End::Terminated),
             2.0 => Some(End::Truncated),
@@ -123,9 +124,9 @@ impl PythonEnvironment {
     }
 }
 
-/// What is kept of an environment: nothing from which to go on where it cannot be pickled to the same continuation.
+/// Saved state of an environment; `Err` with the reason where pickling would not continue it identically.
 #[derive(Debug, Serialize, Deserialize)]
-struct Saved {
+struct SavedEnvironment {
     state: Result<String, String>,
     steps: u64,
     #[serde(with = "exact")]
@@ -178,7 +179,7 @@ impl Environment for PythonEnvironment {
     }
 
     fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {
-        let key = self.told.key()?;
+        let key = self.request.key()?;
         let known = || REHEARSED.lock().unwrap_or_else(PoisonError::into_inner);
         let doubt = |text: &String| Error::config("make", text.clone());
         if let Some(doubts) = known().get(&key) {
@@ -187,8 +188,8 @@ impl Environment for PythonEnvironment {
         let mut server = server::lock(&self.server);
         let first = server.rehearse()?;
         let again = server.rehearse()?;
-        // What an import drew or read from the clock differs only between processes.
-        let elsewhere = Server::start(&self.config.interpreter, &self.told)?.rehearse()?;
+        // Values that an import drew or read from the clock differ only between processes.
+        let elsewhere = Server::start(&self.config.interpreter, &self.request)?.rehearse()?;
         for (other, place) in [(again, "in one process"), (elsewhere, "in another process")] {
             if let Some(difference) = server.difference(&first, &other) {
                 let problem = format!(
@@ -226,7 +227,7 @@ impl Environment for PythonEnvironment {
                 });
                 named.collect::<Vec<_>>()
             }
-            // Python gives out boxes alone.
+            // Environments in Python observe boxes only.
             _ => Vec::new(),
         };
         self.seats.iter().flat_map(of_seat).collect()
@@ -241,10 +242,10 @@ impl Environment for PythonEnvironment {
         let state = match answer {
             Ok(Answer::Done(state)) => Ok(STANDARD.encode(state)),
             Ok(Answer::Cannot(problem) | Answer::Failed(problem)) => Err(problem),
-            // It shows at the next step.
+            // The next step reports the error.
             Err(error) => Err(error.to_string()),
         };
-        json!(Saved {
+        json!(SavedEnvironment {
             state,
             steps: self.steps,
             seen: self.seen.clone(),
@@ -257,7 +258,7 @@ impl Environment for PythonEnvironment {
             what: "python",
             problem,
         };
-        let saved = Saved::deserialize(snapshot).map_err(|source| misfit(source.to_string()))?;
+        let saved = SavedEnvironment::deserialize(snapshot).map_err(|source| misfit(source.to_string()))?;
         let state = saved.state.map_err(misfit)?;
         let state = STANDARD
             .decode(state)

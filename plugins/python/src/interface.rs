@@ -1,19 +1,19 @@
-//! What Python says of an environment: its seats, and how their numbers lie in shared memory.
+//! An environment as Python describes it: its seats, and the order of their numbers in shared memory.
 
 use contract::{Channel, Choice, Error, Seat, Space, choice};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// How far an entry of an action may lie outside -1 and 1: squashing functions in single precision round to just
+/// Largest excess of an entry of an action over -1 and 1 that is accepted: squashing functions in single precision round to just
 /// beyond.
 const ROUNDING: f64 = 1e-6;
 
-/// What Python says when it has started.
+/// The first answer of a server of environments: its shared memory, seats and metrics.
 #[derive(Debug, Deserialize)]
-pub struct Face {
-    /// Where the shared memory is.
+pub struct EnvironmentDescription {
+    /// Path of the shared memory.
     pub memory: PathBuf,
-    /// True where that is a file of a disk, to be removed once it is open.
+    /// Whether the path is a file on a disk, which is removed once it is open.
     pub remove: bool,
     seats: Vec<SeatForm>,
     state: Vec<Entry>,
@@ -35,7 +35,7 @@ enum SpaceForm {
     Choices(Vec<Choice>),
 }
 
-/// An entry of a box; no limit where there is none.
+/// An entry of a box; `None` for an absent limit.
 #[derive(Debug, Deserialize)]
 struct Entry {
     name: String,
@@ -43,7 +43,7 @@ struct Entry {
     high: Option<f64>,
 }
 
-impl Face {
+impl EnvironmentDescription {
     /// The seats as agents see them.
     pub fn seats(&self) -> Vec<Seat> {
         let seat = |form: &SeatForm| Seat {
@@ -67,7 +67,7 @@ fn observed(form: &SpaceForm) -> Space {
     }
 }
 
-/// An entry within limits has its typical value in their middle and deviates by half their distance.
+/// An entry between two limits has its typical value in their middle and deviates by half their distance.
 fn channel(entry: &Entry) -> Channel {
     let channel = Channel::new(&entry.name, "").within(
         entry.low.unwrap_or(f64::NEG_INFINITY),
@@ -80,7 +80,7 @@ fn channel(entry: &Entry) -> Channel {
     }
 }
 
-/// Agents act within -1 and 1; a choice is made by the largest of such numbers.
+/// Agents act between -1 and 1; a choice is made by the largest of such numbers.
 fn acted(form: &SpaceForm) -> Space {
     match form {
         SpaceForm::Box(entries) => {
@@ -97,7 +97,7 @@ fn acted(form: &SpaceForm) -> Space {
     }
 }
 
-/// How many numbers of a seat's action pass to Python.
+/// Count of numbers of a seat's action that pass to Python.
 pub fn n_asked(seat: &Seat) -> usize {
     match &seat.action {
         Space::Choices(choices) => choices.len(),
@@ -105,10 +105,10 @@ pub fn n_asked(seat: &Seat) -> usize {
     }
 }
 
-/// The numbers of an action as they pass to Python: entries within -1 and 1, the index of an option.
+/// Writes the numbers of an action in Python's form: entries between -1 and 1, the index of an option.
 ///
 /// # Errors
-/// [`Error::Action`] for another number of entries, and for one outside -1 and 1.
+/// [`Error::Action`] for a wrong number of entries, and for an entry outside -1 and 1.
 pub fn asked(seat: &Seat, action: &[f64], numbers: &mut Vec<f64>) -> Result<(), Error> {
     if let Space::Choices(choices) = &seat.action {
         let taken = choice::taken(choices, action)?;
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn face() -> Face {
+    fn face() -> EnvironmentDescription {
         let entry = |name: &str, low: Option<f64>, high: Option<f64>| json!({ "name": name, "low": low, "high": high });
         let box_seat = json!({
             "name": "",

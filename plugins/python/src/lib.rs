@@ -1,12 +1,13 @@
-//! Environments that are written in Python: those of Gymnasium, of `PettingZoo`'s parallel interface, and a
-//! person's own; and rules and learners of a person's own.
+//! Environments that are written in Python (of Gymnasium, of `PettingZoo`'s parallel interface, or a user's
+//! own), and a user's own rules and learners.
 //!
 //! The environments of a trial live in one Python process ([`server.py`](../src/server.py)), which this crate
-//! starts, asks and ends. Numbers pass through memory that both share, and one byte each way says that they are
-//! there; environments that are stepped together are asked together. An agent has a process of the same server.
+//! starts, asks and ends. Numbers pass through shared memory, and one byte each way announces them;
+//! environments that are stepped together are asked together. An agent has a process of the same server.
 //!
-//! What determines numbers is in a trial's id: the text of a person's own files, and that of a lock file, against
-//! which the installed packages are held whenever Python starts. Which Python runs it is not.
+//! A trial's id holds everything that determines numbers: the text of a user's files and that of a lock file,
+//! with which the installed packages are compared whenever Python starts. The interpreter's location is not
+//! part of the id.
 
 mod agent;
 mod agent_config;
@@ -24,7 +25,7 @@ pub use config::PythonConfig;
 
 use serde_json::Value;
 
-/// How an environment of a package is called there, for programs that make it themselves.
+/// The name of a package's environment in that package, for programs that make it themselves.
 fn names(config: &Value) -> Vec<(&'static str, String)> {
     let word = config.get("make").and_then(Value::as_str);
     let name = word

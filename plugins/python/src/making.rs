@@ -1,4 +1,4 @@
-//! Code in Python as a study names it: its maker, the files that it reads, and the text that Python gets of them.
+//! Code in Python as a study names it: its maker, the files that it reads, and the request that Python gets.
 
 use contract::{DataFile, Error};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -10,38 +10,38 @@ use std::{borrow::Cow, collections::BTreeMap};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedFile {
-    /// The file, as seen from the study.
+    /// Path of the file, relative to the study.
     pub file: DataFile,
 }
 
 /// The maker of an environment or an agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Written", into = "Written")]
-pub enum Make {
-    /// `PACKAGE:NAME`, or what nobody knows.
+#[serde(from = "MakerText", into = "MakerText")]
+pub enum Maker {
+    /// `PACKAGE:NAME`; any other text is refused when it is used.
     Word(String),
-    /// A function of a person's own file.
+    /// A function in a file of the user.
     Own {
-        /// The file.
+        /// Path of the file, relative to the study.
         file: DataFile,
-        /// The function in it.
+        /// Name of the class or function.
         call: String,
     },
 }
 
-/// A maker as a config writes it.
+/// The form in which a config writes a maker.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged, expecting = "`PACKAGE:NAME`, or `FILE.py:FUNCTION`")]
-enum Written {
+enum MakerText {
     Word(String),
     Own { file: DataFile, call: String },
 }
 
-impl From<Written> for Make {
-    fn from(written: Written) -> Self {
+impl From<MakerText> for Maker {
+    fn from(written: MakerText) -> Self {
         match written {
-            Written::Own { file, call } => Self::Own { file, call },
-            Written::Word(word) => match word.rsplit_once(':') {
+            MakerText::Own { file, call } => Self::Own { file, call },
+            MakerText::Word(word) => match word.rsplit_once(':') {
                 Some((file, call)) if file.ends_with(".py") => Self::Own {
                     file: DataFile::new(file),
                     call: call.into(),
@@ -52,16 +52,16 @@ impl From<Written> for Make {
     }
 }
 
-impl From<Make> for Written {
-    fn from(make: Make) -> Self {
+impl From<Maker> for MakerText {
+    fn from(make: Maker) -> Self {
         match make {
-            Make::Word(word) => Self::Word(word),
-            Make::Own { file, call } => Self::Own { file, call },
+            Maker::Word(word) => Self::Word(word),
+            Maker::Own { file, call } => Self::Own { file, call },
         }
     }
 }
 
-impl JsonSchema for Make {
+impl JsonSchema for Maker {
     fn inline_schema() -> bool {
         true
     }
@@ -86,47 +86,48 @@ impl JsonSchema for Make {
     }
 }
 
-/// The text that Python gets.
+/// The request with which Python makes an environment or an agent.
 #[derive(Debug, Clone)]
-pub struct Told {
-    /// With the texts of files of its own, and the paths of others.
-    pub asked: Value,
-    /// The files among the arguments, by where in `asked` their paths stand: Python gets copies of its own.
+pub struct MakeRequest {
+    /// The request as JSON, with the text of the user's files and the paths of data files.
+    pub json: Value,
+    /// Data files among the arguments, by the JSON pointer to their paths in `json`; Python gets copies of its
+    /// own.
     pub files: Vec<(String, DataFile)>,
 }
 
-impl Told {
-    /// Its identity: the text that Python gets, and the content of the files.
+impl MakeRequest {
+    /// Identity of the request: its text and the digests of its files.
     ///
     /// # Errors
-    /// [`Error::File`] where one cannot be read.
+    /// [`Error::File`] where a file cannot be read.
     pub fn key(&self) -> Result<String, Error> {
         let digests = self.files.iter().map(|(_, file)| Ok(file.digest()?.into_owned()));
         let digests = digests.collect::<Result<Vec<String>, Error>>()?;
-        Ok(json!([self.asked, digests]).to_string())
+        Ok(json!([self.json, digests]).to_string())
     }
 }
 
-/// The keys that name the code of environments and agents alike.
+/// The config keys that environments and agents share to name their code.
 pub struct Code<'a> {
     /// The class or function that is called.
     pub make: Value,
-    /// Arguments by name.
+    /// Arguments of the call, by name.
     pub arguments: &'a BTreeMap<String, Value>,
-    /// Other files of a person's own.
+    /// Other files of the user.
     pub sources: &'a [NamedFile],
     /// The lock file of the packages.
     pub lock: Option<&'a NamedFile>,
-    /// The Python that runs it.
+    /// The Python interpreter.
     pub interpreter: &'a str,
 }
 
 impl Code<'_> {
-    /// The text that Python gets, with more keys beside those of the code.
+    /// The request for this code, with the keys of `more` beside it.
     ///
     /// # Errors
     /// [`Error::Config`] where no lock file is named; [`Error::File`] where a file cannot be read.
-    pub fn told(&self, more: Value) -> Result<Told, Error> {
+    pub fn request(&self, more: Value) -> Result<MakeRequest, Error> {
         let lock = self.lock.ok_or_else(|| self.without_lock())?;
         let sources = self.sources.iter().map(|source| text_of(&source.file));
         let mut files = Vec::new();
@@ -141,7 +142,7 @@ impl Code<'_> {
         if let (Value::Object(asked), Value::Object(more)) = (&mut asked, more) {
             asked.extend(more);
         }
-        Ok(Told { asked, files })
+        Ok(MakeRequest { json: asked, files })
     }
 
     fn without_lock(&self) -> Error {
@@ -156,7 +157,7 @@ impl Code<'_> {
     }
 }
 
-impl Make {
+impl Maker {
     /// The call that makes an environment.
     ///
     /// # Errors
@@ -196,7 +197,7 @@ impl Make {
         }
     }
 
-    /// The thing that it makes, in words.
+    /// Describes the made object in words, for messages.
     pub fn in_words(&self) -> String {
         match self {
             Self::Word(word) => word.clone(),
@@ -209,7 +210,7 @@ fn text_of(file: &DataFile) -> Result<Value, Error> {
     Ok(json!({ "path": file.path(), "text": file.text()? }))
 }
 
-/// An argument as Python gets it: a file by its path, which is noted with its place.
+/// An argument in Python's form: a file becomes its path and is added to `files` with its JSON pointer.
 fn passed(argument: &Value, place: &str, files: &mut Vec<(String, DataFile)>) -> Value {
     let named = argument.as_object().filter(|map| map.len() == 1);
     let file = named.and_then(|map| DataFile::deserialize(map.get("file")?).ok());
@@ -259,7 +260,7 @@ mod tests {
 
     #[test]
     fn an_agent_is_made_by_a_file_of_ones_own() {
-        let word = |word: &str| serde_json::from_value::<Make>(json!(word)).unwrap();
+        let word = |word: &str| serde_json::from_value::<Maker>(json!(word)).unwrap();
         let problem = word("gymnasium:Rule").of_agent().unwrap_err().to_string();
         assert!(
             problem.contains("`gymnasium:Rule` names nothing that makes an agent"),

@@ -1,8 +1,8 @@
-//! A Python process that is asked and answers in turn.
+//! A Python process that answers one request at a time.
 //!
-//! Neither a crash nor a hang of it outlives a trial: what runs first in it (`guard.py`) ends, with all that it
-//! started, when its standard input does or the program that started it. Until that runs, a shell of ours sees to
-//! it. Signals to the program that started it are not for it. Nothing it prints is shown, but for its last lines
+//! Neither a crash nor a hang of the process outlives a trial. Its guard (`guard.py`) ends it, with all
+//! processes that it started, when its standard input closes or the engine ends; until the guard runs, a shell
+//! does so. Signals to the engine do not reach the process. Its output is hidden, except for the last lines
 //! where it ends unexpectedly.
 
 use contract::Error;
@@ -27,67 +27,68 @@ const SERVER: &str = concat!(
     include_str!("agents.py"),
     include_str!("serving.py")
 );
-/// How much of what it printed last is kept, bytes.
+/// Length of the output that is kept for messages, bytes.
 const LAST_WORDS: usize = 2000;
-/// Signals by which people, terminals and batch systems stop programs: no fault of what is stopped.
+/// Signals by which people, terminals and batch systems stop programs; they are no fault of the stopped
+/// program.
 const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
-/// What a shell leaves with that finds no program.
+/// Exit status of a shell that does not find the program.
 const NOT_FOUND: i32 = 127;
-/// What a shell leaves with that finds a program which cannot be run.
+/// Exit status of a shell that cannot run the program.
 const CANNOT_RUN: i32 = 126;
-/// How often it is started again where it is stopped before it can ignore that.
+/// Number of restarts after a signal that arrived before the process could ignore it.
 const STARTS: usize = 3;
-/// How long it may take to close its environments and to end what they started.
+/// Time in which the process must close its environments and end their processes.
 const ENDING: Duration = Duration::from_secs(20);
 
 /// A running process.
 #[derive(Debug)]
 pub struct Process {
-    /// `None` once nothing more will be asked.
+    /// `None` once no more requests will be sent.
     requests: Option<ChildStdin>,
     answers: ChildStdout,
-    ended: Receiver<Ended>,
+    ended: Receiver<ProcessExit>,
     id: u32,
     interpreter: String,
 }
 
-/// How one ended.
+/// Exit of a process.
 #[derive(Debug)]
-struct Ended {
+struct ProcessExit {
     status: Option<ExitStatus>,
     last_words: String,
 }
 
-/// What was answered to a request with a text.
+/// Answer to a request with a text.
 #[derive(Debug)]
 pub enum Answer {
-    /// What was asked for.
+    /// The result of the request.
     Done(Vec<u8>),
-    /// Why it cannot be had.
+    /// The reason why the request is not possible.
     Cannot(String),
-    /// What went wrong in Python.
+    /// An error in Python.
     Failed(String),
 }
 
 impl Process {
-    /// Starts Python and tells it what to make, which is `what` in words; it removes the folder `own` when it ends. The
-    /// answer to that comes with it.
+    /// Starts Python and sends the JSON `request`, which makes `what` (in words); the process removes the
+    /// folder `own` when it ends. The answer to the request is returned with it.
     ///
     /// # Errors
-    /// [`Error::Unavailable`] where there is no such interpreter, [`Error::Config`] where it cannot be started or says
-    /// nothing, and where it takes too long; what [`ask`](Self::ask) says.
-    pub fn start(interpreter: &str, own: &Path, what: &str, told: &[u8]) -> Result<(Self, Answer), Error> {
+    /// [`Error::Unavailable`] for a missing interpreter, [`Error::Config`] where it cannot be started, says
+    /// nothing or takes too long, and the errors of [`ask`](Self::ask).
+    pub fn start(interpreter: &str, own: &Path, what: &str, request: &[u8]) -> Result<(Self, Answer), Error> {
         let mut starts = 1;
         loop {
-            match Self::attempt(interpreter, own, what, told) {
-                // Nothing was done yet that could be lost.
+            match Self::attempt(interpreter, own, what, request) {
+                // No work was done yet that could be lost.
                 Err(Error::Ended { .. }) if starts < STARTS => starts += 1,
                 outcome => return outcome,
             }
         }
     }
 
-    fn attempt(interpreter: &str, own: &Path, what: &str, told: &[u8]) -> Result<(Self, Answer), Error> {
+    fn attempt(interpreter: &str, own: &Path, what: &str, request: &[u8]) -> Result<(Self, Answer), Error> {
         let cannot = |problem: &str| {
             let problem = format!(
                 "`{interpreter}` cannot be started: {problem}. Name a Python that has the packages of the {what}, \
@@ -117,11 +118,11 @@ impl Process {
         if !is_awake {
             return Err(cannot("it is no Python: it answers otherwise"));
         }
-        let answer = process.ask_within("make", &format!("making the {what}"), None, told)?;
+        let answer = process.ask_within("make", &format!("making the {what}"), None, request)?;
         Ok((process, answer))
     }
 
-    /// Waits for its first byte: from here on it minds itself what it starts.
+    /// Waits for the first byte, which says that the guard runs.
     fn wake(&mut self, cannot: &dyn Fn(&str) -> Error) -> Result<bool, Error> {
         let watch = self.watch("the start of");
         let mut byte = [0];
@@ -141,7 +142,7 @@ impl Process {
         let (status, last_words) = self.end();
         match status.and_then(|status| status.code()) {
             Some(code @ (NOT_FOUND | CANNOT_RUN)) => {
-                // As in `sh: 1: exec: python9: not found`.
+                // Such as `sh: 1: exec: python9: not found`.
                 let why = last_words.lines().last().unwrap_or_default();
                 Err(match cannot(why.rsplit(": ").next().unwrap_or(why)) {
                     Error::Config { key, problem } if code == NOT_FOUND => {
@@ -154,7 +155,8 @@ impl Process {
         }
     }
 
-    /// Watches it while it is busy with `what`: it is ended once it takes too long or too much.
+    /// Watches the process while it is busy with `what` and ends it once it exceeds the limits of time or
+    /// memory.
     pub fn watch(&self, what: &str) -> Watch {
         let id = self.id;
         Watch::over(id, format!("{what} `{}`", self.interpreter), move |family| {
@@ -162,10 +164,10 @@ impl Process {
         })
     }
 
-    /// Says that requests lie in shared memory, and waits until their answers do.
+    /// Announces requests in shared memory, and waits until their answers are there.
     ///
     /// # Errors
-    /// [`Error::Model`] for what went wrong in Python, and as [`ask`](Self::ask) where it ended.
+    /// [`Error::Model`] for an error in Python, and the errors of [`ask`](Self::ask) where the process ended.
     pub fn ring(&mut self) -> Result<(), Error> {
         let mut byte = [0];
         let told = self.send(b"s").and_then(|()| self.answers.read_exact(&mut byte));
@@ -179,10 +181,10 @@ impl Process {
         }
     }
 
-    /// As [`ask`](Self::ask), watched: what takes too long or too much is ended, which is said of `key`.
+    /// Like [`ask`](Self::ask), but within the limits of time and memory; an error names the config key `key`.
     ///
     /// # Errors
-    /// [`Error::Config`] where it was ended for that, and as there.
+    /// [`Error::Config`] where the process was ended at a limit, and the errors of [`ask`](Self::ask).
     pub fn ask_within(
         &mut self,
         key: &str,
@@ -198,10 +200,10 @@ impl Process {
         }
     }
 
-    /// Asks with a text and waits for the text of the answer.
+    /// Sends a request with a text and waits for the text of the answer.
     ///
     /// # Errors
-    /// [`Error::Model`] where Python ended, [`Error::Ended`] where it was ended from outside.
+    /// [`Error::Model`] where Python ended by itself, [`Error::Ended`] where it was ended from outside.
     pub fn ask(&mut self, what: Option<u8>, text: &[u8]) -> Result<Answer, Error> {
         let mut message: Vec<u8> = what.into_iter().collect();
         message.extend((text.len() as u64).to_le_bytes());
@@ -228,7 +230,7 @@ impl Process {
         }
     }
 
-    /// A text with its length before it; `None` where the process ended.
+    /// Reads a text behind its length; `None` where the process ended.
     fn text(&mut self) -> Option<Vec<u8>> {
         let mut length = [0; 8];
         self.answers.read_exact(&mut length).ok()?;
@@ -238,13 +240,13 @@ impl Process {
         (read as u64 == length).then_some(text)
     }
 
-    /// How it ended, and what it said last.
+    /// The error of a process that ended, with its last words.
     fn gone(&mut self) -> Error {
         let (status, last_words) = self.end();
         ended(status, &last_words)
     }
 
-    /// Lets it end, with what it started; what holds on is ended.
+    /// Lets the process end with all processes that it started; kills those that remain.
     fn end(&mut self) -> (Option<ExitStatus>, String) {
         drop(self.requests.take());
         let mut ended = self.ended.recv_timeout(ENDING);
@@ -272,7 +274,7 @@ pub fn failed(problem: String) -> Error {
     }
 }
 
-/// How a process ended, as the error of its trial.
+/// The error of a trial whose process ended.
 fn ended(status: Option<ExitStatus>, last_words: &str) -> Error {
     let how = match status.map(|status| (status.signal(), status.code())) {
         Some((Some(signal), _)) if STOPS.contains(&signal) => {
@@ -292,10 +294,10 @@ fn ended(status: Option<ExitStatus>, last_words: &str) -> Error {
 }
 
 fn command(interpreter: &str, own: &Path) -> Command {
-    // What is ignored before Python runs is ignored by it from its first moment on.
+    // Signals that are ignored before Python runs are ignored from its first moment on.
     let mut command = shell(r#"trap "" HUP INT TERM USR1; exec "$0" "$@""#);
     command.args([interpreter, "-u", "-c", SERVER]).arg(own);
-    // The order of sets and dictionaries by hashes must be the same everywhere, and a trial has one thread.
+    // Hash order of sets and dictionaries must be the same everywhere, and a trial has one thread.
     command
         .env("PYTHONHASHSEED", "0")
         .env("PYTHONDONTWRITEBYTECODE", "1");
@@ -309,7 +311,7 @@ fn command(interpreter: &str, own: &Path) -> Command {
     command
 }
 
-/// A shell in a group of its own: a signal from the terminal is not for it.
+/// A shell in a process group of its own, which signals from the terminal do not reach.
 fn shell(script: &str) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", script]).process_group(0);
@@ -320,7 +322,7 @@ fn shell(script: &str) -> Command {
     command
 }
 
-/// Ends the group of a process that does not mind itself yet, should this program end meanwhile.
+/// Ends the group of a process whose guard does not run yet, should the engine end meanwhile.
 struct Keeper(Option<Child>);
 
 impl Keeper {
@@ -339,8 +341,8 @@ impl Drop for Keeper {
     }
 }
 
-/// Ends a process with all that it started: it is asked to see to that, also where it was stopped, and what minds
-/// nothing is ended with its group and with its family.
+/// Ends a process with all that it started: the guard is asked first, also where it was stopped; the remaining
+/// processes are ended by group and family.
 fn end_all(id: u32, family: &[u32]) {
     let script = r#"kill -s USR2 "$0"; kill -s CONT -- "-$0"; n=0
         while kill -s 0 "$0" && [ "$n" -lt 100 ]; do sleep 0.1; n=$((n + 1)); done
@@ -349,26 +351,26 @@ fn end_all(id: u32, family: &[u32]) {
     let _ = shell(script).args(ids).status();
 }
 
-/// Keeps the last words of a process and sees it end.
-fn mind(child: &mut Child, ended: &Sender<Ended>) {
+/// Keeps the last words of a process and reports its exit.
+fn mind(child: &mut Child, ended: &Sender<ProcessExit>) {
     let (tell, told) = channel();
     if let Some(errors) = child.stderr.take() {
         std::thread::spawn(move || last_words(errors, &tell));
     }
     let status = child.wait().ok();
-    // What outlives it may hold its output open.
+    // A process that outlives it may hold its output open.
     let mut words = Vec::new();
     while let Ok(piece) = told.recv_timeout(Duration::from_secs(1)) {
         words = piece;
     }
-    // Nobody waits any more where the receiver is gone.
-    let _ = ended.send(Ended {
+    // Sending fails where the receiver is gone and needs no answer then.
+    let _ = ended.send(ProcessExit {
         status,
         last_words: String::from_utf8_lossy(&words).trim().to_owned(),
     });
 }
 
-/// Tells, each time something is written, the last bytes of what was.
+/// Sends the last bytes of the output each time some are written.
 fn last_words(mut errors: impl Read, tell: &Sender<Vec<u8>>) {
     let (mut kept, mut piece) = (Vec::new(), [0; 4096]);
     while let Ok(read @ 1..) = errors.read(&mut piece) {
@@ -391,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_interpreter_is_refused_with_what_to_name() {
+    fn a_missing_interpreter_is_refused_with_a_remedy() {
         let problem = problem_of("/nowhere/python3");
         assert!(
             problem.contains("`/nowhere/python3` cannot be started: not found")
@@ -403,7 +405,7 @@ mod tests {
 
     #[test]
     fn a_process_that_ends_is_told_with_its_last_words() {
-        // Programs that are no Python.
+        // These programs are not Python.
         let problem = problem_of("false");
         assert!(
             problem.contains("the Python process left with exit code 1"),

@@ -1,5 +1,5 @@
-//! `check` tries an agent in Python before any trial runs: it acts and learns for some steps in two
-//! environments, twice, and goes on from what it saved.
+//! Rehearsal of an agent in Python, before any trial runs: it acts and learns for some steps in two
+//! environments, twice, and continues from its saved state.
 
 use crate::agent::PythonAgent;
 use contract::{
@@ -10,22 +10,22 @@ use execution::patience::Watch;
 
 /// Steps of a rehearsal, each of all environments.
 const STEPS: usize = 5;
-/// Environments of it, where the agent can be shown several at a time.
+/// Environments of a rehearsal, where the agent can act in several at a time.
 const ENVIRONMENTS: usize = 2;
 
-/// Makes an environment of the trial.
-type Make<'a> = &'a dyn Fn() -> Result<Box<dyn Environment>, Error>;
+/// Builds an environment of the trial.
+type EnvironmentFactory<'a> = &'a dyn Fn() -> Result<Box<dyn Environment>, Error>;
 
-/// Refuses an agent that fails, that does something else the second time, or that does not go on alike from what it
-/// saved.
+/// Refuses an agent that fails, that does something else the second time, or that does not continue identically
+/// from its saved state.
 ///
 /// # Errors
 /// [`Error::Config`] at the key `make`.
-pub fn rehearse(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
+pub fn rehearse(agent: &mut PythonAgent, make: EnvironmentFactory<'_>) -> Result<(), Error> {
     let (mut again, mut after) = (agent.again()?, agent.again()?);
     let watches = [&*agent, &again, &after].map(PythonAgent::watch);
     let tried = tried(agent, &mut again, &mut after, make);
-    // All of them look no more, whichever ended a process.
+    // Every watch ends, whichever of them ended a process.
     let reasons = watches.map(Watch::end);
     match reasons.into_iter().flatten().next() {
         Some(reason) => Err(Error::config("make", reason)),
@@ -33,7 +33,7 @@ pub fn rehearse(agent: &mut PythonAgent, make: Make<'_>) -> Result<(), Error> {
     }
 }
 
-/// An error of the code that `make` names, said of it.
+/// The error, attributed to the code that `make` names.
 fn of_code(error: Error) -> Error {
     match error {
         Error::Model { problem, .. } => Error::config("make", problem),
@@ -49,7 +49,7 @@ fn tried(
     agent: &mut PythonAgent,
     again: &mut PythonAgent,
     after: &mut PythonAgent,
-    make: Make<'_>,
+    make: EnvironmentFactory<'_>,
 ) -> Result<(), Error> {
     let mut first = Stage::set(agent, make)?;
     let mut second = Stage::set(again, make)?;
@@ -69,7 +69,7 @@ fn tried(
     Ok(())
 }
 
-/// Holds an agent against one that takes up what it saved.
+/// Compares an agent with a copy that restored its saved state.
 fn goes_on(agent: &mut PythonAgent, after: &mut PythonAgent, stage: &Stage) -> Result<(), Error> {
     let folder = tempfile::tempdir().map_err(Error::file("create", &std::env::temp_dir()))?;
     agent.save(folder.path())?;
@@ -88,7 +88,7 @@ fn goes_on(agent: &mut PythonAgent, after: &mut PythonAgent, stage: &Stage) -> R
     Ok(())
 }
 
-/// Environments in which an agent acts.
+/// The environments of a rehearsal.
 struct Stage {
     environments: Vec<(Box<dyn Environment>, Rng)>,
     seen: Vec<Observation>,
@@ -96,7 +96,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn set(agent: &mut PythonAgent, make: Make<'_>) -> Result<Self, Error> {
+    fn set(agent: &mut PythonAgent, make: EnvironmentFactory<'_>) -> Result<Self, Error> {
         let rows = if agent.remembers() { 1 } else { ENVIRONMENTS };
         let mut stage = Self {
             environments: Vec::new(),
@@ -113,7 +113,7 @@ impl Stage {
         Ok(stage)
     }
 
-    /// Lets an agent act in all environments, and learn from it.
+    /// Lets an agent act in all environments, and learn from the step.
     fn step(&mut self, agent: &mut PythonAgent) -> Result<Vec<Action>, Error> {
         let mode = if agent.learns() {
             Mode::Train
@@ -145,12 +145,12 @@ impl Stage {
         Ok(actions)
     }
 
-    /// Scored actions of what is seen now.
+    /// Evaluation actions at the current observations.
     fn shown(&self, agent: &mut PythonAgent) -> Result<Vec<Action>, Error> {
         agent.act(&self.seen, Mode::Evaluate, &mut stream(&["rehearse", "shown"]))
     }
 
-    /// Lets an agent learn from the last step.
+    /// Lets an agent learn from the last step once more.
     fn learn_again(&self, agent: &mut PythonAgent) -> Result<(), Error> {
         let mut record = Recorder::default();
         agent.learn(
@@ -162,7 +162,7 @@ impl Stage {
     }
 }
 
-/// Where actions differ, in words; `None` where they do not.
+/// Describes the difference between actions; `None` where they are equal.
 fn difference(one: &[Action], other: &[Action]) -> Option<String> {
     let bits = |action: &Action| action.concat().iter().map(|it| it.to_bits()).collect::<Vec<_>>();
     let differ = |(one, other): &(&Action, &Action)| bits(one) != bits(other);

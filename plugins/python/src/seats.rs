@@ -1,10 +1,10 @@
-//! Seats as an agent in Python is told of them, and the numbers of its actions.
+//! Seats in the form that an agent in Python gets, and the numbers of its actions.
 
 use contract::{Action, Channel, Error, Seat, Space, choice};
 use serde_json::{Value, json};
 
-/// The seats, in order.
-pub fn told(seats: &[Seat]) -> Value {
+/// Names and spaces of the seats, in order.
+pub fn described(seats: &[Seat]) -> Value {
     let seat = |seat: &Seat| {
         json!({
             "name": seat.name,
@@ -26,7 +26,7 @@ fn observed(space: &Space) -> Value {
     json!({ "names": space.names(), "limits": limits })
 }
 
-/// Limits of a channel, `None` where there are none: JSON has no infinity.
+/// Limits of a channel; `None` for an infinite one, which JSON cannot write.
 fn limits(channel: &Channel) -> (Option<f64>, Option<f64>) {
     let finite = |limit: f64| limit.is_finite().then_some(limit);
     (finite(channel.low), finite(channel.high))
@@ -47,10 +47,10 @@ fn acted(space: &Space) -> Value {
     }
 }
 
-/// The numbers of an action as they pass to Python: of a choice the position of its option.
+/// Writes the numbers of an action in Python's form; a choice becomes the position of its option.
 ///
 /// # Errors
-/// [`Error::Action`] for what is no action of these seats.
+/// [`Error::Action`] for an action outside the spaces of these seats.
 pub fn asked(seats: &[Seat], action: &[Vec<f64>], numbers: &mut Vec<f64>) -> Result<(), Error> {
     for (seat, own) in seats.iter().zip(action) {
         match &seat.action {
@@ -64,10 +64,11 @@ pub fn asked(seats: &[Seat], action: &[Vec<f64>], numbers: &mut Vec<f64>) -> Res
     Ok(())
 }
 
-/// The action of which Python gave the numbers; where one is not finite, its place and the number.
+/// Reads an action from Python's numbers; the inner error is the position and value of a number that is not
+/// finite.
 ///
 /// # Errors
-/// [`Error::Action`] for what is no action of these seats.
+/// [`Error::Action`] for an action outside the spaces of these seats.
 pub fn action(seats: &[Seat], mut numbers: &[f64]) -> Result<Result<Action, (String, f64)>, Error> {
     let mut action = Action::new();
     for seat in seats {
@@ -82,7 +83,7 @@ pub fn action(seats: &[Seat], mut numbers: &[f64]) -> Result<Result<Action, (Str
     Ok(Ok(action))
 }
 
-/// How many numbers of an action pass.
+/// Count of numbers of an action, all seats together.
 pub fn n_asked(seats: &[Seat]) -> usize {
     seats.iter().map(|seat| seat.action.n_asked()).sum()
 }
@@ -117,14 +118,17 @@ mod tests {
 
     #[test]
     fn seats_are_told_with_the_limits_of_the_environment_itself() {
-        let told = told(&seats());
+        let described = described(&seats());
         assert_eq!(
-            told[0]["observation"],
+            described[0]["observation"],
             json!({ "names": ["level"], "limits": [[0.0, null]] })
         );
-        assert_eq!(told[0]["action"]["own"], json!([[-2.0, 2.0]]));
-        assert_eq!(told[1]["action"]["choices"][0]["options"], json!(["rest", "act"]));
-        assert_eq!(told[3]["action"]["kind"], "simplex");
+        assert_eq!(described[0]["action"]["own"], json!([[-2.0, 2.0]]));
+        assert_eq!(
+            described[1]["action"]["choices"][0]["options"],
+            json!(["rest", "act"])
+        );
+        assert_eq!(described[3]["action"]["kind"], "simplex");
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! The environments of one Python process: a block of shared memory for each, and who waits for an answer.
+//! The environments of one Python process: a block of shared memory for each, and the requests that wait.
 //!
-//! What is written and read at a place of the file that Python has mapped is what lies in its memory, so that no
-//! code of ours touches a pointer.
+//! The engine reads and writes the file that Python has mapped into its memory, so that no code here handles a
+//! pointer.
 
 use crate::{
-    interface::{Face, n_asked},
-    making::Told,
+    interface::{EnvironmentDescription, n_asked},
+    making::MakeRequest,
     process::{Answer, Process, failed},
 };
 use contract::{Channel, Error, Seat};
@@ -19,24 +19,25 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Blocks in the shared memory; the numbers of those that wait stand before them. As in `server.py`.
+/// Most blocks in the shared memory; the numbers of those that wait stand before them. The value of
+/// `server.py`.
 const MOST_ENVIRONMENTS: usize = 8192;
 const BYTES: usize = 8;
-/// The seed of a rehearsal.
+/// Seed of a rehearsal.
 const REHEARSED: u64 = 20;
 
-/// What an environment is asked; the numbers are those of `server.py`.
+/// Request to an environment, with the codes of `server.py`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
-    /// A step.
+    /// Take a step.
     Step = 1,
-    /// Another episode.
+    /// Begin another episode.
     Reset = 2,
-    /// An episode of an environment as it was made.
+    /// Begin an episode of an environment as it was made.
     Renew = 3,
 }
 
-/// The environments of one process.
+/// A Python process and its environments.
 #[derive(Debug)]
 pub struct Server {
     process: Process,
@@ -44,58 +45,58 @@ pub struct Server {
     seats: Vec<Seat>,
     state: Vec<Channel>,
     metrics: Vec<String>,
-    /// Copies of the files that it reads.
+    /// Holds copies of the data files that the environments read.
     _files: TempDir,
-    /// Numbers of a request, and of an answer.
+    /// Count of numbers in a request, and in an answer.
     asked: usize,
     answered: usize,
-    /// Which blocks are taken.
+    /// Whether each block is in use.
     taken: Vec<bool>,
-    /// Blocks with requests that Python was not told of yet.
+    /// Blocks with requests that were not announced to Python yet.
     waiting: Vec<u64>,
     bytes: Vec<u8>,
 }
 
-/// A process, shared by the environments in it; it ends with the last of them.
-pub type Shared = Arc<Mutex<Server>>;
+/// A process that its environments share; it ends with the last of them.
+pub type SharedServer = Arc<Mutex<Server>>;
 
-/// Servers in use, by what they were told.
+/// Servers in use, by the key of the request that made them.
 static SERVERS: Mutex<BTreeMap<String, Weak<Mutex<Server>>>> = Mutex::new(BTreeMap::new());
 
-/// The server of environments that are made in this way: the one in use, or a new one.
+/// The server whose environments are made by this request: one in use, or a new one.
 ///
 /// # Errors
 /// As [`Server::start`].
-pub fn shared(interpreter: &str, told: &Told) -> Result<Shared, Error> {
-    let key = told.key()?;
+pub fn shared(interpreter: &str, request: &MakeRequest) -> Result<SharedServer, Error> {
+    let key = request.key()?;
     let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
     servers.retain(|_, server| server.strong_count() > 0);
     if let Some(server) = servers.get(&key).and_then(Weak::upgrade) {
         return Ok(server);
     }
-    let server = Arc::new(Mutex::new(Server::start(interpreter, told)?));
+    let server = Arc::new(Mutex::new(Server::start(interpreter, request)?));
     servers.insert(key, Arc::downgrade(&server));
     Ok(server)
 }
 
-/// Takes a server for a moment.
-pub fn lock(server: &Shared) -> MutexGuard<'_, Server> {
+/// Locks a server.
+pub fn lock(server: &SharedServer) -> MutexGuard<'_, Server> {
     // A panic elsewhere ends the trial, and the process with it.
     server.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Server {
-    /// Starts Python and looks at a first environment.
+    /// Starts Python and makes a first environment.
     ///
     /// # Errors
-    /// [`Error::Unavailable`] where there is no such Python, or it lacks a package or a version of the lock file, and
-    /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an environment whose
-    /// spaces are not supported.
-    pub fn start(interpreter: &str, told: &Told) -> Result<Self, Error> {
-        let (files, asked) = with_own_files(told)?;
-        let text = asked.to_string();
+    /// [`Error::Unavailable`] without an interpreter, a package or a version of the lock file, and
+    /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an
+    /// environment with unsupported spaces.
+    pub fn start(interpreter: &str, request: &MakeRequest) -> Result<Self, Error> {
+        let (files, json) = with_own_files(request)?;
+        let text = json.to_string();
         let (process, answer) = Process::start(interpreter, files.path(), "environment", text.as_bytes())?;
-        let face: Face = face_in(answer)?;
+        let face: EnvironmentDescription = face_in(answer)?;
         let memory = OpenOptions::new().read(true).write(true).open(&face.memory);
         let memory = memory.map_err(Error::file("open", &face.memory))?;
         if face.remove {
@@ -133,10 +134,10 @@ impl Server {
         &self.metrics
     }
 
-    /// Takes a block.
+    /// Takes a free block.
     ///
     /// # Errors
-    /// [`Error::Model`] where there are too many.
+    /// [`Error::Model`] where none is free.
     pub fn open(&mut self) -> Result<usize, Error> {
         let free = self.taken.iter().position(|taken| !taken);
         let slot = free.unwrap_or(self.taken.len());
@@ -152,13 +153,13 @@ impl Server {
         Ok(slot)
     }
 
-    /// Gives a block back.
+    /// Frees a block.
     pub fn close(&mut self, slot: usize) {
         self.taken[slot] = false;
         self.waiting.retain(|waiting| *waiting != slot as u64);
     }
 
-    /// Writes a request, of which Python is told by the next [`answer`](Self::answer).
+    /// Writes a request, which the next [`answer`](Self::answer) announces to Python.
     ///
     /// # Errors
     /// [`Error::Model`] where the shared memory cannot be written.
@@ -174,10 +175,11 @@ impl Server {
         Ok(())
     }
 
-    /// The answer in a block: how the episode stands, rewards, observations. All requests that wait are done first.
+    /// The answer in a block: state of the episode, rewards, observations. All waiting requests are carried out
+    /// first.
     ///
     /// # Errors
-    /// [`Error::Model`] for what went wrong in Python.
+    /// [`Error::Model`] for an error in Python.
     pub fn answer(&mut self, slot: usize, numbers: &mut Vec<f64>) -> Result<(), Error> {
         if !self.waiting.is_empty() {
             self.ring()?;
@@ -198,13 +200,13 @@ impl Server {
         self.process.ring()
     }
 
-    /// Where a block begins.
+    /// Offset of a block in the file.
     fn place(&self, slot: usize) -> u64 {
         let block = self.asked + self.answered;
         (BYTES * (1 + MOST_ENVIRONMENTS + slot * block)) as u64
     }
 
-    /// The environment of a block as bytes, or why it has none from which it would continue alike.
+    /// The environment of a block as bytes, or the reason why it could not continue identically from them.
     ///
     /// # Errors
     /// [`Error::Model`] where Python ended.
@@ -212,7 +214,7 @@ impl Server {
         self.process.ask(Some(b'p'), &(slot as u64).to_le_bytes())
     }
 
-    /// Puts an environment in a block that goes on from a snapshot.
+    /// Puts an environment into a block that continues from a snapshot.
     ///
     /// # Errors
     /// [`Error::Model`] where Python ended.
@@ -221,11 +223,11 @@ impl Server {
         self.process.ask(Some(b'r'), &text)
     }
 
-    /// What a reset and ten steps answer in a new environment.
+    /// Answers of a new environment to a reset and ten steps.
     ///
     /// # Errors
-    /// [`Error::Config`] for what went wrong in Python, and for a number that is not finite; [`Error::Unavailable`]
-    /// where it lacks a package.
+    /// [`Error::Config`] for an error in Python and for a number that is not finite; [`Error::Unavailable`] for
+    /// a missing package.
     pub fn rehearse(&mut self) -> Result<Rehearsal, Error> {
         let rows = self.tried(b't')?;
         let rehearsal = Rehearsal {
@@ -243,7 +245,7 @@ impl Server {
         Ok(rehearsal)
     }
 
-    /// What an environment returns that can be used and is not as it declares it.
+    /// Usable results of an environment that differ from its declaration.
     ///
     /// # Errors
     /// As [`rehearse`](Self::rehearse).
@@ -267,7 +269,7 @@ impl Server {
         }
     }
 
-    /// What an entry of an answer is.
+    /// Describes an entry of an answer.
     pub fn name_of(&self, entry: usize) -> String {
         if entry == 0 {
             return "the end of the episode".into();
@@ -287,7 +289,7 @@ impl Server {
             .unwrap_or_default()
     }
 
-    /// Where two rehearsals differ, in words; `None` where they do not.
+    /// Describes the difference between two rehearsals; `None` where they are equal.
     pub fn difference(&self, first: &Rehearsal, second: &Rehearsal) -> Option<String> {
         let row = first
             .rows
@@ -305,7 +307,7 @@ impl Server {
     }
 }
 
-/// What a reset and some steps answered.
+/// Answers to a reset and some steps.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Rehearsal {
     rows: Vec<Vec<u8>>,
@@ -319,7 +321,8 @@ impl Rehearsal {
     }
 }
 
-/// When the row of a rehearsal was answered; where an episode ended, the reset that followed is counted too.
+/// Describes when a row of a rehearsal was answered; where an episode ended, the reset that followed is counted
+/// too.
 fn when(row: usize) -> String {
     match row {
         0 => "after `reset`".into(),
@@ -327,10 +330,10 @@ fn when(row: usize) -> String {
     }
 }
 
-/// Python's answer about itself once it has made the environment or the agent.
+/// The first answer of Python once it has made the environment or the agent.
 ///
 /// # Errors
-/// Its refusal, at the key that it names.
+/// A refusal, at the config key that it names.
 pub fn face_in<T: DeserializeOwned>(answer: Answer) -> Result<T, Error> {
     match answer {
         Answer::Done(text) => serde_json::from_slice(&text).map_err(|source| failed(source.to_string())),
@@ -338,25 +341,25 @@ pub fn face_in<T: DeserializeOwned>(answer: Answer) -> Result<T, Error> {
     }
 }
 
-/// What is told, with the paths of copies that nobody else changes in the place of files, and their folder.
+/// The request with its data files replaced by the paths of private copies, and the folder of these.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be copied.
-pub fn with_own_files(told: &Told) -> Result<(TempDir, Value), Error> {
+pub fn with_own_files(request: &MakeRequest) -> Result<(TempDir, Value), Error> {
     let folder = tempfile::Builder::new().prefix("regimen-python-").tempdir();
     let folder = folder.map_err(Error::file("create", &std::env::temp_dir()))?;
-    let mut asked = told.asked.clone();
-    for (at, (place, file)) in told.files.iter().enumerate() {
+    let mut json = request.json.clone();
+    for (at, (place, file)) in request.files.iter().enumerate() {
         let own = folder.path().join(at.to_string());
         fs::create_dir(&own).map_err(Error::file("create", &own))?;
-        if let Some(path) = asked.pointer_mut(place) {
+        if let Some(path) = json.pointer_mut(place) {
             *path = serde_json::json!(file.copy_into(&own)?);
         }
     }
-    Ok((folder, asked))
+    Ok((folder, json))
 }
 
-/// The name of what belongs to a seat.
+/// The name of a seat's quantity, with the seat before it where seats have names.
 pub fn prefixed(seat: &Seat, name: &str) -> String {
     if seat.name.is_empty() {
         name.to_owned()
@@ -371,7 +374,7 @@ fn of_memory(source: &std::io::Error) -> Error {
     ))
 }
 
-/// What Python refuses, at the key that it names.
+/// The error of a refusal by Python, at the config key that it names.
 fn refused(refusal: &str) -> Error {
     let value: Value = serde_json::from_str(refusal).unwrap_or_default();
     let word = |key: &str| value[key].as_str().map(str::to_owned);

@@ -1,4 +1,5 @@
-//! From a name and the keys that a person gave to environments, by the registry and the checks of the program.
+//! The config of an environment, read from its name and the user's keys by the registry and the checks of the
+//! program.
 
 use crate::refusal::Refusal;
 use contract::{
@@ -12,19 +13,20 @@ use std::{path::Path, sync::LazyLock};
 
 pub static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
 
-/// An environment that can be built as often as asked.
-pub struct Configured {
+/// An environment with a checked config, which can be built any number of times.
+pub struct ConfiguredEnvironment {
     entry: &'static EnvironmentEntry,
     config: Value,
-    /// What keys its random streams in a trial.
+    /// Key of the environment's random streams in a trial.
     pub stream_id: String,
 }
 
-impl Configured {
-    /// The environment `name` with the keys of a JSON text or of a YAML file; with its defaults where there is neither.
+impl ConfiguredEnvironment {
+    /// Reads the keys of the environment `name` from a JSON text or a YAML file; without either, its defaults
+    /// hold.
     ///
     /// # Errors
-    /// [`Refusal::Config`] with everything that is wrong, as `check` says it.
+    /// [`Refusal::Config`] with every problem, in the words of `check`.
     pub fn new(name: &str, keys: Option<&str>, file: Option<&Path>) -> Result<Self, Refusal> {
         let entry = REGISTRY.environments.get(name).ok_or_else(|| unknown(name))?;
         let part = read(name, &entry.about, keys, file)?;
@@ -38,7 +40,7 @@ impl Configured {
     /// A new environment.
     ///
     /// # Errors
-    /// What its constructor refuses.
+    /// Refusals of the environment's constructor.
     pub fn build(&self) -> Result<Box<dyn Environment>, Refusal> {
         Ok((self.entry.build)(&self.config)?)
     }
@@ -63,7 +65,7 @@ fn unknown(name: &str) -> Refusal {
     Refusal::Config(format!("unknown environment `{name}`; {nearest}"))
 }
 
-/// Name, version and one line about every registered environment.
+/// Name, version and one-line description of every registered environment.
 #[pyfunction]
 pub fn environments() -> Vec<(&'static str, u32, &'static str)> {
     let of =

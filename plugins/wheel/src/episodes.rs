@@ -1,7 +1,7 @@
-//! Environments of one config side by side, each in an episode of its own, and what becomes of those that ended.
+//! Environments of one config side by side, each in an episode of its own, and the handling of ended episodes.
 
 use crate::{
-    config::Configured,
+    config::ConfiguredEnvironment,
     layout::{Layout, standing},
     refusal::Refusal,
     spaces,
@@ -9,33 +9,34 @@ use crate::{
 use contract::{Action, End, Environment, Error, Phase, Rng, Seat, random};
 use serde_json::Value;
 
-/// When an episode that ended gives place to the next one, as Gymnasium names it.
+/// When the episode that follows an ended one begins, with Gymnasium's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Autoreset {
     /// When `reset` is called.
     Disabled,
-    /// In the step after its last, whose action is passed over.
+    /// In the step after the last one; that step's action is ignored.
     NextStep,
-    /// In its last step, which keeps what was observed last beside the start of the next one.
+    /// In the last step, which returns both the last observation and that of the new episode's start.
     SameStep,
 }
 
-/// Where the random numbers of an episode come from.
+/// Source of an episode's random numbers.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
-    /// The seed of a new stream; the stream goes on where there is none.
+    /// Seed of a new stream; without one the stream continues.
     pub seed: Option<u64>,
-    /// Which episode of the final measurement of a trial with that seed; without it the stream is that of a rollout.
+    /// Number of an episode in the final measurement of a trial with that seed; without it the stream is that
+    /// of a rollout.
     pub episode: Option<u64>,
-    /// Which of the environments that a trial with that seed learns in.
+    /// Number of the environment among those that a trial with that seed learns in.
     pub slot: Option<u64>,
 }
 
-/// Environments side by side.
+/// Environments that are stepped together.
 pub struct Episodes {
     places: Vec<Place>,
-    configured: Configured,
-    /// What an environment is that never stepped.
+    configured: ConfiguredEnvironment,
+    /// Snapshot of the environment before its first episode.
     fresh: Value,
     seats: Vec<Seat>,
     autoreset: Autoreset,
@@ -51,18 +52,22 @@ struct Place {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// Nothing to step: it never began, or a step failed.
+    /// Nothing to step: no episode has begun, or a step failed.
     Idle,
     UnderWay,
     Ended,
 }
 
 impl Episodes {
-    /// As many environments as asked, of which none has begun.
+    /// Builds `places` environments, none of which has begun an episode.
     ///
     /// # Errors
-    /// What the environment's constructor refuses.
-    pub fn new(configured: Configured, places: usize, autoreset: Autoreset) -> Result<Self, Refusal> {
+    /// Refusals of the environment's constructor.
+    pub fn new(
+        configured: ConfiguredEnvironment,
+        places: usize,
+        autoreset: Autoreset,
+    ) -> Result<Self, Refusal> {
         let place = |_| {
             Ok::<_, Refusal>(Place {
                 environment: configured.build()?,
@@ -93,34 +98,34 @@ impl Episodes {
         })
     }
 
-    /// One of the environments; `None` beyond the last.
+    /// The environment at `place`; `None` beyond the last.
     #[must_use]
     pub fn environment(&self, place: usize) -> Option<&dyn Environment> {
         self.places.get(place).map(|place| &*place.environment)
     }
 
-    /// The key of the random streams of a trial.
+    /// Key of the random streams of a trial.
     #[must_use]
     pub fn stream_id(&self) -> &str {
         &self.configured.stream_id
     }
 
-    /// Where numbers stand in what a step comes to.
+    /// Positions of the numbers in the vector that a step returns.
     #[must_use]
     pub fn layout(&self) -> Layout {
         self.layout
     }
 
-    /// Numbers of an environment's action.
+    /// Count of numbers in the action of one environment, all seats together.
     #[must_use]
     pub fn n_asked(&self) -> usize {
         self.seats.iter().map(|seat| seat.action.n_asked()).sum()
     }
 
-    /// Begins an episode in every environment and returns what their seats observe.
+    /// Begins an episode in every environment and returns the observations of all seats.
     ///
     /// # Errors
-    /// [`Refusal::NoSeed`] for a stream that is to go on and never began, and what the environment says.
+    /// [`Refusal::NoSeed`] where a stream is to continue that never began, and errors of the environment.
     pub fn reset(&mut self, starts: &[Start]) -> Result<Vec<f64>, Refusal> {
         let mut numbers = vec![0.0; self.layout.places * self.layout.observed];
         for (number, (place, start)) in self.places.iter_mut().zip(starts).enumerate() {
@@ -134,11 +139,11 @@ impl Episodes {
         Ok(numbers)
     }
 
-    /// Steps every environment once, or begins the next episode where the last one ended and that is asked for, and
-    /// returns what [`Layout`] says. After an error no episode is under way any more.
+    /// Steps every environment once, or begins the next episode where the last one ended and `autoreset` asks
+    /// for it; returns the vector that [`Layout`] describes. After an error no episode is under way any more.
     ///
     /// # Errors
-    /// [`Refusal::NoEpisode`], [`Refusal::Length`], and what an environment says of an action.
+    /// [`Refusal::NoEpisode`], [`Refusal::Length`], and the environment's errors about an action.
     pub fn step(&mut self, asked: &[f64]) -> Result<Vec<f64>, Refusal> {
         let stepped = self.step_all(asked);
         if stepped.is_err() {
@@ -148,7 +153,7 @@ impl Episodes {
     }
 
     fn step_all(&mut self, asked: &[f64]) -> Result<Vec<f64>, Refusal> {
-        let actions = self.told(asked)?;
+        let actions = self.announce_actions(asked)?;
         let mut numbers = vec![0.0; self.layout.total()];
         for (number, (place, action)) in self.places.iter_mut().zip(actions).enumerate() {
             match action {
@@ -166,8 +171,9 @@ impl Episodes {
         Ok(numbers)
     }
 
-    /// The actions of those that will step, of which each is told; `None` for those that begin.
-    fn told(&mut self, asked: &[f64]) -> Result<Vec<Option<Action>>, Refusal> {
+    /// Announces the actions of those environments that will step; `None` stands for those that begin an
+    /// episode.
+    fn announce_actions(&mut self, asked: &[f64]) -> Result<Vec<Option<Action>>, Refusal> {
         let (found, expected) = (asked.len(), self.layout.places * self.n_asked());
         if found != expected {
             return Err(Refusal::Length { found, expected });
@@ -187,7 +193,7 @@ impl Episodes {
         self.places.iter_mut().enumerate().map(of_one).collect()
     }
 
-    /// Begins the next episode wherever one just ended, and keeps what was observed last.
+    /// Begins the next episode of every environment whose episode just ended, and keeps its last observations.
     fn begin_anew(&mut self, numbers: &mut [f64]) -> Result<(), Refusal> {
         for (number, place) in self.places.iter_mut().enumerate() {
             if place.stage == Stage::Ended {
@@ -201,17 +207,17 @@ impl Episodes {
 }
 
 impl Place {
-    /// Makes the environment as it was before its first episode: some carry something over from one to the next,
-    /// as where a solver begins.
-    fn renew(&mut self, configured: &Configured, fresh: &Value) -> Result<(), Refusal> {
+    /// Restores the environment to the state before its first episode: some carry information from one episode
+    /// to the next, such as the starting point of a solver.
+    fn renew(&mut self, configured: &ConfiguredEnvironment, fresh: &Value) -> Result<(), Refusal> {
         if self.environment.restore(fresh).is_err() {
-            // What is written in Python may refuse to be restored.
+            // Environments written in Python may refuse to be restored.
             self.environment = configured.build()?;
         }
         Ok(())
     }
 
-    /// Opens the stream that is asked for.
+    /// Opens the requested random stream.
     fn seek(&mut self, number: usize, start: Start, stream_id: &str) -> Result<(), Refusal> {
         self.seed = start.seed.or(self.seed);
         let seed = self.seed.ok_or(Refusal::NoSeed { place: number })?;
@@ -268,7 +274,7 @@ impl Place {
     }
 }
 
-/// Vectors one after the other.
+/// Writes the vectors one after the other.
 fn write(target: &mut [f64], vectors: &[Vec<f64>]) {
     target
         .iter_mut()
@@ -276,7 +282,7 @@ fn write(target: &mut [f64], vectors: &[Vec<f64>]) {
         .for_each(|(place, value)| *place = *value);
 }
 
-/// An action that is refused, with the environment that refuses it where there are several.
+/// The error of a refused action, with the number of its environment where there are several.
 fn of_place(error: Error, number: usize, places: usize) -> Error {
     match error {
         Error::Action { problem } if places > 1 => Error::Action {

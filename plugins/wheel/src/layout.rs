@@ -1,32 +1,33 @@
-//! Where numbers stand in the vector that a step of all environments comes to.
+//! Positions of numbers in the vector that a step of all environments returns.
 
 use std::ops::Range;
 
-/// How an episode stands after a call, as a number.
+/// State of an episode after a call, as a number.
 pub mod standing {
-    /// It goes on.
+    /// The episode goes on.
     pub const GOES_ON: f64 = 0.0;
-    /// It reached a terminal state.
+    /// The episode reached a terminal state.
     pub const TERMINATED: f64 = 1.0;
-    /// It was cut off.
+    /// The episode was cut off.
     pub const TRUNCATED: f64 = 2.0;
-    /// It began in this call, without a step.
+    /// The episode began in this call, without a step.
     pub const BEGAN: f64 = 3.0;
 }
 
-/// Sections one after the other, each with a row per environment: observations (seat after seat), rewards (one per
-/// seat), metrics, how the episode stands, and, where episodes end and begin in one call, last observations.
+/// Consecutive sections, each with a row per environment: observations (seat after seat), rewards (one per
+/// seat), metrics, state of the episode, and, where an episode may end and begin in one call, last
+/// observations.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
-    /// Environments side by side.
+    /// Number of environments side by side.
     pub places: usize,
-    /// Numbers that all seats of an environment observe.
+    /// Number of observed values of one environment, all seats together.
     pub observed: usize,
-    /// Seats of an environment.
+    /// Number of seats of an environment.
     pub seats: usize,
-    /// Metrics of an environment.
+    /// Number of metrics of an environment.
     pub metrics: usize,
-    /// Whether last observations have a section.
+    /// Whether there is a section for last observations.
     pub keeps_last: bool,
 }
 
@@ -51,31 +52,31 @@ impl Layout {
         start..start + columns[section]
     }
 
-    /// What the seats of an environment observe.
+    /// Observations of all seats of an environment.
     #[must_use]
     pub fn observations(&self, place: usize) -> Range<usize> {
         self.row(0, place)
     }
 
-    /// What they earned.
+    /// Rewards, one per seat.
     #[must_use]
     pub fn rewards(&self, place: usize) -> Range<usize> {
         self.row(1, place)
     }
 
-    /// Its metrics.
+    /// Metrics of an environment.
     #[must_use]
     pub fn metrics(&self, place: usize) -> Range<usize> {
         self.row(2, place)
     }
 
-    /// How its episode stands.
+    /// State of the episode, one of [`standing`].
     #[must_use]
     pub fn standing(&self, place: usize) -> usize {
         self.row(3, place).start
     }
 
-    /// What its seats observed last, of an episode that ended; empty where that is not kept.
+    /// Last observations of an ended episode; empty where they are not kept.
     #[must_use]
     pub fn last_observations(&self, place: usize) -> Range<usize> {
         self.row(4, place)

@@ -1,10 +1,10 @@
 //! The simulators as a Python package: `import regimen`.
 //!
-//! This crate is the module `regimen._native` of it, which builds environments by the registry of the program and
-//! steps them; the classes of Gymnasium and PettingZoo are plain Python, in `wheel/regimen/`.
+//! This crate is its extension module `regimen._native`, which builds environments by the program's registry
+//! and steps them; the classes for Gymnasium and PettingZoo are plain Python, in `wheel/regimen/`.
 //!
-//! Numbers pass through the buffer protocol: actions are copied from an array into a vector, and what a step came
-//! to from a vector into an array. In between Python's lock is released, so that its other threads go on.
+//! Numbers pass through the buffer protocol: actions are copied from an array into a vector, and results of a
+//! step from a vector into an array. Python's lock is released in between, so that its other threads go on.
 
 mod config;
 mod episodes;
@@ -16,7 +16,7 @@ mod spaces;
 
 use pyo3::prelude::*;
 
-/// What Python imports.
+/// The module that Python imports.
 #[pymodule]
 mod _native {
     #[pymodule_export]

@@ -1,4 +1,4 @@
-//! What can be refused, and which exception of Python says so.
+//! Reasons for a refusal, and the Python exception that each becomes.
 
 use contract::Error;
 use pyo3::{
@@ -31,36 +31,36 @@ create_exception!(
     "A model whose equations cannot be continued."
 );
 
-/// Why something was not done.
+/// Reason why a call was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum Refusal {
     /// A config that does not pass the checks.
     #[error("{0}")]
     Config(String),
-    /// A vector of actions of another length.
+    /// A vector of actions with a wrong length.
     #[error("{found} numbers of actions in place of {expected}")]
     Length {
-        /// How many there are.
+        /// Length of the vector.
         found: usize,
-        /// How many there must be.
+        /// Required length.
         expected: usize,
     },
-    /// A step where there is nothing to step.
+    /// A step of an environment without an episode under way.
     #[error("no episode is under way in environment {place}: call `reset`")]
     NoEpisode {
-        /// Which of the environments side by side.
+        /// Number of the environment.
         place: usize,
     },
-    /// An episode that is to go on with a random stream that never began.
+    /// A random stream that is to continue but never began.
     #[error("environment {place} was never given a seed: call `reset(seed=...)`")]
     NoSeed {
-        /// Which of the environments side by side.
+        /// Number of the environment.
         place: usize,
     },
-    /// A step that ended in a panic left the environments half stepped.
+    /// A call after a panic, which left some environments stepped and others not.
     #[error("an earlier step ended in a panic: make the environment anew")]
     Panicked,
-    /// What the engine or an environment says.
+    /// An error of the engine or an environment.
     #[error(transparent)]
     Engine(#[from] Error),
 }

@@ -1,4 +1,4 @@
-//! What a study came to, from a store.
+//! Results of a study, from a store.
 
 use crate::{config::REGISTRY, refusal::Refusal};
 use contract::{Phase, trial_result::TrialResult};
@@ -7,10 +7,10 @@ use serde_json::{Map, Value, json};
 use session::{Failure, MachineOptions, Selection, Session, Silent};
 use std::path::PathBuf;
 
-/// The trials of a study as a list of JSON objects: what each is, how it ended, and the means of its final measurement.
+/// The trials of a study as a list of JSON objects: setting, state, and means of the final measurement.
 ///
 /// # Errors
-/// A study that does not pass the checks, and a store that cannot be read.
+/// A study that does not pass the checks, or a store that cannot be read.
 #[pyfunction]
 #[pyo3(signature = (study, profile, sets, store))]
 pub fn collect(

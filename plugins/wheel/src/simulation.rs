@@ -1,7 +1,7 @@
 //! The class that Python sees: environments side by side behind a lock.
 
 use crate::{
-    config::Configured,
+    config::ConfiguredEnvironment,
     episodes::{Autoreset, Episodes, Start},
     refusal::Refusal,
     spaces::{MetricForm, SeatForm, SpaceForm},
@@ -21,7 +21,7 @@ pub struct Simulation {
 
 #[pymethods]
 impl Simulation {
-    /// As many environments as `count`, of the config `keys` (a JSON text) or `file` (YAML). `autoreset` is the
+    /// Builds `count` environments with the config `keys` (a JSON text) or `file` (YAML). `autoreset` is the
     /// value of Gymnasium's `AutoresetMode`.
     #[new]
     #[pyo3(signature = (name, keys=None, file=None, count=1, autoreset="Disabled"))]
@@ -40,7 +40,7 @@ impl Simulation {
             other => return Err(PyValueError::new_err(format!("unknown mode `{other}`"))),
         };
         let made = py.detach(|| {
-            let configured = Configured::new(name, keys, file.as_deref())?;
+            let configured = ConfiguredEnvironment::new(name, keys, file.as_deref())?;
             Episodes::new(configured, count, autoreset)
         });
         Ok(Self {
@@ -62,7 +62,7 @@ impl Simulation {
         Ok(first.map_or_else(Vec::new, |it| it.metrics().iter().map(MetricForm::from).collect()))
     }
 
-    /// The full state's space.
+    /// Space of the full state.
     fn state_space(&self) -> PyResult<SpaceForm> {
         let channels = self.lock()?.environment(0).map(Environment::state_channels);
         Ok(SpaceForm::of_channels(&channels.unwrap_or_default()))
@@ -74,19 +74,19 @@ impl Simulation {
         state.ok_or_else(|| PyValueError::new_err(format!("there is no environment {place}")))
     }
 
-    /// Columns of the sections that a step writes: observations, rewards, metrics, how the episode stands, last
-    /// observations. Each section has a row per environment.
+    /// Number of columns of each section that a step writes: observations, rewards, metrics, state of the
+    /// episode, last observations. Each section has a row per environment.
     fn columns(&self) -> PyResult<[usize; 5]> {
         Ok(self.lock()?.layout().columns())
     }
 
-    /// The key of the random streams of a trial in this environment.
+    /// Key of the random streams of a trial in this environment.
     fn stream_id(&self) -> PyResult<String> {
         Ok(self.lock()?.stream_id().to_owned())
     }
 
-    /// Begins an episode everywhere; `starts` has for each environment a seed, the number of an episode of the final
-    /// measurement and the number of an environment to learn in, or `None`.
+    /// Begins an episode everywhere; `starts` holds for each environment a seed, the number of an episode of
+    /// the final measurement and the number of an environment to learn in, or `None`.
     fn reset(
         &self,
         py: Python<'_>,
@@ -101,7 +101,7 @@ impl Simulation {
         observations.copy_from_slice(py, &numbers)
     }
 
-    /// Steps all environments; `outcome` is written as `columns` says.
+    /// Steps all environments and writes the results into `outcome`, in the order of `columns`.
     fn step(&self, py: Python<'_>, actions: PyBuffer<f64>, outcome: PyBuffer<f64>) -> PyResult<()> {
         let asked = actions.to_vec(py)?;
         let numbers = py.detach(|| self.lock()?.step(&asked))?;

@@ -1,12 +1,12 @@
-//! Spaces as Python is told of them, and actions as they come from there.
+//! Spaces in the form that Python gets, and actions in the form that Python returns.
 //!
-//! A choice comes as the position of its option, everything else as it is. It is the inverse of what `plugins/python`
-//! does with environments that are written in Python.
+//! A choice arrives as the position of its option, every other number as it is. It is the inverse of the
+//! conversion that `plugins/python` makes for environments written in Python.
 
 use contract::{Channel, Error, Metric, Seat, Space};
 use pyo3::prelude::*;
 
-/// A seat.
+/// Name and spaces of a seat.
 #[derive(IntoPyObject)]
 pub struct SeatForm {
     name: String,
@@ -18,19 +18,19 @@ pub struct SeatForm {
 #[derive(IntoPyObject)]
 pub struct SpaceForm {
     kind: &'static str,
-    /// One name per number of a vector in it.
+    /// One name per number of a vector in the space.
     names: Vec<String>,
-    /// Units and limits of a box, and what is typical: a value and a deviation from it.
+    /// Units of a box; its limits, typical values and typical deviations follow.
     units: Vec<String>,
     low: Vec<f64>,
     high: Vec<f64>,
     center: Vec<f64>,
     spread: Vec<f64>,
-    /// Options of each choice.
+    /// Name and options of each choice.
     options: Vec<(String, Vec<String>)>,
 }
 
-/// A metric.
+/// Name, unit and direction of a metric.
 #[derive(IntoPyObject)]
 pub struct MetricForm {
     name: String,
@@ -108,11 +108,11 @@ impl From<&Space> for SpaceForm {
     }
 }
 
-/// The action of every seat from the numbers that came from Python, seat after seat.
+/// Actions of all seats from the numbers that Python gave, seat after seat.
 ///
 /// # Errors
-/// [`Error::Action`] for a number that is no position of an option; what else lies outside a space is refused by the
-/// environment.
+/// [`Error::Action`] for a number that is no position of an option; other values outside a space are refused by
+/// the environment.
 pub fn actions(seats: &[Seat], asked: &[f64]) -> Result<Vec<Vec<f64>>, Error> {
     let mut rest = asked;
     let of_seat = |seat: &Seat| {

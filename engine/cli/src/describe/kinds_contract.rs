@@ -36,7 +36,7 @@ cross_play:
   tag: { environment: pair, roles: { chaser: [walker_0], runner: [walker_1] }, agents: [rule, other] }
 ";
 
-const SEARCH: &str = "search: { learner_rates: { over: { learner.discount: { uniform: { low: 0.9, high: 0.999 } } }, by: return, \
+const SEARCH: &str = "tune: { learner_rates: { over: { learner.discount: { uniform: { low: 0.9, high: 0.999 } } }, metric: return, \
                       environment: short, settings: 12 } }\n";
 
 /// Every kind with the section that it belongs to.

@@ -8,10 +8,10 @@ use super::parameters::CellParameters;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How fast parameters wear, and when a cell is replaced by a new one.
+/// Rates at which a cell's parameters wear, and the end of its life.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Ageing {
+pub struct AgeingRates {
     /// Change of the mobile charge per ampere second.
     #[schemars(range(max = 0.0), extend("x-unit" = "C/(A s)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub q_mobile_rate: f64,
@@ -21,13 +21,13 @@ pub struct Ageing {
     /// Change of the resistance to diffusion per ampere second.
     #[schemars(range(min = 0.0), extend("x-unit" = "1/(m3 A)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub t_diffusion_rate: f64,
-    /// A cell whose mobile charge is below this at the start of an episode is replaced: its parameters start
-    /// again.
+    /// A cell whose mobile charge is below this at the start of an episode is replaced by a cell with its
+    /// initial parameters.
     #[schemars(range(min = 0.0), extend("x-unit" = "C", "x-source" = "70 % of a new cell's 7600 C"))]
     pub end_of_life_c: f64,
 }
 
-impl Default for Ageing {
+impl Default for AgeingRates {
     fn default() -> Self {
         Self {
             q_mobile_rate: -1e-2,
@@ -38,7 +38,7 @@ impl Default for Ageing {
     }
 }
 
-impl Ageing {
+impl AgeingRates {
     /// The parameters after `current_a` has flowed for `step_s`.
     #[must_use]
     pub fn worn(&self, parameters: &CellParameters, current_a: f64, step_s: f64) -> CellParameters {
@@ -50,7 +50,7 @@ impl Ageing {
         }
     }
 
-    /// True where the cell has too little capacity left.
+    /// Whether the capacity is below the end of life.
     #[must_use]
     pub fn has_ended(&self, parameters: &CellParameters) -> bool {
         parameters.q_mobile_c < self.end_of_life_c

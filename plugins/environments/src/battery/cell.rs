@@ -1,6 +1,6 @@
-//! One cell of a pack: its parameters, their wear, its state and what can be measured at its terminals.
+//! One cell of a pack: parameters, wear, state, and the quantities measured at its terminals.
 
-use super::ageing::Ageing;
+use super::ageing::AgeingRates;
 use super::model::{Model, Physics, State};
 use super::parameters::CellParameters;
 
@@ -34,25 +34,25 @@ impl Cell {
         }
     }
 
-    /// Puts the cell into `state`; `current_a` is the current that led there.
+    /// Sets the state; `current_a` is the current that led to it.
     pub fn place(&mut self, state: State, current_a: f64) {
         (self.state, self.current_a) = (state, current_a);
         self.voltage_v = self.model.voltage(&self.state);
     }
 
-    /// Gives the cell other parameters; its charges stay.
+    /// Sets the parameters; the charges stay.
     pub fn set_parameters(&mut self, parameters: CellParameters) {
         (self.parameters, self.model) = (parameters, Model::new(&parameters, self.physics));
         self.voltage_v = self.model.voltage(&self.state);
     }
 
-    /// Lets `power_w` be drawn for `step_s`: the current follows from the voltage at the start of the step.
+    /// Draws `power_w` for `step_s`: the current follows from the voltage at the start of the step.
     #[inline]
     pub fn draw_power(&mut self, power_w: f64, step_s: f64) {
         self.draw_current(power_w / self.voltage_v.max(LOWEST_SUPPLY_V), step_s);
     }
 
-    /// Lets `current_a` flow for `step_s`.
+    /// Draws `current_a` for `step_s`.
     #[inline]
     pub fn draw_current(&mut self, current_a: f64, step_s: f64) {
         self.state = self
@@ -63,17 +63,17 @@ impl Cell {
     }
 
     /// Wears the parameters by the current of the last step.
-    pub fn wear(&mut self, ageing: &Ageing, step_s: f64) {
+    pub fn wear(&mut self, ageing: &AgeingRates, step_s: f64) {
         self.set_parameters(ageing.worn(&self.parameters, self.current_a, step_s));
     }
 
-    /// Parameters at this time.
+    /// Present parameters.
     #[must_use]
     pub fn parameters(&self) -> &CellParameters {
         &self.parameters
     }
 
-    /// State at this time.
+    /// Present state.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.state

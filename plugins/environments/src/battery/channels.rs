@@ -1,12 +1,12 @@
-//! Names, units and typical values of what a pack shows.
+//! Names, units and typical values of a pack's observed and recorded quantities.
 
 use super::load::LARGEST_W_PER_CELL;
 use super::model::State;
 use contract::{Channel, Metric, PerEpisode, Seat, Space};
 
-/// Mean of max(U, 0.4) for a uniform U: the typical part of the largest demand.
+/// Mean of max(U, 0.4) for a uniform U: the typical fraction of the largest demand.
 const TYPICAL_PART: f64 = 0.58;
-/// Typical deviation from it.
+/// Typical deviation from that fraction.
 const TYPICAL_DEVIATION: f64 = 0.22;
 
 /// `prefix_1` to `prefix_N`.
@@ -21,7 +21,7 @@ fn per_cell(prefix: &str, unit: &str, cells: usize) -> Vec<Channel> {
         .collect()
 }
 
-/// The one seat: voltages, currents and the coming demand in, weights out.
+/// The only seat: voltages, currents and the coming demand are observed, weights are the action.
 pub fn seat(cells: usize) -> Seat {
     let largest_w = LARGEST_W_PER_CELL * cells as f64;
     let voltages = per_cell("voltage", "V", cells)
@@ -39,7 +39,7 @@ pub fn seat(cells: usize) -> Seat {
     }
 }
 
-/// What each step reports; the bound where the pack has one.
+/// Metrics of each step; with the bound where the pack has one.
 pub fn metrics(has_bound: bool) -> Vec<Metric> {
     let mut metrics = vec![
         Metric::new("cycle_length", "", "decisions that the pack survived"),
@@ -59,7 +59,7 @@ pub fn metrics(has_bound: bool) -> Vec<Metric> {
     metrics
 }
 
-/// The full state, one block of N entries per quantity.
+/// Channels of the full state, one block of N entries per quantity.
 pub fn state(cells: usize) -> Vec<Channel> {
     let effective = per_cell("effective_voltage", "V", cells)
         .into_iter()
@@ -73,7 +73,7 @@ pub fn state(cells: usize) -> Vec<Channel> {
     effective.chain(resistance).chain(charge).collect()
 }
 
-/// What a rollout writes; the parameters only where they change.
+/// Channels of a rollout; with the parameters only where they change.
 pub fn trace(cells: usize, ageing: bool) -> Vec<Channel> {
     let mut channels = vec![Channel::new("t_s", "s"), Channel::new("power_w", "W")];
     channels.extend(per_cell("weight", "", cells));

@@ -1,6 +1,6 @@
-//! What a study may say of the `battery` environment.
+//! Config of the `battery` environment.
 
-use super::ageing::Ageing;
+use super::ageing::AgeingRates;
 use super::load::Load;
 use super::parameters::{CellParameters, END_OF_DISCHARGE_V, SECOND_LIFE};
 use super::start::Start;
@@ -17,15 +17,15 @@ use serde_json::json;
                  r_ohm: 0.125, t_diffusion: 7e6}]"
 )]
 pub enum Cells {
-    /// That many new cells.
+    /// This number of new cells.
     Count(#[schemars(range(min = 1, max = 1000))] usize),
     /// A named pack.
     Named(NamedPack),
-    /// Each cell by its parameters; what is left out is that of a new cell.
+    /// Each cell by its parameters; keys left out are those of a new cell.
     Each(#[schemars(length(min = 1))] Vec<CellParameters>),
 }
 
-/// Packs that have a name.
+/// Packs with a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NamedPack {
@@ -36,7 +36,7 @@ pub enum NamedPack {
 }
 
 impl Cells {
-    /// Parameters of every cell.
+    /// Parameters of each cell.
     #[must_use]
     pub fn parameters(&self) -> Vec<CellParameters> {
         match self {
@@ -52,11 +52,12 @@ impl Cells {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BatteryConfig {
-    /// The cells: how many new ones, a named pack (`fresh`, `second_life`), or a list of parameters.
+    /// The cells: the number of new ones, a named pack (`fresh`, `second_life`), or a list of parameters.
     pub cells: Cells,
-    /// True lets each cell's temperature follow its losses; false keeps it, as the authors' public code does.
+    /// Whether each cell's temperature follows its losses; otherwise it stays constant, as in the authors'
+    /// public code.
     pub thermal: bool,
-    /// How long an allocation is held; a whole number of steps.
+    /// Duration of an allocation; a whole number of steps.
     #[schemars(
         range(min = 1e-6),
         extend("x-unit" = "s", "x-source" = "inferred: reproduces the thesis' results without learning")
@@ -64,36 +65,37 @@ pub struct BatteryConfig {
     pub decision_interval_s: f64,
     /// The load of the whole pack.
     pub load: Load,
-    /// The states that episodes start from.
+    /// Initial states of episodes.
     pub start: Start,
     /// An episode terminates when, at the end of a decision, the voltage of any cell is at or below this.
     #[schemars(range(min = 0.0, max = 5.0), extend("x-unit" = "V", "x-source" = "thesis, section 3.4"))]
     pub end_of_discharge_v: f64,
-    /// Adds uniform noise to the states at each step: at most 1e-10 V on the three voltage drops, 1e-3 C on
-    /// the bulk charges, 1e-5 C on the surface charges.
+    /// Whether uniform noise is added to the states at each step: at most 1e-10 V on the three voltage drops,
+    /// 1e-3 C on the bulk charges, 1e-5 C on the surface charges.
     pub process_noise: bool,
-    /// Adds uniform noise of at most 1 mV to observed voltages; the end of discharge is decided by the true
-    /// ones.
+    /// Whether uniform noise of at most 1 mV is added to observed voltages; the end of discharge is decided by
+    /// the true ones.
     pub sensor_noise: bool,
-    /// Wear of the cells from episode to episode: `{}` for the published rates; left out, cells do not wear.
-    /// A worn cell is replaced at the start of an episode when it has reached its end of life, or when a
-    /// start that `start` may ask for lies past its discharge.
-    pub ageing: Option<Ageing>,
+    /// Wear of the cells from episode to episode: `{}` for the published rates; if left out, cells do not wear.
+    /// A worn cell is replaced at the start of an episode when it has reached its end of life, or when a state
+    /// from which `start` may let it begin lies past its discharge.
+    pub ageing: Option<AgeingRates>,
     /// Step of the explicit Euler scheme.
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "s", "x-source" = "progpy 1.9.0"))]
     pub step_s: f64,
-    /// Number of decisions after which an episode is cut off; left out, it lasts until the end of discharge.
+    /// Number of decisions after which an episode is truncated; if left out, it lasts until the end of
+    /// discharge.
     #[schemars(range(min = 1))]
     pub episode_limit: Option<u64>,
-    /// Surface mole fractions are held this far from 0 and 1 in logarithms and roots, which matters only for
-    /// a cell driven past empty. The authors' public code has 0.01, which also changes the voltage of a cell
+    /// Distance that surface mole fractions keep from 0 and 1 in logarithms and roots; it matters only for a
+    /// cell driven past empty. The authors' public code has 0.01, which also changes the voltage of a cell
     /// below 1.7 % charge.
     #[schemars(range(min = 1e-9, max = 0.1))]
     pub mole_fraction_margin: f64,
-    /// How far the sum of the weights may lie above 1 before an allocation is refused; below 1, where the
-    /// pack would deliver less than the demand, it may lie by a rounding error only. Rule IV of thesis table
-    /// 3.3 sums to 1.05 as printed, and only applied so, with the pack delivering 5 % more than the demand,
-    /// does it give the published life.
+    /// Largest excess of the sum of the weights over 1; below 1, where the pack would deliver less than the
+    /// demand, only a rounding error is allowed. Rule IV of thesis table 3.3 sums to 1.05 as printed, and it
+    /// gives the published life only when it is applied in this form, with the pack delivering 5 % more than
+    /// the demand.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub weight_sum_tolerance: f64,
 }
@@ -274,7 +276,7 @@ mod tests {
         let old = Cells::Each(vec![CellParameters::aged(5000.0, 0.2)]);
         let worn_out = BatteryConfig {
             cells: old,
-            ageing: Some(Ageing::default()),
+            ageing: Some(AgeingRates::default()),
             ..Default::default()
         };
         assert!(

@@ -1,4 +1,4 @@
-//! The environment's own promises: life of a pack under fixed rules, ends, noise, wear, snapshots.
+//! Properties of the environment: life of a pack under fixed rules, ends, noise, wear, snapshots.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn rng(name: &str) -> Rng {
     contract::random::stream(&["battery", name])
 }
 
-/// A rule of the thesis: the weights, low to high, go to the cells by rising voltage.
+/// A rule of the thesis: the weights, from low to high, go to the cells in the order of rising voltage.
 fn by_rank(weights: [f64; 4], observation: &[f64]) -> Vec<f64> {
     let mut order = [0, 1, 2, 3];
     order.sort_by(|a, b| observation[*a].total_cmp(&observation[*b]));
@@ -20,7 +20,8 @@ fn by_rank(weights: [f64; 4], observation: &[f64]) -> Vec<f64> {
     ranked
 }
 
-/// Decisions survived over `episodes` episodes; equal names of episodes give equal starts and loads.
+/// Mean number of decisions survived over `episodes` episodes; equal names of episodes give equal starts and
+/// loads.
 fn life(config: &BatteryConfig, weights: [f64; 4], episodes: usize) -> f64 {
     let mut battery = Battery::new(config.clone()).unwrap();
     (0..episodes)
@@ -41,10 +42,9 @@ fn episode_length(battery: &mut Battery, weights: [f64; 4], rng: &mut Rng) -> f6
     }
 }
 
-/// Life under the four rules of thesis table 3.3 over that of an equal split. An independent implementation
-/// of the same setting has 0.823, 0.361, 0.073 and 0.120, and 119 decisions (2000 episodes). The weights of
-/// rule IV are applied as printed, with their sum of 1.05; divided by it, they give 0.19 in place of the
-/// thesis' 0.120.
+/// Life under the four rules of thesis table 3.3 relative to an equal split. An independent implementation of
+/// the same setting has 0.823, 0.361, 0.073 and 0.120, and 119 decisions (2000 episodes). The weights of rule
+/// IV are applied as printed, with their sum of 1.05; normalised, they give 0.19 instead of the thesis' 0.120.
 #[test]
 fn rules_shorten_the_life_as_calibrated() {
     let (config, episodes) = (BatteryConfig::default(), 300);
@@ -144,7 +144,7 @@ fn energy_is_power_times_time_and_a_current_is_shared_by_the_weights() {
 }
 
 #[test]
-fn what_is_no_allocation_is_refused() {
+fn an_action_outside_the_simplex_is_refused() {
     let mut battery = Battery::new(BatteryConfig::default()).unwrap();
     let mut rng = rng("allocation");
     battery.reset(&mut rng).unwrap();
@@ -224,10 +224,10 @@ fn noise_is_small_and_only_where_asked_for() {
 /// A cell wears from episode to episode and is replaced once its capacity is below the end of life.
 #[test]
 fn worn_cells_are_replaced() {
-    let ageing = Ageing {
+    let ageing = AgeingRates {
         q_mobile_rate: -0.1,
         r_rate: 0.0,
-        ..Ageing::default()
+        ..AgeingRates::default()
     };
     let config = BatteryConfig {
         start: Start::Full,
@@ -256,9 +256,9 @@ fn worn_cells_are_replaced() {
 /// High resistance keeps a cell from reaching late starts long before its capacity is gone.
 #[test]
 fn cells_that_no_longer_reach_their_start_are_replaced() {
-    let ageing = Ageing {
+    let ageing = AgeingRates {
         r_rate: 1e-4,
-        ..Ageing::default()
+        ..AgeingRates::default()
     };
     let mut battery = Battery::new(BatteryConfig {
         ageing: Some(ageing),
@@ -278,11 +278,11 @@ fn cells_that_no_longer_reach_their_start_are_replaced() {
     );
 }
 
-/// A restored environment continues to the same bits, also with wear and noise, after a detour through text.
+/// A restored environment continues to the same bits, also with wear and noise, after serialisation to text.
 #[test]
 fn a_snapshot_continues_to_the_same_bits() {
     let config = BatteryConfig {
-        ageing: Some(Ageing::default()),
+        ageing: Some(AgeingRates::default()),
         process_noise: true,
         sensor_noise: true,
         thermal: true,
@@ -318,7 +318,7 @@ fn a_snapshot_continues_to_the_same_bits() {
 
 #[test]
 fn every_value_has_its_channel() {
-    for ageing in [None, Some(Ageing::default())] {
+    for ageing in [None, Some(AgeingRates::default())] {
         let mut battery = Battery::new(BatteryConfig {
             cells: Cells::Count(3),
             ageing,

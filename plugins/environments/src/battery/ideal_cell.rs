@@ -1,10 +1,10 @@
-//! A cell that carries at least what any real one with the same charge carries: the yardstick of
+//! A cell that survives every power that a real cell with the same charge survives: the yardstick of
 //! [`LifeBound`](super::life_bound).
 //!
 //! It has the electrodes and the resistance of the real cell, begins a decision at rest and has no
-//! overpotentials at its surfaces. Let x be the mean mole fraction of the negative electrode, d how far its
-//! surface lies below the mean, U the voltage at rest, R the resistance and i = p / V the current of a power
-//! p. Then
+//! overpotentials at its surfaces. Let x be the mean mole fraction of the negative electrode, d the amount by
+//! which the surface lies below the mean, U the voltage at rest, R the resistance and i = p / V the current of
+//! a power p. Then
 //!
 //! `V = U(x - d) - Vo`, `x' = x - i dt / q`, `d' = (1 - b dt) d + 9 i dt / q`, `Vo' = (1 - dt / t_o) Vo + (dt
 //! / t_o) R i`,
@@ -26,15 +26,15 @@ use super::cell::LOWEST_SUPPLY_V;
 use super::model::{BULK_VOLUME, SURFACE_VOLUME, resting_voltage};
 use super::parameters::{CellParameters, MOLE_FRACTION_N_MAX, SURFACE_FRACTION, TIME_OHMIC_S};
 
-/// How much faster the surface layer loses mole fraction than the mean, less one.
+/// Rate at which the surface layer loses mole fraction, relative to the mean, less one.
 const SURFACE_EXCESS: f64 = (1.0 - SURFACE_FRACTION) / SURFACE_FRACTION;
-/// Of a longer decision only so many steps are looked at: the voltage falls from step to step, so that fewer
-/// steps make the ideal cell only better.
+/// Most steps of a decision that are computed: the voltage falls from step to step, so that fewer steps only
+/// make the ideal cell better.
 const MOST_STEPS: usize = 256;
-/// Relative width of the bracket that the search for a power ends with.
+/// Relative width of the bracket at the end of the search for a power.
 const BRACKET: f64 = 1e-3;
 
-/// How decisions pass, and what ends them.
+/// Duration of decisions, and the voltage that ends them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decisions {
     /// Length of a step, s.
@@ -60,8 +60,8 @@ pub struct IdealCell {
 }
 
 impl IdealCell {
-    /// The ideal cell beside a cell with `parameters`; `None` where the steps are so long that the argument
-    /// does not hold.
+    /// The ideal cell for a cell with `parameters`; `None` where the steps are too long for the argument in the
+    /// header.
     #[must_use]
     pub fn new(parameters: &CellParameters, decisions: Decisions) -> Option<Self> {
         let mixing = decisions.step_s * (1.0 / BULK_VOLUME + 1.0 / SURFACE_VOLUME) / parameters.t_diffusion;
@@ -76,8 +76,8 @@ impl IdealCell {
         })
     }
 
-    /// A power that takes the cell, at rest with mean mole fraction `x`, to its end within one decision; the
-    /// least such power to one part in a thousand. `near_w` is where the search begins.
+    /// Least power, to one part in a thousand, that takes the cell from rest at mean mole fraction `x` to its
+    /// end within one decision, W. `near_w` is the beginning of the search.
     #[must_use]
     pub fn fatal_power_w(&self, x: f64, near_w: f64) -> f64 {
         let reserve = |power_w: f64| self.voltage_after(x, power_w) - self.decisions.end_v;
@@ -87,12 +87,12 @@ impl IdealCell {
         }
         let (mut low, mut high) = ((0.0, at_rest), (near_w.max(0.1), reserve(near_w.max(0.1))));
         while high.1 > 0.0 {
-            // The fall of the voltage is convex in the power: drawn out as a straight line, it reaches the
+            // The fall of the voltage is convex in the power: a straight line through both points reaches the
             // end too late.
             let power_w = high.0 * (at_rest / (at_rest - high.1)).max(1.0 + BRACKET);
             (low, high) = (high, (power_w, reserve(power_w)));
         }
-        // Regula falsi; halving the value of an end that stays (Illinois) keeps it from staying for long.
+        // Regula falsi; halving the value of an end that stays (Illinois) speeds up its convergence.
         while high.0 - low.0 > BRACKET * high.0 {
             let power_w = low.0 + (high.0 - low.0) * low.1 / (low.1 - high.1);
             let found = reserve(power_w);
@@ -205,8 +205,8 @@ mod tests {
         assert!(voltages.is_sorted_by(|a, b| a < b));
     }
 
-    /// Without the overpotentials of the surfaces (about 2 mV after ten seconds from rest), the ideal cell is
-    /// the real one.
+    /// Without the overpotentials of the surfaces (about 2 mV ten seconds after rest), the ideal cell is the
+    /// real one.
     #[test]
     fn a_rested_cell_behaves_nearly_as_the_ideal_one() {
         for (x, power_w) in [(0.1, 8.0), (0.3, 15.0), (0.5, 20.0)] {
@@ -254,8 +254,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever a cell went through, no power that is fatal to the ideal cell with its charge leaves it
-        /// alive, and a decision that it survives saw no collapse.
+        /// Whatever the history of a cell, a power that is fatal to the ideal cell with its charge is fatal to
+        /// it, and a decision that it survives has no collapse.
         #[test]
         fn no_real_cell_carries_more(
             charge in 0.03_f64..1.0,

@@ -1,4 +1,4 @@
-//! More decisions than any controller survives in an episode, whatever it knows: `cycle_length_bound`.
+//! An upper bound on the decisions that any controller survives in an episode: `cycle_length_bound`.
 //!
 //! The bound rests on three facts about a pack whose cells are only discharged. S_t is the power that the
 //! pack delivers in decision t, at least the demand; a decision lasts T seconds.
@@ -7,24 +7,24 @@
 //!    fatal to the [`IdealCell`] with its stored energy `w_k`, the energy that the cell would give at rest,
 //!    without losses, until its voltage at rest is at the end of discharge. So `S_t < sum_k pi_k(w_k)`.
 //! 2. **Energy.** A terminal voltage is the voltage at rest of the charge that is left, less the ohmic drop,
-//!    less what only lowers it. Multiplied by the current and summed over steps: stored energy falls by at
-//!    least what is delivered and what the ohmic drop takes.
+//!    less terms that only lower it. Multiplied by the current and summed over steps: stored energy falls by at
+//!    least the delivered energy and the loss in the ohmic drop.
 //! 3. **Losses.** The ohmic drop is the resistance times the current's recent past, forgotten with a time
 //!    constant of 6 s, so the loss is a quadratic form in the powers of the decisions. Where that form is
 //!    convex, the loss of a pack is least when all decisions are shared in one fixed proportion, so it is at
 //!    least `r` times the form of S, with `1 / r = sum_k U_k^2 / R_k`: a current is at least the power over
 //!    the voltage U_k at rest at the start of the episode.
 //!
-//! From 2 and 3 follows how much stored energy is gone before decision t. How it is spread over the cells is
-//! the controller's choice, so the greatest right-hand side of 1 is taken: each `pi_k` is replaced by a
-//! concave function above it, and energy is taken where a joule costs the least power. The bound is the
-//! number of decisions before the first whose demand exceeds that. It looks at the start of an episode and
-//! its demands alone, so it is the same for all agents.
+//! Facts 2 and 3 bound the stored energy that is gone before decision t from below. Its distribution over the
+//! cells is the controller's choice, so the greatest right-hand side of 1 is taken: each `pi_k` is replaced by
+//! a concave function above it, and energy is taken where a joule costs the least power. The bound is the
+//! number of decisions before the first whose demand exceeds that. It depends only on the start of an episode
+//! and its demands, so it is the same for all agents.
 //!
-//! It is no controller's life: it lets every cell rest before every decision, forgets the overpotentials of
-//! the surfaces and lets the controller empty cells as it likes. Where the facts do not hold (cells that warm
-//! up or wear, noise in the states, starts given state by state, loads in ampere, from a file or of 0 W, a
-//! surface that counts as full before its voltage is at the end of discharge), there is no bound.
+//! The bound need not be attained: it lets every cell rest before every decision, neglects the overpotentials
+//! of the surfaces and lets the controller empty cells in any order. There is no bound where the facts do not
+//! hold: cells that warm up or wear, noise in the states, starts given state by state, loads in ampere, from a
+//! file or of 0 W, a surface that counts as full before its voltage is at the end of discharge.
 
 use super::cell::Cell;
 use super::config::BatteryConfig;
@@ -35,7 +35,7 @@ use super::parameters::{CellParameters, MOLE_FRACTION_N_MAX, TIME_OHMIC_S};
 use super::start::Start;
 use crate::simplex::SUM_TOLERANCE;
 
-/// Charges at which the fatal power of a cell is worked out.
+/// Number of charges at which the fatal power of a cell is computed.
 const GRID: usize = 128;
 
 /// The bound for the packs of one config.
@@ -46,13 +46,13 @@ pub struct LifeBound {
     cells: Vec<IdealCell>,
     /// Kind of each cell: equal cells share their pieces.
     kinds: Vec<usize>,
-    /// What all cells could carry without any energy left, W: where the concave functions begin.
+    /// Power of all cells without stored energy, W: the beginning of the concave functions.
     floor_w: f64,
-    /// The most that one cell carries, W.
+    /// Largest power of one cell, W.
     greatest_w: f64,
     /// Pieces of the concave functions of all kinds, by rising slope.
     pieces: Vec<Piece>,
-    /// Stored energy per charge that does not count: below the end of discharge, V.
+    /// Voltage at the end of discharge, V: stored energy per charge below it does not count.
     lost_v: f64,
     memory: OhmicMemory,
 }
@@ -115,7 +115,7 @@ impl LifeBound {
         Some(bound)
     }
 
-    /// Works out the concave functions.
+    /// Computes the concave functions.
     fn add_pieces(&mut self, least: f64) {
         for (kind, cell) in self
             .cells
@@ -140,8 +140,7 @@ impl LifeBound {
         self.pieces.sort_by(|a, b| a.slope.total_cmp(&b.slope));
     }
 
-    /// Decisions that cannot be exceeded from this start of an episode, with these demands of its decisions,
-    /// W.
+    /// Upper bound on the decisions from this start of an episode with these demands of its decisions, W.
     pub fn decisions(&self, cells: &[Cell], demands_w: impl Iterator<Item = f64>) -> u64 {
         let filled: Vec<f64> = cells
             .iter()
@@ -168,7 +167,7 @@ impl LifeBound {
         survived
     }
 
-    /// Mean mole fraction of the negative electrode; an empty one has neither voltage nor energy.
+    /// Mean mole fraction of the negative electrode, at least that of an empty one.
     fn mean_fraction(&self, cell: &Cell, ideal: &IdealCell) -> f64 {
         (cell.state().charge_c() * ideal.fraction_per_c()).max(self.decisions.empty)
     }
@@ -198,8 +197,8 @@ fn mole_fraction_at(voltage_v: f64, empty: f64) -> f64 {
     low
 }
 
-/// Stored energy, J, and a power that is fatal to every cell with less energy than the next point: steps
-/// above the true function.
+/// Pairs of stored energy, J, and a power that is fatal to every cell with less energy than the next pair:
+/// steps above the true function.
 fn capability(cell: &IdealCell, least: f64, lost_v: f64) -> Vec<(f64, f64)> {
     let at = |index: usize| {
         let part = index as f64 / GRID as f64;
@@ -218,7 +217,7 @@ fn capability(cell: &IdealCell, least: f64, lost_v: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Corners of the least concave function above some points, which are in the order of their first entries.
+/// Corners of the least concave function above some points, which are sorted by their first entries.
 fn concave(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut corners: Vec<(f64, f64)> = Vec::new();
     for &point in points {
@@ -235,16 +234,16 @@ fn concave(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     corners
 }
 
-/// What is left in the cells, drained where a joule costs the least power.
+/// Energy left in the cells, drained where a joule costs the least power.
 struct Reserve<'a> {
     bound: &'a LifeBound,
     stored_j: Vec<f64>,
-    /// Energy that may be drained for nothing.
+    /// Energy that may be drained without loss of power, J.
     credit_j: f64,
-    /// The piece that is being drained and what is left of it.
+    /// The piece that is being drained, and its remaining energy.
     piece: usize,
     left_j: f64,
-    /// The greatest power that the cells can carry, W; below 0 without energy.
+    /// Largest power that the cells can deliver, W; below 0 without energy.
     power_w: f64,
 }
 
@@ -271,7 +270,7 @@ impl<'a> Reserve<'a> {
         reserve
     }
 
-    /// How much energy the cells hold on a piece.
+    /// Energy of all cells on a piece, J.
     fn length_j(&self, piece: &Piece) -> f64 {
         let alike = self
             .stored_j
@@ -313,15 +312,15 @@ struct OhmicMemory {
     own_s: f64,
     /// Weight of the powers before it.
     carried_s: f64,
-    /// What is left of the past after a decision.
+    /// Fraction of the past that remains after a decision.
     kept: f64,
 }
 
 impl OhmicMemory {
-    /// With `a` the part of the drop that settles in a step and `g` in a decision of n steps, the form has
+    /// With `a` the fraction of the drop that settles in a step and `g` in a decision of n steps, the form has
     /// `n - g / a` on its diagonal and `(g / a) g (1 - g)^(t - s - 1)` below it. Its symmetric part is positive
-    /// semidefinite, the form convex, where the diagonal is at least `g^2 / (a (2 - g))`; otherwise 0 stands
-    /// for the loss, which is at least that.
+    /// semidefinite, the form convex, where the diagonal is at least `g^2 / (a (2 - g))`; otherwise the loss is
+    /// taken as 0, which is a lower bound.
     fn new(decisions: Decisions) -> Self {
         let (steps, settling) = (decisions.steps as f64, decisions.step_s / TIME_OHMIC_S);
         let kept = (1.0 - settling).powf(steps);
@@ -336,7 +335,7 @@ impl OhmicMemory {
         }
     }
 
-    /// What the next decision adds to the form; `recent_w` is the faded sum of the powers before it.
+    /// Increment of the form by the next decision; `recent_w` is the faded sum of the powers before it.
     fn loss_j(&self, power_w: f64, recent_w: &mut f64) -> f64 {
         let loss = power_w * (self.own_s * power_w + self.carried_s * *recent_w);
         *recent_w = self.kept * *recent_w + (1.0 - self.kept) * power_w;
@@ -385,7 +384,8 @@ mod tests {
         assert!((form - lost_j).abs() < 1e-9, "{form} {lost_j}");
     }
 
-    /// With one step a decision, alternating two sources would lose less than sharing: nothing is counted.
+    /// With one step per decision, alternating between two sources would lose less than sharing: the loss
+    /// counts as 0.
     #[test]
     fn a_form_that_is_not_convex_counts_nothing() {
         let memory = OhmicMemory::new(Decisions {

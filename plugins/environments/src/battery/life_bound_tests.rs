@@ -1,5 +1,5 @@
-//! No controller outlives the bound: rules, controllers that know the state, searches through one and the
-//! same episode, and every allocation of a coarse grid.
+//! No controller exceeds the bound: rules, controllers that know the state, searches over a single episode, and
+//! every allocation of a coarse grid.
 
 use super::*;
 use rand::Rng as _;
@@ -14,10 +14,11 @@ fn rng(pack: &str, episode: usize) -> Rng {
     contract::random::stream(&["life bound", pack, &episode.to_string()])
 }
 
-/// What a controller reads: the environment before a decision, its number, and random numbers of its own.
+/// Chooses weights from the environment before a decision, the decision's number, and a random stream of its
+/// own.
 type Controller<'a> = &'a mut dyn FnMut(&Battery, usize, &mut Rng) -> Vec<f64>;
 
-/// Decisions survived, the bound, and the lowest voltage at the end.
+/// Number of decisions survived, the bound, and the lowest voltage at the end.
 fn play(battery: &mut Battery, mut rng: Rng, controller: Controller<'_>) -> (u64, u64, f64) {
     let mut own = contract::random::stream(&["controller"]);
     battery.reset(&mut rng).unwrap();
@@ -45,7 +46,7 @@ fn normalised(weights: Vec<f64>) -> Vec<f64> {
         .collect()
 }
 
-/// Equal terminal voltages from the true state, as far as the demand goes.
+/// Weights that equalise the terminal voltages, computed from the true state.
 fn level(battery: &Battery) -> Vec<f64> {
     let (state, n) = (battery.state(), battery.cells.len());
     let currents = |v: f64| {
@@ -67,7 +68,7 @@ fn level(battery: &Battery) -> Vec<f64> {
     normalised(currents(low))
 }
 
-/// Shares by rank of the voltage, the last for the highest.
+/// Shares in the order of the voltages, the last share for the highest voltage.
 fn by_rank(battery: &Battery, share: impl Fn(usize) -> f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..battery.cells.len()).collect();
     order.sort_by(|a, b| {
@@ -146,8 +147,8 @@ fn no_rule_and_no_informed_controller_outlives_the_bound() {
     }
 }
 
-/// A search that knows the whole episode: it changes shares at random for a while and keeps what lives
-/// longer.
+/// A search that knows the whole episode: it changes shares at random for a while and keeps changes that
+/// prolong life.
 #[test]
 fn no_search_through_an_episode_outlives_the_bound() {
     const BLOCK: usize = 8;

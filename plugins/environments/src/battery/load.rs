@@ -1,4 +1,4 @@
-//! The load that the pack must carry.
+//! The load of a pack.
 
 use contract::{DataFile, Error, Rng};
 use document::reach::quoted;
@@ -8,17 +8,17 @@ use serde::{Deserialize, Serialize};
 
 /// Largest demand of the thesis' load, W per cell.
 pub const LARGEST_W_PER_CELL: f64 = 15.0;
-/// Smallest part of the largest demand; smaller draws are raised to it.
+/// Smallest fraction of the largest demand; smaller draws are raised to it.
 const SMALLEST_PART: f64 = 0.4;
 
-/// The load of a whole pack.
+/// The load of the whole pack.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Load {
     /// 15 W times the number of cells times max(U, 0.4), U uniform in [0, 1), drawn anew for each decision.
     #[default]
     Thesis,
-    /// A total power drawn uniformly anew for each decision.
+    /// A total power that is drawn uniformly for each decision.
     Uniform {
         /// Smallest total power over all cells.
         #[schemars(range(min = 0.0), extend("x-unit" = "W"))]
@@ -27,20 +27,20 @@ pub enum Load {
         #[schemars(range(min = 0.0), extend("x-unit" = "W"))]
         high_w: f64,
     },
-    /// The same total power at all times.
+    /// A constant total power.
     Constant {
         /// Total power over all cells.
         #[schemars(range(min = 0.0), extend("x-unit" = "W"))]
         power_w: f64,
     },
-    /// The same total current at all times; positive discharges.
+    /// A constant total current; positive discharges.
     ConstantCurrent {
         /// Total current over all cells.
         #[schemars(extend("x-unit" = "A"))]
         current_a: f64,
     },
     /// A CSV file with the columns `t_s` and either `power_w` or `current_a` (totals over all cells). A value
-    /// holds from its time until that of the next row, the last one for ever.
+    /// holds from its time until that of the next row; the last one holds forever.
     File(DataFile),
 }
 
@@ -63,14 +63,14 @@ impl Demand {
     }
 }
 
-/// A load that is ready to be drawn from.
+/// Source of the demands of an episode.
 #[derive(Debug, Clone)]
 pub enum LoadSource {
     /// Uniform in [low, high), at least `floor`, W.
     Drawn { low: f64, high: f64, floor: f64 },
-    /// Always the same.
+    /// The same demand at all times.
     Constant(Demand),
-    /// By time, in rising order of time.
+    /// Demands with their times, sorted by time.
     Rows(Vec<(f64, Demand)>),
 }
 
@@ -78,7 +78,7 @@ impl LoadSource {
     /// Prepares `load` for a pack of `cells` cells.
     ///
     /// # Errors
-    /// [`Error::File`] and [`Error::Config`] where a load file cannot be read or understood.
+    /// [`Error::File`] and [`Error::Config`] for a load file that cannot be read or is invalid.
     pub fn new(load: &Load, cells: usize) -> Result<Self, Error> {
         let largest = LARGEST_W_PER_CELL * cells as f64;
         Ok(match load {
@@ -104,7 +104,7 @@ impl LoadSource {
         })
     }
 
-    /// The least power that a decision can demand, W; `None` for currents and for loads that change within a
+    /// Least power that a decision can demand, W; `None` for currents and for loads that change within a
     /// decision.
     pub fn least_power_w(&self) -> Option<f64> {
         match self {
@@ -125,7 +125,7 @@ impl LoadSource {
         }
     }
 
-    /// The demand at `time_s` within a decision that began with `drawn`: only a file changes within a
+    /// The demand at `time_s` within a decision that began with `drawn`: only loads from a file change within a
     /// decision.
     #[inline]
     pub fn within(&self, drawn: Demand, time_s: f64) -> Demand {
@@ -138,8 +138,8 @@ impl LoadSource {
 
 /// The row that holds at `time_s`; before the first row, the first one.
 fn at(rows: &[(f64, Demand)], time_s: f64) -> Demand {
-    // A step's time is a product of a count and a step size: half a microsecond keeps rounding from missing a
-    // row.
+    // The time of a step is a product of a count and a step size: half a microsecond keeps rounding from
+    // missing a row.
     let begun = rows.partition_point(|(start_s, _)| *start_s <= time_s + 5e-7);
     rows[begun.saturating_sub(1)].1
 }
@@ -188,8 +188,8 @@ fn rows(file: &DataFile) -> Result<Vec<(f64, Demand)>, Error> {
     }
 }
 
-/// The line of a text that a record stands on. The place that the reader tells is that of the end of the
-/// record before it, from which it passes over empty lines.
+/// Line of a record in a text. The reader's position is that of the end of the record before, from which it
+/// skips empty lines.
 fn line_of(record: &csv::StringRecord, text: &str) -> usize {
     let place = record
         .position()
@@ -200,7 +200,7 @@ fn line_of(record: &csv::StringRecord, text: &str) -> usize {
     before.matches('\n').count() + rest[..empty].matches('\n').count() + 1
 }
 
-/// The finite number in `column`, or the text that is none.
+/// The finite number in `column`, or its text as the error.
 fn number(file: &DataFile, record: &csv::StringRecord, column: usize) -> Result<f64, String> {
     let text = record.get(column).unwrap_or_default();
     text.parse()

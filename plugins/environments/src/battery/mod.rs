@@ -1,4 +1,4 @@
-//! A pack of lithium-ion cells in parallel operation: how much of the load each cell carries is the action.
+//! A pack of lithium-ion cells in parallel: the action is the share of the load that each cell carries.
 //!
 //! Thesis, chapter 3. At each decision the pack demands a power P; the action is a vector of weights on the
 //! simplex, and cell k delivers w_k P until the next decision. The episode terminates when a cell reaches its
@@ -13,17 +13,17 @@
 //! | P_t    | `power_demand_w`, W     | demand of the coming decision |
 //!
 //! The current of cell k is w_k P / V_k with the voltage at the start of each step. A load given as a current
-//! is shared by the weights directly; `power_demand_w` is then the current times the mean voltage. The
-//! trace's `power_w` is the mean demand of the last decision.
+//! is shared by the weights directly; `power_demand_w` is then the current times the mean voltage. The trace's
+//! `power_w` is the mean demand of the last decision.
 //!
-//! Beside the result of each episode stands `cycle_length_bound`, the decisions that no controller can exceed
-//! from the same start with the same demands (the module `life_bound`), where the pack has such a bound.
+//! Each episode also has `cycle_length_bound`, an upper bound on the decisions of any controller from the same
+//! start with the same demands (the module `life_bound`), where the pack has such a bound.
 //!
-//! Departures from the thesis, which leaves these open: the length of a decision, the start states, the
-//! parameters of aged cells and the initial currents; see the config for the values and their reasons.
-//! Surface mole fractions are kept 0.001 from 0 and 1 where the authors' public code has 0.01: the lives
-//! under equal split and the rules of table 3.3 are the same, and the voltages of cells below 1.7 % charge
-//! are right.
+//! Departures from the thesis, which leaves these open: the length of a decision, the initial states, the
+//! parameters of aged cells and the initial currents; see the config for the values and their reasons. Surface
+//! mole fractions keep a distance of 0.001 from 0 and 1 where the authors' public code has 0.01: the lives
+//! under equal split and the rules of table 3.3 are the same, and the voltages of cells below 1.7 % charge are
+//! right.
 
 mod ageing;
 mod cell;
@@ -42,7 +42,7 @@ mod oracle_tests;
 mod parameters;
 mod start;
 
-pub use ageing::Ageing;
+pub use ageing::AgeingRates;
 pub use cell::Cell;
 pub use config::{BatteryConfig, Cells, NamedPack};
 pub use load::Load;
@@ -56,7 +56,7 @@ use life_bound::LifeBound;
 use load::{Demand, LoadSource};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
-use start::Starter;
+use start::InitialStates;
 
 /// Half-widths of the process noise, in the order of [`State::NAMES`] (the authors' public code).
 const PROCESS_NOISE: [f64; 8] = [0.0, 1e-10, 1e-10, 1e-10, 1e-3, 1e-5, 1e-3, 1e-5];
@@ -70,7 +70,7 @@ pub struct Battery {
     steps_per_decision: usize,
     new_parameters: Vec<CellParameters>,
     load: LoadSource,
-    starter: Starter,
+    starter: InitialStates,
     bound: Option<LifeBound>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
@@ -78,7 +78,7 @@ pub struct Battery {
     progress: Progress,
 }
 
-/// What changes besides the cells.
+/// State of an episode besides the cells.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Progress {
     /// Steps of the simulator since the start of the episode.
@@ -87,15 +87,15 @@ struct Progress {
     decisions: u64,
     /// Demand of the coming decision.
     demand: Demand,
-    /// Weights of the last decision; none before the first.
+    /// Weights of the last decision; `None` before the first.
     weights: Option<Vec<f64>>,
     /// Mean demand of the last decision, W.
     power_w: Option<f64>,
-    /// Decisions that no controller can exceed in this episode, where that is known.
+    /// Upper bound on the decisions of this episode, where there is one.
     bound: Option<u64>,
 }
 
-/// Everything that a stopped trial needs.
+/// State of the environment in a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Snapshot {
     progress: Progress,
@@ -111,7 +111,7 @@ pub fn build(config: BatteryConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 impl Progress {
-    /// Before the first decision.
+    /// The state before the first decision.
     fn at_start(demand: Demand) -> Self {
         Self {
             steps: 0,
@@ -144,7 +144,7 @@ impl Battery {
         Ok(Self {
             steps_per_decision,
             load,
-            starter: Starter::new(config.start.clone(), &new_parameters, physics)?,
+            starter: InitialStates::new(config.start.clone(), &new_parameters, physics)?,
             seats: vec![channels::seat(count)],
             metrics: channels::metrics(bound.is_some()),
             bound,
@@ -168,7 +168,7 @@ impl Battery {
         self.progress.steps as f64 * self.config.step_s
     }
 
-    /// Puts a new cell in the place of each one that is worn out.
+    /// Replaces each cell that is worn out by a new one.
     fn replace_worn_cells(&mut self) {
         let Some(ageing) = self.config.ageing else { return };
         let end_v = self.config.end_of_discharge_v;
@@ -181,8 +181,7 @@ impl Battery {
         }
     }
 
-    /// Holds `weights` for one decision. Returns the mean power that was asked for, W, and the energy that
-    /// was delivered, J.
+    /// Holds `weights` for one decision. Returns the mean demand, W, and the delivered energy, J.
     fn discharge(&mut self, weights: &[f64], rng: &mut Rng) -> (f64, f64) {
         let (mut power_w, mut energy_j) = (0.0, 0.0);
         for step in 0..self.steps_per_decision {
@@ -193,7 +192,7 @@ impl Battery {
             } else {
                 delivered_j / self.config.step_s
             };
-            // This form of the mean gives back a constant power without rounding.
+            // This form of the mean returns a constant power without rounding.
             power_w += (asked_w - power_w) / (step + 1) as f64;
             energy_j += delivered_j;
             self.progress.steps += 1;
@@ -204,7 +203,7 @@ impl Battery {
         (power_w, energy_j)
     }
 
-    /// One step of the simulator; returns the energy that the cells delivered, J.
+    /// Takes one step of the simulator; returns the energy that the cells delivered, J.
     fn advance(&mut self, weights: &[f64], demand: Demand) -> f64 {
         let step_s = self.config.step_s;
         let mut power_w = 0.0;
@@ -251,8 +250,8 @@ impl Battery {
         }
     }
 
-    /// Demands of the decisions of the episode that begins, W, as steps will draw them: what they draw does
-    /// not depend on actions where the pack has a bound.
+    /// Demands of the decisions of the beginning episode, W, as later steps will draw them: where the pack has
+    /// a bound, the draws do not depend on actions.
     fn demands_to_come(&self, mut rng: Rng) -> impl Iterator<Item = f64> + '_ {
         let next = move |_: &f64| {
             let demand = self.load.draw(0.0, &mut rng);

@@ -13,7 +13,7 @@
 //! | x_s,n, x_s,p       | `x_n`, `x_p`                         |      |
 //! | J_n0, J_p0         | inside `z`, the argument of asinh    | A/m2 |
 //!
-//! Three identities keep the inner loop cheap without changing the equations: the transfer coefficient of one
+//! Three identities keep the inner loop cheap without changing the equations: a transfer coefficient of one
 //! half makes the exchange currents square roots; the two Nernst terms join into one logarithm; and because
 //! x(1-x) = (1-y^2)/4 with y = 2x-1, a Redlich-Kister sum of 13 terms is one polynomial of degree 13 in y.
 
@@ -66,7 +66,7 @@ impl State {
     pub fn rested(parameters: &CellParameters, state_of_charge: f64) -> Self {
         let q_max = parameters.q_mobile_c / MOLE_FRACTION_N_MAX;
         let x_n = MOLE_FRACTION_N_MAX * state_of_charge;
-        // At full charge this is MOLE_FRACTION_P_MIN, when empty 1.
+        // MOLE_FRACTION_P_MIN at full charge, 1 when empty.
         let x_p = MOLE_FRACTION_P_MIN + MOLE_FRACTION_N_MAX * (1.0 - state_of_charge);
         Self {
             temperature_k: AMBIENT_K,
@@ -143,17 +143,17 @@ impl State {
     }
 }
 
-/// What holds for every cell of a pack.
+/// Settings of the physics that all cells of a pack share.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Physics {
-    /// True where the temperature follows the heat of the overpotentials, false where it stays as it starts.
+    /// Whether the temperature follows the heat of the overpotentials; otherwise it stays constant.
     pub thermal: bool,
-    /// Mole fractions are held this far from 0 and 1 inside logarithms and roots, for a cell driven past
+    /// Distance that mole fractions keep from 0 and 1 inside logarithms and roots, for a cell driven past
     /// empty.
     pub mole_fraction_margin: f64,
 }
 
-/// The equations of one cell with everything that its parameters determine worked out.
+/// The equations of one cell, with the terms that depend only on its parameters precomputed.
 #[derive(Debug, Clone, Copy)]
 pub struct Model {
     physics: Physics,
@@ -214,7 +214,7 @@ impl Model {
         (REFERENCE_P_V - REFERENCE_N_V) + nernst + activity
     }
 
-    /// Open-circuit voltage less the slow overpotentials, V: what is left to drive a current through the
+    /// Open-circuit voltage less the slow overpotentials, V: the voltage that drives a current through the
     /// resistance.
     #[must_use]
     pub fn effective_voltage(&self, state: &State) -> f64 {
@@ -229,8 +229,8 @@ impl Model {
         (within(state.layer_n_c), within(state.layer_p_c))
     }
 
-    /// Butler-Volmer overpotentials of the negative and the positive surface that the present current leads
-    /// to, V.
+    /// Butler-Volmer overpotentials of the negative and the positive surface in equilibrium with the present
+    /// current, V.
     #[inline]
     fn steady_overpotentials(&self, state: &State, current_a: f64) -> (f64, f64) {
         const HALF_PER_N: f64 = 0.5 / (SURFACE_AREA_N * EXCHANGE_N);
@@ -275,11 +275,11 @@ pub fn resting_energy(x_n: f64) -> f64 {
     (REFERENCE_P_V - REFERENCE_N_V) * x_n + nernst + activity - SLOPE_N * x_n * (x_n - 1.0)
 }
 
-/// Inverse hyperbolic sine, a relative error of about 1e-14 and several times as quick as the standard
+/// Inverse hyperbolic sine, with a relative error of about 1e-14 and several times as fast as the standard
 /// library's.
 #[inline]
 fn asinh(z: f64) -> f64 {
-    // Taylor coefficients; the first one left out changes the result by less than 2e-15 of it at the limit.
+    // Taylor coefficients; the first omitted one changes the result by a relative 2e-15 at most.
     const SERIES: [f64; 7] = [
         -1.0 / 6.0,
         3.0 / 40.0,
@@ -297,12 +297,12 @@ fn asinh(z: f64) -> f64 {
             .fold(0.0, |sum, coefficient| sum * square + coefficient);
         return z + z * (square * tail);
     }
-    // The logarithm of a sum of positive terms loses no digits; of the difference that a negative z would
-    // give, it would.
+    // The logarithm of a sum of positive terms loses no digits; a negative z would give a difference, which
+    // loses them.
     (z.abs() + (square + 1.0).sqrt()).ln().copysign(z)
 }
 
-/// A polynomial of degree 13 as four interleaved Horner schemes, which a processor works on side by side.
+/// A polynomial of degree 13 as four interleaved Horner schemes, which a processor computes in parallel.
 #[inline]
 fn polynomial(coefficients: &[f64; 14], y: f64) -> f64 {
     let c = coefficients;
@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(State::from_array(entries).to_array(), entries);
     }
 
-    /// The sum as it is printed, term by term.
+    /// The sum term by term, as it is printed.
     fn redlich_kister_as_printed(x: f64) -> f64 {
         let y = 2.0 * x - 1.0;
         let term = |(k, a): (usize, &f64)| {

@@ -1,4 +1,4 @@
-//! The environment against trajectories of other programs (`tests/fixtures/battery`).
+//! The environment compared with trajectories of other programs (`tests/fixtures/battery`).
 
 use super::*;
 use std::{collections::BTreeMap, io::Write, path::PathBuf};
@@ -98,7 +98,7 @@ fn assert_state(battery: &Battery, frame: &Frame, row: usize) {
     );
 }
 
-/// Writes a load file of one row per `(time, load)`.
+/// Writes a load file with one row per `(time, load)`.
 fn load_file(column: &str, rows: impl Iterator<Item = (f64, f64)>) -> (tempfile::NamedTempFile, Load) {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     writeln!(file, "t_s,{column}").unwrap();
@@ -131,7 +131,7 @@ fn start_of(frame: &Frame) -> Start {
     }
 }
 
-/// Steps one cell every second and compares at each row; the last row must be the one that terminates.
+/// Steps one cell every second and compares it with each row; the last row must be the one that terminates.
 fn follow(mut battery: Battery, frame: &Frame) {
     let mut rng = contract::random::stream(&[]);
     battery.reset(&mut rng).unwrap();
@@ -185,7 +185,7 @@ fn wearing_cells_follow_the_reference_program() {
             decision_interval_s: 1.0,
             load: Load::ConstantCurrent { current_a: 2.0 },
             start: Start::Full,
-            ageing: Some(Ageing::default()),
+            ageing: Some(AgeingRates::default()),
             ..Default::default()
         };
         let mut battery = Battery::new(config.clone()).unwrap();

@@ -17,7 +17,7 @@ pub const MOLE_FRACTION_N_MAX: f64 = 0.6;
 pub const MOLE_FRACTION_P_MIN: f64 = 0.4;
 /// Electrode volume, m3.
 pub const VOLUME: f64 = 2e-5;
-/// Part of an electrode's volume that is its surface layer.
+/// Fraction of an electrode's volume that is its surface layer.
 pub const SURFACE_FRACTION: f64 = 0.1;
 
 /// Surface area of the negative electrode Sn, m2.
@@ -71,7 +71,7 @@ pub const TIME_THERMAL_S: f64 = 100.0;
 /// Terminal voltage at which a cell counts as discharged, V.
 pub const END_OF_DISCHARGE_V: f64 = 3.0;
 
-/// What differs from cell to cell, and what ageing changes.
+/// The parameters that differ between cells and that ageing changes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CellParameters {
@@ -83,9 +83,9 @@ pub struct CellParameters {
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "ohm",
         "x-source" = "Daigle and Kulkarni 2013"))]
     pub r_ohm: f64,
-    /// Resistance D to diffusion between bulk and surface: the difference of their charge concentrations
-    /// (C/m3) over D is the charge that flows per second. The source calls it a diffusion constant, though a
-    /// larger one is slower.
+    /// Resistance D to diffusion between bulk and surface: the difference of their charge concentrations (C/m3)
+    /// over D is the charge that flows per second. The source calls it a diffusion constant, though a larger
+    /// one means slower diffusion.
     #[schemars(range(min = 1e4, max = 1e12), extend("x-unit" = "s/m3",
         "x-source" = "Daigle and Kulkarni 2013"))]
     pub t_diffusion: f64,
@@ -99,7 +99,7 @@ impl CellParameters {
         t_diffusion: 7e6,
     };
 
-    /// A cell with less capacity and more resistance, and the diffusion of a new one.
+    /// A cell with less capacity and more resistance, but with the diffusion of a new one.
     #[must_use]
     pub const fn aged(q_mobile_c: f64, r_ohm: f64) -> Self {
         Self {
@@ -116,8 +116,8 @@ impl Default for CellParameters {
     }
 }
 
-/// Four cells of a second-life pack: less capacity and more resistance from cell to cell. The thesis gives no
-/// values; these leave room for its reported gain of 151 % over an equal split.
+/// Four cells of a second-life pack, each with less capacity and more resistance than the one before. The
+/// thesis gives no values; these leave room for its reported gain of 151 % over an equal split.
 pub const SECOND_LIFE: [CellParameters; 4] = [
     CellParameters::aged(7000.0, 0.125),
     CellParameters::aged(6600.0, 0.135),

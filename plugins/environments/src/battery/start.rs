@@ -1,8 +1,7 @@
-//! The states that episodes start from.
+//! Initial states of episodes.
 //!
-//! Most starts are points of a *profile*: the discharge of one cell from full at a constant 8 W, one state
-//! per second. Taking states from an operating discharge gives cells whose overpotentials are those of a cell
-//! at work.
+//! Most starts are points of a *profile*: the discharge of one cell from full at a constant 8 W, one state per
+//! second. States from an operating discharge give cells the overpotentials of a cell at work.
 
 use super::cell::Cell;
 use super::model::{Model, Physics, State};
@@ -45,7 +44,7 @@ impl Default for Start {
 }
 
 impl Start {
-    /// The key of a start from a profile and the largest index of it that cell `cell` can be given.
+    /// The config key of a start from a profile and the largest index that cell `cell` can get from it.
     fn last_index(&self, cell: usize) -> Option<(&'static str, usize)> {
         match self {
             Start::ProfileIndex(indices) => Some(("start.profile_index", indices[cell])),
@@ -55,19 +54,19 @@ impl Start {
     }
 }
 
-/// A start with the profiles that it needs.
+/// The initial states of a config, with the profiles that they need.
 #[derive(Debug, Clone)]
-pub struct Starter {
+pub struct InitialStates {
     start: Start,
     physics: Physics,
     profiles: Vec<Arc<[State]>>,
 }
 
-impl Starter {
+impl InitialStates {
     /// Prepares `start` for cells with `parameters`.
     ///
     /// # Errors
-    /// [`Error::Config`] where a list has not one entry per cell or an index lies outside a profile.
+    /// [`Error::Config`] where a list does not have one entry per cell or an index lies outside a profile.
     pub fn new(start: Start, parameters: &[CellParameters], physics: Physics) -> Result<Self, Error> {
         check_length(&start, parameters.len())?;
         let profiles = if start.last_index(0).is_some() {
@@ -91,8 +90,8 @@ impl Starter {
         })
     }
 
-    /// Makes the profile of cell `cell` anew for worn parameters. False where some start of it now lies at or
-    /// below `end_of_discharge_v`.
+    /// Computes the profile of cell `cell` for worn parameters. Returns `false` where one of its starts now
+    /// lies at or below `end_of_discharge_v`.
     pub fn renew(&mut self, cell: usize, parameters: &CellParameters, end_of_discharge_v: f64) -> bool {
         let Some((_, last)) = self.start.last_index(cell) else {
             return true;
@@ -104,8 +103,8 @@ impl Starter {
             .is_some_and(|state| model.voltage(state) > end_of_discharge_v)
     }
 
-    /// Puts every cell into its start. A cell from a profile carries the profile's current at that state, 8 W
-    /// / V, others none.
+    /// Puts every cell into its initial state. A cell from a profile has the profile's current at that state, 8
+    /// W / V, others have none.
     pub fn place(&self, cells: &mut [Cell], rng: &mut Rng) {
         for (index, cell) in cells.iter_mut().enumerate() {
             let rested = |charge: f64, cell: &Cell| State::rested(cell.parameters(), charge);
@@ -146,7 +145,7 @@ fn profiles(parameters: &[CellParameters], physics: Physics) -> Vec<Arc<[State]>
     parameters.iter().filter_map(find).collect()
 }
 
-/// The discharge of a full cell at 8 W, one state per second, whatever the step size of the environment.
+/// The discharge of a full cell at 8 W, one state per second, independent of the environment's step size.
 fn profile(parameters: &CellParameters, physics: Physics) -> Arc<[State]> {
     let mut cell = Cell::new(*parameters, physics);
     let mut states = vec![*cell.state()];
@@ -198,7 +197,7 @@ mod tests {
     #[test]
     fn indices_stay_in_their_range_and_differ_between_cells() {
         let parameters = [CellParameters::FRESH; 3];
-        let starter = Starter::new(Start::ProfileRange([500, 503]), &parameters, PHYSICS).unwrap();
+        let starter = InitialStates::new(Start::ProfileRange([500, 503]), &parameters, PHYSICS).unwrap();
         let mut cells = parameters.map(|one| Cell::new(one, PHYSICS));
         let mut rng = contract::random::stream(&["start"]);
         let mut seen = [[false; 3]; 3];
@@ -225,7 +224,7 @@ mod tests {
             Start::ProfileRange([7, 9000]),
         ] {
             assert!(matches!(
-                Starter::new(start, &[CellParameters::FRESH; 4], PHYSICS),
+                InitialStates::new(start, &[CellParameters::FRESH; 4], PHYSICS),
                 Err(Error::Config { .. })
             ));
         }
@@ -234,7 +233,7 @@ mod tests {
     #[test]
     fn an_index_past_the_profile_names_the_cell() {
         let parameters = [CellParameters::FRESH, CellParameters::aged(4000.0, 0.2)];
-        let error = Starter::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS)
+        let error = InitialStates::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS)
             .unwrap_err()
             .to_string();
         assert!(

@@ -1,17 +1,17 @@
-//! A cost that no policy can go below: that of the best one which sees all states.
+//! A lower bound on the cost of every policy: the cost of the best policy that observes all states.
 //!
-//! Backward induction over the joint states (4^5) and the sets of components that are replaced (2^5):
-//! `V_t(s) = min_a c(s, a) + gamma sum_s' P(s' given s, a) V_(t+1)(s')`, `V_T = 0`. Whoever sees the states needs no
-//! inspection; whoever does not knows less and pays as much, so the expected cost of every policy is at least
+//! Backward induction over the joint states (4^5) and the sets of components that are replaced (2^5): `V_t(s) =
+//! min_a c(s, a) + gamma sum_s' P(s' given s, a) V_(t+1)(s')`, `V_T = 0`. A policy that observes the states
+//! needs no inspection; any other policy knows less and pays the same costs, so its expected cost is at least
 //! `V_0(all new)`.
 
 use super::components::{COMPONENTS, FAILED, Matrix, N_COMPONENTS, N_STATES, worn};
 
-/// What the state of a component is multiplied by in a joint state, which is a number of base 4.
+/// Factor of each component's state in the joint state, a number in base 4.
 const STRIDES: [usize; N_COMPONENTS] = [1, 4, 16, 64, 256];
 const N_JOINT: usize = 1024;
 
-/// What the bound depends on.
+/// The parameters of the bound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Problem {
     /// Components that must work.
@@ -22,7 +22,7 @@ pub struct Problem {
     pub discount: f64,
     /// Cost of a step in which fewer work.
     pub failure_cost: f64,
-    /// How many times as likely as published a component leaves a state within a step, 0 to 3.
+    /// Factor of the published probabilities that a component leaves a state within a step, 0 to 3.
     pub wear: f64,
 }
 
@@ -77,7 +77,7 @@ fn replacement_cost(set: usize) -> f64 {
     costs.map(|(_, component)| component.replacement_cost).sum()
 }
 
-/// Values a step ahead by joint state: one component's next state is averaged over after the other.
+/// Values one step ahead by joint state, averaged over one component's next state after the other.
 fn expected(values: &[f64], transitions: &[[Matrix; 2]; N_COMPONENTS], set: usize) -> Vec<f64> {
     let mut values = values.to_vec();
     for (component, of) in transitions.iter().enumerate() {
@@ -111,8 +111,8 @@ mod tests {
         }
     }
 
-    /// New components need two steps to fail, and where a failure costs less than any replacement all are left alone:
-    /// the third step costs what it does with the probability that some component has failed by then.
+    /// New components need two steps to fail, and where a failure costs less than any replacement, none is
+    /// replaced: the third step costs a failure with the probability that some component has failed by then.
     #[test]
     fn a_short_horizon_by_hand() {
         assert_eq!(least_cost(&problem(5, 2, 2400.0)), 0.0);
@@ -126,7 +126,7 @@ mod tests {
             .product();
         let left_alone = 0.99_f64.powi(2) * (1.0 - all_work);
         assert!((least_cost(&problem(5, 3, 10.0)) - 10.0 * left_alone).abs() < 1e-12);
-        // Where it costs more, replacements pay.
+        // Where a failure costs more, replacements pay.
         assert!(least_cost(&problem(5, 3, 2400.0)) < 0.9 * 2400.0 * left_alone);
     }
 

@@ -1,4 +1,4 @@
-//! The five published components: how they deteriorate, what replacing and inspecting them costs and shows.
+//! The five published components: deterioration, costs, and outcomes of replacements and inspections.
 
 /// Damage states; the last one is failure.
 pub const N_STATES: usize = 4;
@@ -10,22 +10,22 @@ pub const N_COMPONENTS: usize = 5;
 /// Probabilities of the next state (columns) by state (rows).
 pub type Matrix = [[f64; N_STATES]; N_STATES];
 
-/// A component.
+/// A component's deterioration, costs and accuracies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Component {
-    /// Deterioration within a step, from the states that work; failed components stay failed.
+    /// Probabilities of deterioration within a step, from the working states; failed components stay failed.
     pub deterioration: [[f64; N_STATES]; FAILED],
     /// Cost of a replacement.
     pub replacement_cost: f64,
     /// Cost of an inspection.
     pub inspection_cost: f64,
-    /// Probability that a replacement leaves the component as new; it is as before otherwise.
+    /// Probability that a replacement makes the component new; otherwise it stays as before.
     pub replacement_accuracy: f64,
-    /// Probability q that an inspection shows the state that there is.
+    /// Probability q that an inspection shows the true state.
     pub inspection_accuracy: f64,
 }
 
-/// "hard-k-of-5" of imprl.
+/// The components of "hard-k-of-5" in imprl.
 pub const COMPONENTS: [Component; N_COMPONENTS] = [
     Component {
         deterioration: [
@@ -84,7 +84,7 @@ pub const COMPONENTS: [Component; N_COMPONENTS] = [
     },
 ];
 
-/// The published components where each leaves a state `wear` times as likely as published.
+/// The published components with `wear` times their probabilities of leaving a state.
 ///
 /// `wear` is at most 3, so that probabilities stay below 1.
 #[must_use]
@@ -110,7 +110,7 @@ impl Component {
         }
     }
 
-    /// Where the component is a step later, by where it is, `D`; after a replacement `R D`.
+    /// Probabilities of the state one step later, by the present state: `D`, and `R D` after a replacement.
     #[must_use]
     pub fn transition(&self, replaced: bool) -> Matrix {
         let [new, worn, bad] = self.deterioration;
@@ -122,8 +122,9 @@ impl Component {
         d.map(|row| std::array::from_fn(|to| accuracy * d[0][to] + (1.0 - accuracy) * row[to]))
     }
 
-    /// Probability of each reading (columns) by state (rows) after a step. A failure is seen always; of components
-    /// that work an inspection shows the state or a neighbour of it, and nothing else shows anything.
+    /// Probability of each reading (columns) by state (rows) after a step. A failure always shows; for working
+    /// components an inspection shows the state or a neighbour of it, and without an inspection the reading is
+    /// uninformative.
     #[must_use]
     pub fn readings(&self, inspected: bool) -> Matrix {
         let failed = [0.0, 0.0, 0.0, 1.0];

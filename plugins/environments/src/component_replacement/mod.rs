@@ -1,30 +1,31 @@
 //! Replacements and inspections of five different components, of which at least k must work.
 //!
-//! The system "hard-k-of-5" of imprl (P. Bhattacharjee and others, github.com/omniscientoctopus/imprl). A component
-//! has one of four damage states, 0 (new) to 3 (failed), which nobody sees unless it has failed ([`components`]); a
-//! seat is a component.
+//! The system "hard-k-of-5" of imprl (P. Bhattacharjee and others, github.com/omniscientoctopus/imprl). A
+//! component has one of four damage states, 0 (new) to 3 (failed), which is hidden unless it has failed
+//! ([`components`]); a seat is a component.
 //!
 //! | symbol | here | shape, range |
 //! |---|---|---|
 //! | s_i | `damage`, state of component i | 0 to 3 |
 //! | b_i(s) | `belief_0` .. `belief_3` of component i | `[4]`, sums to 1 |
 //! | o_i | `reading` of component i after a step | 0 to 3 |
-//! | t / T | `time`, the part of the episode that is over | in [0, 1] |
+//! | t / T | `time`, the elapsed fraction of the episode | in [0, 1] |
 //! | gamma | `discount` | |
 //!
 //! A step: every seat earns `-gamma^t (c + 2400 [fewer than k work])`, with the costs c of the replacements and
-//! inspections and the states before the step, also of components that are replaced in it. Then states change by the
-//! action (a replacement may fail), readings are drawn of the states after it, and beliefs follow:
-//! `b'(s') = P(o given s', a) sum_s P(s' given s, a) b(s)`, normalised.
+//! inspections and the states before the step, also of components that are replaced in it. Then states change
+//! by the action (a replacement may fail), readings are drawn from the new states, and beliefs follow: `b'(s')
+//! = P(o given s', a) sum_s P(s' given s, a) b(s)`, normalised.
 //!
-//! All seats see the time and the beliefs of all components. The full state has the step, the damage and the readings.
+//! All seats observe the time and the beliefs of all components. The full state has the step, the damage and
+//! the readings.
 //!
-//! `unread_inspections` adds two choices, `inspect_unread` and `replace_and_inspect_unread`: the inspection is paid and
-//! shows nothing. The published baseline with periodic inspections does just that: it charges inspections which it
-//! never sends to the system.
+//! `unread_inspections` adds two choices, `inspect_unread` and `replace_and_inspect_unread`: the inspection is
+//! paid but its result is not read. The published baseline with periodic inspections does this: it charges
+//! inspections which it never sends to the system.
 //!
 //! Metrics, sums over an episode, discounted: `cost` and its parts `replacement_cost`, `inspection_cost` and
-//! `failure_cost`; and `least_cost`, which no policy can go below in expectation ([`bound`]).
+//! `failure_cost`; and `least_cost`, a lower bound on the expected cost of every policy ([`bound`]).
 
 pub mod bound;
 pub mod components;
@@ -45,25 +46,25 @@ use std::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ComponentReplacementConfig {
-    /// Components k of five that must work, or the step costs `failure_cost`.
+    /// Number k of the five components that must work; a step with fewer costs `failure_cost`.
     #[schemars(range(min = 1, max = 5), extend("x-source" = "imprl, hard-k-of-5"))]
     pub required: usize,
     /// Steps of an episode.
     #[schemars(range(min = 1, max = 1000), extend("x-source" = "imprl, hard-k-of-5"))]
     pub horizon: usize,
-    /// What costs are multiplied by for each step that they lie ahead; within the reward, so that returns are plain
-    /// sums.
+    /// Discount factor of costs per step; it is part of the reward, so that returns are plain sums.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "imprl, hard-k-of-5"))]
     pub discount: f64,
     /// Cost of a step in which fewer than `required` components work.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "imprl: three times the cost of all replacements"))]
     pub failure_cost: f64,
-    /// How many times as likely as published a component leaves a state within a step; those who act know it. For
-    /// worlds other than the one where something was learned.
+    /// Factor of the published probabilities that a component leaves a state within a step; beliefs use the
+    /// same factor. For environments that differ from the one in which a policy was learned.
     #[schemars(range(min = 0.0, max = 3.0), extend("x-source" = "own choice"))]
     #[serde(skip_serializing_if = "is_published")]
     pub wear: f64,
-    /// True gives seats two more choices: inspections that are paid and not read, as the published baseline has them.
+    /// Whether seats have two more choices: inspections that are paid and not read, as in the published
+    /// baseline.
     pub unread_inspections: bool,
 }
 
@@ -82,7 +83,7 @@ impl Default for ComponentReplacementConfig {
 
 impl contract::Config for ComponentReplacementConfig {}
 
-/// The wear is written only where it is not the published one.
+/// For serde: the wear is written only where it is not the published one.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_published(wear: &f64) -> bool {
     wear.to_bits() == 1.0_f64.to_bits()
@@ -121,16 +122,16 @@ impl ComponentReplacementConfig {
     }
 }
 
-/// What is done to a component.
+/// Maintenance of a component in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Treatment {
     /// The name of the choice.
     pub name: &'static str,
-    /// It is replaced.
+    /// Whether the component is replaced.
     pub replaces: bool,
-    /// An inspection is paid.
+    /// Whether an inspection is paid.
     pub inspects: bool,
-    /// The inspection shows something.
+    /// Whether the result of the inspection is read.
     pub reads: bool,
 }
 
@@ -143,7 +144,7 @@ const fn treatment(name: &'static str, replaces: bool, inspects: bool, reads: bo
     }
 }
 
-/// All treatments in the order of the choices; the last two are there with `unread_inspections` alone.
+/// All treatments in the order of the choices; the last two exist only with `unread_inspections`.
 pub const TREATMENTS: [Treatment; 5] = [
     treatment("nothing", false, false, false),
     treatment("replace", true, false, false),
@@ -160,11 +161,11 @@ pub struct ComponentReplacement {
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     progress: Progress,
-    /// Computed with the first start.
+    /// Computed at the first start.
     least_cost: Option<f64>,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Progress {
     step: usize,
@@ -183,7 +184,7 @@ impl Progress {
         }
     }
 
-    /// A component's step, by where it went and what was read.
+    /// Updates a component and its belief with its new state and reading.
     fn follow(
         &mut self,
         component: usize,
@@ -218,11 +219,11 @@ pub fn build(config: ComponentReplacementConfig) -> Result<Box<dyn Environment>,
     Ok(Box::new(ComponentReplacement::new(config)?))
 }
 
-/// The bound, found once for each config within a process.
+/// The bound, computed once for each config within a process.
 fn known_least_cost(config: &ComponentReplacementConfig) -> f64 {
     static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
     let problem = config.problem();
-    // What panicked while it held the lock has left the map as it was.
+    // A panic while the lock was held has left the map unchanged.
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     *known
         .entry(format!("{problem:?}"))
@@ -242,7 +243,7 @@ impl ComponentReplacement {
         })
     }
 
-    /// What the step costs, before it is discounted: replacements, inspections, failure.
+    /// Costs of the step, undiscounted: replacements, inspections, failure.
     fn costs(&self, treatments: &[Treatment]) -> [f64; 3] {
         let sum = |is_meant: fn(&Treatment) -> bool, cost: fn(&Component) -> f64| {
             let pairs = treatments
@@ -265,7 +266,7 @@ impl ComponentReplacement {
         ]
     }
 
-    /// A step after which components are and read what `draw` says of a component and its treatment.
+    /// Takes a step in which `draw` gives the new state and the reading of each component and its treatment.
     fn advance(
         &mut self,
         treatments: &[Treatment],
@@ -311,7 +312,7 @@ fn drawn(probabilities: &[f64; N_STATES], uniform: f64) -> usize {
         sum <= uniform
     };
     let count = probabilities.iter().take_while(passed).count();
-    // Rounding may leave the sum a little below 1: then it is the last entry that can be.
+    // Rounding may leave the sum a little below 1: then the last possible entry is returned.
     let last = probabilities.iter().rposition(|p| *p > 0.0).unwrap_or_default();
     count.min(last)
 }
@@ -380,7 +381,8 @@ impl Environment for ComponentReplacement {
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = choices::taken(&self.seats, actions)?;
         let treatments: Vec<Treatment> = chosen.into_iter().map(|choice| TREATMENTS[choice]).collect();
-        // Two numbers for every component whatever is done, so that all policies meet the same fortune.
+        // Two numbers for every component whatever its treatment, so that all policies have the same random
+        // numbers.
         let uniform: [[f64; 2]; N_COMPONENTS] = std::array::from_fn(|_| [rng.random(), rng.random()]);
         let (damage, components) = (self.progress.damage, self.components);
         let draw = |component: usize, treatment: Treatment| {

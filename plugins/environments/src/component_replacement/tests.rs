@@ -1,4 +1,5 @@
-//! The environment as a whole, and against trajectories of imprl (`tests/fixtures/component_replacement`).
+//! The environment as a whole, also compared with trajectories of imprl
+//! (`tests/fixtures/component_replacement`).
 
 use super::components::COMPONENTS;
 use super::*;
@@ -16,12 +17,12 @@ struct Run {
     kind: String,
     #[serde(rename = "return")]
     sum: f64,
-    steps: Vec<Recorded>,
+    steps: Vec<RecordedStep>,
 }
 
-/// A step, and what was known after it.
+/// A step, and the beliefs after it.
 #[derive(Debug, Deserialize)]
-struct Recorded {
+struct RecordedStep {
     action: Vec<usize>,
     next_state: Vec<usize>,
     observation: Vec<usize>,
@@ -85,7 +86,7 @@ fn draws_follow_the_probabilities() {
             .map(|state| next[state] * of.readings(true)[state][o])
             .sum()
     });
-    // A share of one half of 20 000 has a deviation of 0.0035.
+    // A share of one half of 20 000 has a standard deviation of 0.0035.
     for (found, expected) in [(states, next), (readings, read)] {
         assert!(
             found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.014),

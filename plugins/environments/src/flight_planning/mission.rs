@@ -1,14 +1,14 @@
-//! A flight in numbers: legs over ground, a wind that grows with height, and what a plan makes of them.
+//! The mission of a flight: legs over ground, a wind that grows with height, and the consumption of a plan.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
 //! | V | airspeed; V_g for a course at a constant speed over ground, with V from it | m/s |
 //! | w(h) = w_10 (h / 10 m)^(1/7) | `Mission::wind_at` | m/s |
-//! | w_a, w_c | its parts along the leg and across it | m/s |
-//! | V_g = w_a + sqrt(V^2 - w_c^2) | speed over ground, the nose turned into the wind | m/s |
+//! | w_a, w_c | its components along the leg and across it | m/s |
+//! | V_g = w_a + sqrt(V^2 - w_c^2) | speed over ground, with the nose turned into the wind | m/s |
 //! | P, t | electrical power, duration | W, s |
 //! | kappa = R / (N U^2) | `loss_per_w`: ohmic loss of a pack of N cells at a voltage U, over the square of its power | 1/W |
-//! | t (P + kappa P^2) | [`Mission::consumption_j`]: what the cells give, their own loss included | J |
+//! | t (P + kappa P^2) | [`Mission::consumption_j`]: energy from the cells, with their own loss | J |
 //!
 //! Without the loss the best plan flies so fast against the wind that a worn pack sags to its end of discharge.
 //!
@@ -21,48 +21,49 @@ use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Airspeeds that a plan chooses among, m/s.
+/// Airspeeds for the choice of a plan, m/s.
 pub const AIRSPEEDS_M_PER_S: [f64; 7] = [12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0];
-/// Heights above ground that a plan chooses among, m. The last one is the limit of the open category of the European
-/// rules for UAVs.
+/// Heights above ground for the choice of a plan, m. The last one is the limit of the open category of the
+/// European rules for UAVs.
 pub const HEIGHTS_M: [f64; 3] = [20.0, 60.0, 120.0];
-/// Height at which winds are told, m.
+/// Reference height of the mean wind, m.
 const WIND_HEIGHT_M: f64 = 10.0;
 const WIND_EXPONENT: f64 = 1.0 / 7.0;
 
-/// A straight part of the way over ground.
+/// A straight part of the route over ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Leg {
     /// Length over ground.
     #[schemars(range(min = 1.0, max = 1e6), extend("x-unit" = "m"))]
     pub length_m: f64,
-    /// Direction of the way, clockwise from north.
+    /// Direction of flight, clockwise from north.
     #[schemars(range(min = -360.0, max = 360.0), extend("x-unit" = "deg"))]
     pub heading_deg: f64,
 }
 
-/// What is to be flown, and the mean wind.
+/// The legs of a flight and the mean wind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mission {
-    /// The legs, one after another.
+    /// The legs, in order.
     #[schemars(length(min = 1, max = 20))]
     pub legs: Vec<Leg>,
     /// Mean wind 10 m above ground.
     #[schemars(range(min = 0.0, max = 20.0), extend("x-unit" = "m/s", "x-source" = "own choice: a moderate breeze"))]
     pub wind_m_per_s: f64,
-    /// Where the wind comes from, clockwise from north.
+    /// Direction from which the wind comes, clockwise from north.
     #[schemars(range(min = -360.0, max = 360.0), extend("x-unit" = "deg"))]
     pub wind_from_deg: f64,
-    /// Ohmic loss of the pack over the square of its power, counted where plans are compared: R / (N U^2).
+    /// Ohmic loss of the pack over the square of its power, R / (N U^2), which counts in the comparison of
+    /// plans.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-unit" = "1/W",
         "x-source" = "16 cells of 0.15 ohm at 3.4 V"))]
     pub loss_per_w: f64,
 }
 
 impl Default for Mission {
-    /// A loop of six legs of 3 km, so that the wind meets it from all sides.
+    /// A loop of six legs of 3 km, so that the wind comes from all sides.
     fn default() -> Self {
         let leg = |turn: u32| Leg {
             length_m: 3000.0,
@@ -77,40 +78,40 @@ impl Default for Mission {
     }
 }
 
-/// The speed that is held on a leg, m/s.
+/// The constant speed on a leg, m/s.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Speed {
-    /// Through the air.
+    /// Speed through the air.
     Air(f64),
-    /// Over ground, as autopilots hold it on a way of points.
+    /// Speed over ground, as autopilots hold it on a route of waypoints.
     Ground(f64),
 }
 
-/// How a leg is flown.
+/// Speed and height on a leg.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Course {
-    /// The speed that is held.
+    /// The constant speed.
     pub speed: Speed,
     /// Height above ground, m.
     pub height_m: f64,
 }
 
 impl Course {
-    /// The plain way: one speed over ground whatever the wind, and close to it. In 1.5 times the default wind it is the
-    /// largest whole speed that needs no more than the fastest airspeed of the plans.
+    /// The course of the constant plan: one speed over ground whatever the wind, near the ground. In 1.5 times
+    /// the default wind it is the largest whole speed that needs at most the fastest airspeed of the plans.
     pub const CONSTANT: Self = Self {
         speed: Speed::Ground(15.0),
         height_m: HEIGHTS_M[0],
     };
 
-    /// Every way to fly a leg: heights within airspeeds.
+    /// All courses of a leg: heights within airspeeds.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..AIRSPEEDS_M_PER_S.len())
             .flat_map(|airspeed| (0..HEIGHTS_M.len()).map(move |height| Self::of(airspeed, height)))
     }
 
-    /// By the positions of airspeed and height.
+    /// The course at the positions of an airspeed and a height.
     #[must_use]
     pub fn of(airspeed: usize, height: usize) -> Self {
         Self {
@@ -120,12 +121,12 @@ impl Course {
     }
 }
 
-/// A time at one power.
+/// A period of constant power.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// Electrical power, W.
     pub power_w: f64,
-    /// How long, s.
+    /// Duration, s.
     pub duration_s: f64,
 }
 
@@ -138,7 +139,8 @@ impl Segment {
 }
 
 impl Mission {
-    /// Holds the wind, at its strongest, against the slowest airspeed, so that every leg can be flown in every plan.
+    /// Checks the wind, at its strongest, against the slowest airspeed, so that every leg can be flown in every
+    /// plan.
     ///
     /// # Errors
     /// [`Error::Config`] for numbers outside their ranges and for a wind that is too strong.
@@ -178,7 +180,7 @@ impl Mission {
         self.wind_m_per_s * (height_m / WIND_HEIGHT_M).powf(WIND_EXPONENT)
     }
 
-    /// Wind along a leg (from behind above 0) and across it, m/s, where it is `strength` times the mean wind.
+    /// Wind along a leg (positive from behind) and across it, m/s, at `strength` times the mean wind.
     #[must_use]
     pub fn wind_on(&self, leg: &Leg, height_m: f64, strength: f64) -> (f64, f64) {
         let angle = (self.wind_from_deg + 180.0 - leg.heading_deg).to_radians();
@@ -186,7 +188,7 @@ impl Mission {
         (wind * angle.cos(), wind * angle.sin())
     }
 
-    /// What a leg takes, of which a part `share` is flown, coming from a height.
+    /// Power and duration of the fraction `share` of a leg, which begins with the climb from `from_m`.
     #[must_use]
     pub fn segment(&self, leg: &Leg, course: Course, from_m: f64, strength: f64, share: f64) -> Segment {
         let Course { speed, height_m } = course;
@@ -203,10 +205,10 @@ impl Mission {
         }
     }
 
-    /// What a plan takes, leg by leg. It begins on the ground.
+    /// Power and duration of each leg of a plan, which begins on the ground.
     ///
     /// # Panics
-    /// Where the plan has another number of legs than the mission.
+    /// Where the number of legs of the plan differs from that of the mission.
     #[must_use]
     pub fn segments(&self, plan: &[Course], strength: f64, share: f64) -> Vec<Segment> {
         assert_eq!(plan.len(), self.legs.len(), "legs of a plan");
@@ -219,7 +221,7 @@ impl Mission {
         self.legs.iter().zip(plan).map(one).collect()
     }
 
-    /// What the cells give for a segment, their own loss included, J.
+    /// Energy from the cells for a segment, with their own loss, J.
     #[must_use]
     pub fn consumption_j(&self, segment: &Segment) -> f64 {
         segment.energy_j() * (1.0 + self.loss_per_w * segment.power_w)
@@ -232,7 +234,7 @@ impl Mission {
         segments.iter().map(|segment| self.consumption_j(segment)).sum()
     }
 
-    /// The plain plan.
+    /// The constant plan, which flies [`Course::CONSTANT`] on every leg.
     #[must_use]
     pub fn constant_plan(&self) -> Vec<Course> {
         vec![Course::CONSTANT; self.legs.len()]

@@ -1,19 +1,19 @@
 //! The plan of a flight: airspeed and height of every leg, for the least consumption in a mean wind.
 //!
-//! A rotary-wing UAV ([`power`]) flies legs over ground in a wind that grows with height ([`mission`]). An episode is
-//! a plan, a step a leg: its airspeed (seven) and its height (three). Against the wind a plan flies faster and lower,
-//! with it slower and higher, and every climb has to be earned back on the legs that follow.
+//! A rotary-wing UAV ([`power`]) flies legs over ground in a wind that grows with height ([`mission`]). An
+//! episode is a plan, a step a leg: its airspeed (seven) and its height (three). Against the wind a plan flies
+//! faster and lower, with it slower and higher, and every climb has to be earned back on the legs that follow.
 //!
 //! | symbol | here | range |
 //! |---|---|---|
-//! | E_i | consumption of leg i on the chosen course, the loss of the pack included | J |
-//! | C_i | the same on the plain plan: 15 m/s over ground, 20 m above it | J |
+//! | E_i | consumption of leg i on the chosen course, with the loss of the pack | J |
+//! | C_i | the same on the constant plan: 15 m/s over ground, 20 m above it | J |
 //! | r_i = (C_i - E_i) / sum C | reward of a step | |
 //!
-//! So a return is the part of the plain plan's consumption that a plan saves. The optimum is exact, by dynamic
-//! programming ([`optimum`]); a test holds it against all 9261 plans of three legs.
+//! So a return is the fraction of the constant plan's consumption that a plan saves. The optimum is exact, by
+//! dynamic programming ([`optimum`]); a test compares it with all 9261 plans of three legs.
 //!
-//! `uav_fleet` flies such plans: its config takes the choice of a search here.
+//! `uav_fleet` flies such plans: its config takes the choice of a search in this environment.
 
 pub mod mission;
 pub mod optimum;
@@ -29,7 +29,7 @@ use serde_json::json;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlightPlanningConfig {
-    /// What is to be flown, and the mean wind.
+    /// The legs of the flight, and the mean wind.
     pub mission: Mission,
 }
 
@@ -41,23 +41,23 @@ pub struct FlightPlanning {
     mission: Mission,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
-    /// Consumption of the plain plan, leg by leg, J.
+    /// Consumption of the constant plan, leg by leg, J.
     constant_j: Vec<f64>,
-    /// What the best plan saves.
+    /// Return of the best plan.
     optimum: f64,
-    /// Courses of the legs that are planned.
+    /// Courses of the legs planned so far.
     planned: Vec<Course>,
 }
 
 /// Builds the environment; registered as `flight_planning`.
 ///
 /// # Errors
-/// [`Error::Config`] as [`Mission::check`].
+/// Errors of [`Mission::check`].
 pub fn build(config: FlightPlanningConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(FlightPlanning::new(config)?))
 }
 
-/// What is chosen of every leg.
+/// The choices of every leg.
 #[must_use]
 pub fn choices() -> Vec<Choice> {
     let named = |values: &[f64], unit: &str| values.iter().map(|value| format!("{value}_{unit}")).collect();
@@ -71,10 +71,10 @@ pub fn choices() -> Vec<Choice> {
     ]
 }
 
-/// The course that an action takes.
+/// The course that an action chooses.
 ///
 /// # Errors
-/// [`Error::Action`] for an action that is none of [`choices`].
+/// [`Error::Action`] for an action outside [`choices`].
 pub fn course(action: &[f64]) -> Result<Course, Error> {
     let taken = contract::choice::taken(&choices(), action)?;
     Ok(Course::of(taken[0], taken[1]))
@@ -105,7 +105,7 @@ impl FlightPlanning {
         })
     }
 
-    /// Consumption of the legs that are planned, J.
+    /// Consumption of the legs planned so far, J.
     fn spent_j(&self) -> Vec<f64> {
         let legs = self.planned.len();
         let so_far = Mission {
@@ -119,7 +119,7 @@ impl FlightPlanning {
             .collect()
     }
 
-    /// What was saved so far, as a part of the consumption of the plain plan.
+    /// Savings so far, as a fraction of the consumption of the constant plan.
     fn saved(&self) -> f64 {
         let spent = self.spent_j();
         let kept: f64 = self
@@ -135,7 +135,7 @@ impl FlightPlanning {
         self.planned.last().map_or(0.0, |course| course.height_m)
     }
 
-    /// The legs (1 for the one to plan), the height it begins at, and the wind on it 10 m above ground.
+    /// The legs (1 for the next one), the height at which it begins, and the wind on it 10 m above ground.
     fn observe(&self) -> Vec<f64> {
         let present = self.planned.len();
         let legs = self.mission.legs.iter().enumerate();
@@ -149,7 +149,7 @@ impl FlightPlanning {
     }
 }
 
-/// The airspeed of a course that was chosen here, m/s.
+/// The airspeed of a chosen course, m/s.
 fn air(course: &Course) -> f64 {
     match course.speed {
         Speed::Air(speed) | Speed::Ground(speed) => speed,
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_saved_is_counted_from_the_plain_plan() {
+    fn savings_are_relative_to_the_constant_plan() {
         let mission = Mission::default();
         let plan = vec![Course::of(0, 2); 6];
         let (sum, last, _) = fly(&plan);

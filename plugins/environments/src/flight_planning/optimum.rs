@@ -1,14 +1,14 @@
 //! The plan of least consumption, by dynamic programming backwards over the legs.
 //!
-//! `E_i(h)`, the least consumption of legs i to n for a UAV that comes from height h, is the least of what leg i
-//! takes on a course, plus `E_{i+1}` of the height of that course. Legs are coupled by their heights alone, so
-//! this is exact.
+//! `E_i(h)`, the least consumption of legs i to n for a UAV that comes from height h, is the least sum of the
+//! consumption of leg i on a course and `E_{i+1}` of the height of that course. Legs are coupled only by their
+//! heights, so this is exact.
 
 use super::mission::{Course, HEIGHTS_M, Mission};
 
-/// The best way on from a height.
+/// The best courses of the remaining legs from a height.
 #[derive(Debug, Clone)]
-struct Rest {
+struct RemainingPlan {
     total_j: f64,
     plan: Vec<Course>,
 }
@@ -16,7 +16,7 @@ struct Rest {
 /// The plan of least consumption in the mean wind, the first of equals.
 #[must_use]
 pub fn optimum(mission: &Mission) -> Vec<Course> {
-    let end = Rest {
+    let end = RemainingPlan {
         total_j: 0.0,
         plan: Vec::new(),
     };
@@ -30,8 +30,8 @@ pub fn optimum(mission: &Mission) -> Vec<Course> {
     best(mission, 0, 0.0, &from_heights).plan
 }
 
-/// The best way from a height over a leg and all that follow.
-fn best(mission: &Mission, leg: usize, from_m: f64, after: &[Rest]) -> Rest {
+/// The best courses from a height over a leg and all that follow.
+fn best(mission: &Mission, leg: usize, from_m: f64, after: &[RemainingPlan]) -> RemainingPlan {
     let one = |course: Course| {
         let segment = mission.segment(&mission.legs[leg], course, from_m, 1.0, 1.0);
         let rest = HEIGHTS_M.iter().position(|height_m| *height_m == course.height_m);
@@ -47,7 +47,7 @@ fn best(mission: &Mission, leg: usize, from_m: f64, after: &[Rest]) -> Rest {
     // There are 21 courses.
     let (total_j, course, rest) = least.expect("courses are constants");
     let plan = [course].into_iter().chain(rest.plan.iter().copied()).collect();
-    Rest { total_j, plan }
+    RemainingPlan { total_j, plan }
 }
 
 #[cfg(test)]
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
     use crate::flight_planning::mission::Leg;
 
-    /// The least consumption of all plans, one after the other.
+    /// The least consumption of all plans, tried one by one.
     fn by_trying_all(mission: &Mission) -> f64 {
         let n = Course::all().count();
         let plans = n.pow(u32::try_from(mission.legs.len()).unwrap());
@@ -93,7 +93,7 @@ mod tests {
         }
     }
 
-    /// In still air there is nothing to climb for, and 18 m/s is nearest to the speed of the longest range.
+    /// In still air a climb gains nothing, and 18 m/s is nearest to the speed of the longest range.
     #[test]
     fn in_still_air_every_leg_is_flown_alike() {
         let mission = Mission {

@@ -6,8 +6,9 @@
 //!
 //! `P(V) = P_0 (1 + 3 V^2 / U_tip^2) + P_i (sqrt(1 + V^4 / (4 v_0^4)) - V^2 / (2 v_0^2))^(1/2) + d_0 rho s A V^3 / 2`,
 //!
-//! the power of the blades' drag, of the lift, and of the fuselage's drag. Range: still air around the UAV, V up to
-//! about 30 m/s. What is climbed costs the potential energy over an efficiency; what is descended gives nothing back.
+//! the power of the blades' drag, of the lift, and of the fuselage's drag. Range of validity: still air around
+//! the UAV, V up to about 30 m/s. A climb costs the potential energy over an efficiency; a descent returns no
+//! energy.
 //!
 //! | paper | here | value |
 //! |---|---|---|
@@ -25,18 +26,18 @@ pub const INDUCED_W: f64 = 88.63;
 pub const TIP_M_PER_S: f64 = 120.0;
 /// Mean velocity that the rotor induces in hover, m/s.
 pub const INDUCED_M_PER_S: f64 = 4.03;
-/// Drag of the fuselage, as a part of what the blades' area would have.
+/// Drag area of the fuselage over the area of the blades.
 pub const DRAG_RATIO: f64 = 0.6;
 /// Density of air at sea level, kg/m3.
 pub const AIR_KG_PER_M3: f64 = 1.225;
-/// Part of the rotor disc that blades cover.
+/// Fraction of the rotor disc that blades cover.
 pub const SOLIDITY: f64 = 0.05;
 /// Area of the rotor disc, m2.
 pub const DISC_M2: f64 = 0.503;
 /// Weight of the UAV, N.
 pub const WEIGHT_N: f64 = 20.0;
-/// Potential energy over the electrical energy that a climb takes; own choice, of the size of motor and propeller
-/// efficiencies.
+/// Potential energy over the electrical energy of a climb; own choice, typical of the efficiencies of motor and
+/// propeller.
 pub const CLIMB_EFFICIENCY: f64 = 0.7;
 
 /// Electrical power in level flight at an airspeed, W.
@@ -51,7 +52,7 @@ pub fn level_w(airspeed_m_per_s: f64) -> f64 {
     blade_w + induced_w + drag_w
 }
 
-/// Electrical energy of a climb by this height, J; 0 for a descent.
+/// Electrical energy of a climb by `height_m`, J; 0 for a descent.
 #[must_use]
 pub fn climb_j(height_m: f64) -> f64 {
     WEIGHT_N * height_m.max(0.0) / CLIMB_EFFICIENCY

@@ -1,4 +1,4 @@
-//! What a study may say of the `grid_reconfiguration` environment.
+//! Config of the `grid_reconfiguration` environment.
 
 use super::feeder::{N_LINES, N_SECTIONS};
 use contract::{Error, Preset, Rng};
@@ -7,38 +7,40 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// The most sectionalising switches: with the ties 2^13 configurations.
+/// Most sectionalising switches: with the ties 2^13 configurations.
 const MOST_SWITCHES: usize = 8;
-/// The most faults that are drawn.
+/// Most faults that are drawn.
 const MOST_DRAWN: usize = 4;
 
-/// Settings of the `grid_reconfiguration` environment. Lines have the numbers of the paper: 1 to 32, ties 33 to 37.
+/// Settings of the `grid_reconfiguration` environment. Lines have the numbers of the paper: 1 to 32, ties 33 to
+/// 37.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GridReconfigurationConfig {
     /// Lines that have failed in every episode, from 2 to 37.
     pub failed_lines: Vec<usize>,
-    /// How many lines fail besides, drawn for each episode among the lines 2 to 32 that are whole, each set of
-    /// them equally likely.
+    /// Number of further lines that fail, drawn for each episode among the intact lines 2 to 32, with equal
+    /// probability for each set.
     #[schemars(range(min = 0, max = 4))]
     pub drawn_faults: usize,
     /// Lines from 2 to 32 that have a switch, at most eight; the five ties always have one.
     pub switches: Vec<usize>,
-    /// No bus that is fed may have less voltage, as a part of the substation's.
+    /// Lowest voltage of a supplied bus, relative to the substation's.
     #[schemars(
         range(min = 0.5, max = 1.0),
         extend("x-unit" = "p.u.", "x-source" = "MATPOWER, case33bw")
     )]
     pub lowest_voltage_pu: f64,
     /// The largest current of the lines 1 to 5, which carry the whole feeder. The paper gives none; the base
+    /// Largest current of the lines 1 to 5, which carry the whole feeder. The paper gives none; the base
     /// configuration has 210 A.
     #[schemars(range(min = 1.0, max = 10000.0), extend("x-unit" = "A"))]
     pub trunk_limit_a: f64,
-    /// The largest current of all other lines. The paper gives none; the base configuration has 65 A.
+    /// Largest current of all other lines. The paper gives none; the base configuration has 65 A.
     #[schemars(range(min = 1.0, max = 10000.0), extend("x-unit" = "A"))]
     pub line_limit_a: f64,
-    /// What a kW of losses counts against a kW of supplied load. With 0.1 losses decide between designs that
-    /// supply the same load only.
+    /// Weight of a kW of losses relative to a kW of supplied load. With 0.1, losses decide only between
+    /// configurations that supply the same load.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub loss_weight: f64,
 }
@@ -97,6 +99,8 @@ impl contract::Config for GridReconfigurationConfig {
 }
 
 impl GridReconfigurationConfig {
+    /// Checks lines and limits.
+    ///
     /// # Errors
     /// [`Error::Config`] for a line that does not exist, may not be named there or is named twice, for too many
     /// switches or faults, and for a limit outside its range.
@@ -229,7 +233,7 @@ mod tests {
             failed.iter().for_each(|line| seen[*line] += 1);
         }
         assert_eq!((seen[1], seen[9], seen[36], seen[33]), (0, 2000, 2000, 0));
-        // Each of 30 lines is expected 133 times, with a deviation of 11.
+        // Each of 30 lines is expected 133 times, with a standard deviation of 11.
         assert!(
             (2..=32)
                 .filter(|line| *line != 9)

@@ -19,7 +19,7 @@ pub const N_TRUNK: usize = 5;
 /// A line between two buses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Its two buses, counted from 1 as in the paper.
+    /// Buses at both ends, counted from 1 as in the paper.
     pub buses: [usize; 2],
     /// Resistance of a phase.
     pub resistance_ohm: f64,

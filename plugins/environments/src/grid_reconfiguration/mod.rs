@@ -1,26 +1,26 @@
-//! Reconfiguration of a distribution feeder after faults: which switches to close so that most load is supplied.
+//! Reconfiguration of a distribution feeder after faults: the switches to close so that most load is supplied.
 //!
 //! The feeder is the 33-bus one of Baran and Wu (1989) ([`feeder`]). Lines fail; some lines and all ties have
-//! switches, every other line stays closed unless it failed, and a failed line stays open whatever its switch does.
-//! An episode is one step: a position for every switch. The feeder must then run
+//! switches, every other line stays closed unless it failed, and a failed line stays open whatever the position
+//! of its switch. An episode is one step: a position for every switch. The feeder must then run
 //!
 //! - radially: the substation feeds no loop,
 //! - with a voltage of at least `lowest_voltage_pu` at every bus that is fed,
 //! - with currents of at most `trunk_limit_a` in lines 1 to 5 and `line_limit_a` in the others,
 //!
-//! by a power flow with constant loads ([`power_flow`]). The reward is the supplied part of all load (3715 kW) less
-//! `loss_weight` times the losses as a part of it; it is 0 where a condition fails, since protection then opens at
-//! the substation. Both are recorded, with the best score of all configurations, which are tried one after the
-//! other when a set of faults first occurs ([`restoration`]): 4096 of them, some milliseconds, with the default
-//! switches.
+//! by a power flow with constant loads ([`power_flow`]). The reward is the supplied fraction of all load (3715
+//! kW) less `loss_weight` times the losses as a fraction of it; it is 0 where a condition fails, since
+//! protection then opens at the substation. Both are recorded, with the best score of all configurations, which
+//! are tried one by one when a set of faults first occurs ([`restoration`]): 4096 of them, some milliseconds,
+//! with the default switches.
 //!
-//! Faults stay the same in all episodes (`failed_lines`), so that a search has one best design, or are drawn for each
-//! (`drawn_faults`), so that a policy has to read them.
+//! Faults stay the same in all episodes (`failed_lines`), so that a search has one best design, or are drawn
+//! for each (`drawn_faults`), so that a policy has to observe them.
 //!
-//! Departures: the paper gives the feeder and reconfigures it without faults by exchanging branches; it has no limits
-//! of current, those here are ours, and the lowest voltage is that of MATPOWER's `case33bw`. Without faults the least
-//! losses known, 139.55 kW with lines 7, 9, 14, 32 and 37 open, are among the configurations of the default switches
-//! and are found.
+//! Departures: the paper gives the feeder and reconfigures it without faults by exchanging branches; it has no
+//! limits of current, so those are this project's, and the lowest voltage is that of MATPOWER's `case33bw`.
+//! Without faults the least losses known, 139.55 kW with lines 7, 9, 14, 32 and 37 open, are among the
+//! configurations of the default switches and are found.
 
 pub mod config;
 pub mod feeder;
@@ -49,19 +49,19 @@ pub struct GridReconfiguration {
     situation: Situation,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 struct Situation {
-    /// In order.
+    /// Failed lines, in order.
     failed: Vec<usize>,
-    /// One entry per switch; none before the step.
+    /// Whether each switch is closed; `None` before the step.
     closed: Option<Vec<bool>>,
 }
 
 /// Builds the environment; registered as `grid_reconfiguration`.
 ///
 /// # Errors
-/// [`Error::Config`] as [`GridReconfigurationConfig::check`].
+/// Errors of [`GridReconfigurationConfig::check`].
 pub fn build(config: GridReconfigurationConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(GridReconfiguration::new(config)?))
 }
@@ -99,11 +99,11 @@ impl GridReconfiguration {
         self.gear.operate(closed, &self.situation.failed)
     }
 
-    /// The best score with these faults, found once for each config within a process.
+    /// The best score with these faults, computed once for each config within a process.
     fn optimum(&self) -> f64 {
         static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
         let failed = &self.situation.failed;
-        // What panicked while it held the lock has left the map as it was.
+        // A panic while the lock was held has left the map unchanged.
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
         *known
             .entry(format!("{:?} {failed:?}", self.config))
@@ -216,7 +216,7 @@ impl Environment for GridReconfiguration {
             .collect()
     }
 
-    /// Faults, switches, and how the feeder would run without protection.
+    /// Faults, switches, and the operation of the feeder without protection.
     fn trace(&self) -> Vec<f64> {
         let closed = match &self.situation.closed {
             Some(closed) => closed.iter().copied().map(flag).collect(),
@@ -274,7 +274,7 @@ mod tests {
         GridReconfiguration::new(serde_json::from_value(values).unwrap()).unwrap()
     }
 
-    /// Closes all switches but these.
+    /// Closes all switches except these.
     fn opening(environment: &GridReconfiguration, open: &[usize]) -> Vec<f64> {
         let lines = environment.gear.switches.iter();
         let taken: Vec<usize> = lines.map(|line| usize::from(!open.contains(line))).collect();
@@ -368,7 +368,7 @@ mod tests {
         }
     }
 
-    /// What presets say of their best designs.
+    /// The stated best designs of the presets.
     #[test]
     fn presets_state_what_can_be_supplied() {
         for (values, base_kw, best_kw, equally_good) in [

@@ -1,4 +1,4 @@
-//! Power flow of the part of the feeder that the substation feeds, by backward and forward sweeps.
+//! Power flow of the supplied part of the feeder, by backward and forward sweeps.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
@@ -9,15 +9,15 @@
 //!
 //! Backward, from the leaves: J of the line that feeds bus i is conj(S_i / V_i) plus J of all lines that leave
 //! bus i. Forward, from the substation: V_i = V_parent - Z J. Both are repeated until no voltage moves by more
-//! than 1e-12 of that of the substation. With J as it is here S = V conj(J), and a line loses Re(Z) |J|^2 in its
-//! three phases together.
+//! than 1e-12 of that of the substation. With this J, S = V conj(J), and a line loses Re(Z) |J|^2 in its three
+//! phases together.
 
 use super::feeder::{LINES, LOADS, N_BUSES, N_LINES, VOLTAGE_KV};
 use nalgebra::Complex;
 
-/// Sweeps end when no voltage moves by more than this part of that of the substation.
+/// Largest change of a voltage at which sweeps end, relative to the voltage of the substation.
 const TOLERANCE: f64 = 1e-12;
-/// Sweeps after which the voltage counts as collapsed.
+/// Number of sweeps after which the voltage counts as collapsed.
 const MOST_SWEEPS: usize = 200;
 
 /// A line that feeds a bus; all indices count from 0.
@@ -28,10 +28,10 @@ struct Feed {
     bus: usize,
 }
 
-/// The buses that the substation feeds, as a tree.
+/// The supplied buses as a tree.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tree {
-    /// Every bus comes after the one that feeds it.
+    /// Lines in an order in which every bus comes after the one that feeds it.
     feeds: Vec<Feed>,
 }
 
@@ -44,8 +44,8 @@ pub struct Flow {
 }
 
 impl Tree {
-    /// The tree that these closed lines (one entry per line) span from the substation, or none where they close
-    /// a loop that it feeds. Loops that nothing feeds carry no current and are no matter.
+    /// The tree that these closed lines (one entry per line) span from the substation; `None` where they close
+    /// a supplied loop. Loops without supply carry no current and do not matter.
     #[must_use]
     pub fn of(closed: &[bool; N_LINES]) -> Option<Self> {
         let mut feeds: Vec<Feed> = Vec::with_capacity(N_BUSES);
@@ -69,18 +69,18 @@ impl Tree {
         Some(Self { feeds })
     }
 
-    /// Active load of the buses that are fed, in kW.
+    /// Active load of the supplied buses, kW.
     #[must_use]
     pub fn load_kw(&self) -> f64 {
         self.feeds.iter().map(|feed| LOADS[feed.bus][0]).sum()
     }
 
-    /// The buses that are fed, the substation first.
+    /// The supplied buses, the substation first.
     pub fn buses(&self) -> impl Iterator<Item = usize> {
         [0].into_iter().chain(self.feeds.iter().map(|feed| feed.bus))
     }
 
-    /// Voltages and currents, or none where the voltage collapses.
+    /// Voltages and currents; `None` where the voltage collapses.
     #[must_use]
     pub fn flow(&self) -> Option<Flow> {
         let mut flow = Flow {
@@ -105,13 +105,13 @@ impl Tree {
         }
     }
 
-    /// Returns the largest change of a voltage as a part of the substation's; `NaN` once any is.
+    /// Returns the largest change of a voltage relative to the substation's; `NaN` once any is.
     fn sweep_forward(&self, flow: &mut Flow) -> f64 {
         let mut largest = 0.0;
         for feed in &self.feeds {
             let voltage = flow.voltages_kv[feed.parent] - impedance_ohm(feed.line) * flow.currents[feed.line];
             let moved = size(voltage - flow.voltages_kv[feed.bus]) / VOLTAGE_KV;
-            // `f64::max` would pass over what is no number.
+            // `f64::max` would ignore NaN.
             if moved > largest || moved.is_nan() {
                 largest = moved;
             }
@@ -143,25 +143,25 @@ fn impedance_ohm(line: usize) -> Complex<f64> {
     Complex::new(LINES[line].resistance_ohm, LINES[line].reactance_ohm)
 }
 
-/// Not `Complex::norm`, which asks the C library for `hypot`.
+/// Not `Complex::norm`, which calls `hypot` of the C library.
 fn size(number: Complex<f64>) -> f64 {
     number.norm_sqr().sqrt()
 }
 
 impl Flow {
-    /// Size of the voltage of a bus, as a part of the substation's.
+    /// Magnitude of the voltage of a bus, relative to the substation's.
     #[must_use]
     pub fn voltage_pu(&self, bus: usize) -> f64 {
         size(self.voltages_kv[bus]) / VOLTAGE_KV
     }
 
-    /// Current of a phase of a line, in A.
+    /// Current of a phase of a line, A.
     #[must_use]
     pub fn current_a(&self, line: usize) -> f64 {
         1000.0 * (self.currents[line].norm_sqr() / 3.0).sqrt()
     }
 
-    /// What all lines lose, in kW.
+    /// Losses of all lines, kW.
     #[must_use]
     pub fn losses_kw(&self) -> f64 {
         let lost_mw = |line: usize| LINES[line].resistance_ohm * self.currents[line].norm_sqr();
@@ -199,7 +199,7 @@ mod tests {
         assert!((voltage - 0.9131).abs() < 0.00005, "{voltage}");
     }
 
-    /// The least losses known of any configuration: 139.55 kW, with a lowest voltage of 0.9378.
+    /// The least known losses of any configuration: 139.55 kW, with a lowest voltage of 0.9378.
     #[test]
     fn the_best_known_configuration_loses_what_is_published() {
         let flow = tree(&[7, 9, 14, 32, 37]).flow().unwrap();
@@ -217,7 +217,7 @@ mod tests {
             None,
             "tie 35 closes a loop"
         );
-        // Lines 9 to 14 and tie 34 form a loop; without lines 8, 33, 35 and 15 nothing feeds it.
+        // Lines 9 to 14 and tie 34 form a loop; without lines 8, 33, 35 and 15 it has no supply.
         let dark = tree(&[8, 15, 33, 35, 36, 37]);
         assert!(dark.buses().all(|bus| !(8..15).contains(&bus)));
         let nothing = tree(&[1]);
@@ -237,7 +237,7 @@ mod tests {
         assert!((flow.current_a(0) - amperes).abs() < 1e-9, "{amperes}");
     }
 
-    /// The first lines in this order that close no loop, `count` of them.
+    /// The first `count` lines in this order that close no loop.
     fn without_loops(order: &[usize], count: usize) -> [bool; N_LINES] {
         let mut parts: [usize; N_BUSES] = std::array::from_fn(|bus| bus);
         let mut closed = [false; N_LINES];
@@ -257,7 +257,7 @@ mod tests {
     }
 
     proptest! {
-        /// What the substation gives is what loads draw and lines lose, active and reactive, in any tree.
+        /// The power of the substation equals loads plus losses, active and reactive, in any tree.
         #[test]
         fn power_is_balanced(
             order in Just((0..N_LINES).collect::<Vec<_>>()).prop_shuffle(),

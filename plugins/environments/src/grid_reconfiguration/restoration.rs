@@ -1,23 +1,23 @@
-//! What a configuration of switches is worth after faults, and the best configuration there is.
+//! The score of a configuration of switches after faults, and the best configuration.
 
 use super::config::GridReconfigurationConfig;
 use super::feeder::{LOADS, N_BUSES, N_LINES, N_SECTIONS, N_TRUNK};
 use super::power_flow::Tree;
 
-/// How the feeder runs in a configuration.
+/// Operation of the feeder in a configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Operation {
-    /// Active load of the buses that are fed.
+    /// Active load of the supplied buses, kW.
     pub load_kw: f64,
-    /// What all lines lose.
+    /// Losses of all lines, kW.
     pub losses_kw: f64,
-    /// The lowest voltage of a bus that is fed, as a part of the substation's.
+    /// Lowest voltage of a supplied bus, relative to the substation's.
     pub lowest_voltage_pu: f64,
-    /// The largest current of a line as a part of its limit.
+    /// Largest current of a line, relative to its limit.
     pub largest_loading: f64,
 }
 
-/// Active load of all buses, in kW.
+/// Active load of all buses, kW.
 #[must_use]
 pub fn total_load_kw() -> f64 {
     LOADS.iter().map(|load| load[0]).sum()
@@ -52,8 +52,8 @@ impl Switchgear {
         }
     }
 
-    /// Which lines are closed: those that have not failed and whose switch, if they have one, is closed
-    /// (one entry of `closed` per switch).
+    /// Whether each line is closed: it has not failed, and its switch, if it has one, is closed (one entry of
+    /// `closed` per switch).
     #[must_use]
     pub fn closed_lines(&self, closed: &[bool], failed: &[usize]) -> [bool; N_LINES] {
         let mut lines = [true; N_LINES];
@@ -66,8 +66,8 @@ impl Switchgear {
         lines
     }
 
-    /// How the feeder runs with these switches closed, or none where the substation feeds a loop or the voltage
-    /// collapses.
+    /// Operation of the feeder with these switches closed; `None` where the substation feeds a loop or the
+    /// voltage collapses.
     #[must_use]
     pub fn operate(&self, closed: &[bool], failed: &[usize]) -> Option<Operation> {
         let tree = Tree::of(&self.closed_lines(closed, failed))?;
@@ -90,14 +90,14 @@ impl Switchgear {
         }
     }
 
-    /// True where voltages and currents are within their limits.
+    /// Whether voltages and currents are within their limits.
     #[must_use]
     pub fn is_within_limits(&self, operation: &Operation) -> bool {
         operation.lowest_voltage_pu >= self.lowest_voltage_pu && operation.largest_loading <= 1.0
     }
 
-    /// The supplied part of all load, less the weighted losses as a part of it; 0 for what cannot be operated
-    /// within the limits.
+    /// The supplied fraction of all load, less the weighted losses as a fraction of it; 0 for a configuration
+    /// that cannot operate within the limits.
     #[must_use]
     pub fn score(&self, operation: Option<&Operation>) -> f64 {
         match operation {
@@ -108,13 +108,13 @@ impl Switchgear {
         }
     }
 
-    /// Every way to set the switches.
+    /// All positions of the switches.
     pub fn configurations(&self) -> impl Iterator<Item = Vec<bool>> {
         let n = self.switches.len();
         (0..1_usize << n).map(move |bits| (0..n).map(|at| bits >> at & 1 == 1).collect())
     }
 
-    /// The best configuration and its score, by trying all of them; the first of equals.
+    /// The best configuration and its score, found by trying all of them; the first of equals.
     #[must_use]
     pub fn best(&self, failed: &[usize]) -> (Vec<bool>, f64) {
         let mut best = (vec![false; self.switches.len()], 0.0);
@@ -158,8 +158,9 @@ mod tests {
         assert!((score - (1.0 - 0.1 * 139.55 / 3715.0)).abs() < 1e-6, "{score}");
     }
 
-    /// For every fault of one line and for that of the defaults: nobody within the limits supplies more than the
-    /// best score does, so that losses decide between equals only, and the base configuration is not better.
+    /// For every fault of one line and for that of the defaults: no configuration within the limits supplies
+    /// more than the one with the best score, so that losses decide between equals only, and the base
+    /// configuration is not better.
     #[test]
     fn the_best_score_supplies_the_most() {
         let gear = switchgear(json!({}));
@@ -183,7 +184,7 @@ mod tests {
         }
     }
 
-    /// Line 16 fails: buses 17 and 18 hang on the tie 36 alone, and every other tie stays open.
+    /// Line 16 fails: buses 17 and 18 are supplied by tie 36 only, and every other tie stays open.
     #[test]
     fn one_fault_by_hand() {
         let gear = switchgear(json!({ "switches": [] }));
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_breaks_a_limit_is_worth_nothing() {
+    fn a_configuration_beyond_a_limit_scores_zero() {
         let base = |values: serde_json::Value| {
             let gear = switchgear(values);
             let closed: Vec<bool> = gear.switches.iter().map(|number| *number <= N_SECTIONS).collect();

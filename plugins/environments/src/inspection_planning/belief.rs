@@ -1,4 +1,5 @@
-//! What is known of the components: probabilities of crack sizes, and how growth, repairs and inspections change them.
+//! Beliefs about the components: probabilities of crack sizes, with their changes by growth, repairs and
+//! inspections.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -7,14 +8,15 @@
 //! | b_i(x) = sum_u alpha(u) b_i(x given u) | [`Beliefs::marginal`] | `[n_bins]` |
 //! | L_o(x) | probability of outcome o of an inspection, given the bin | `[n_bins]` |
 //!
-//! Given the factor u components are independent. First sizes depend on it by a Gaussian copula of one factor, whose
-//! loading squared is rho: `P(d_0 <= e given u) = Phi((Phi^-1(1 - exp(-e)) - sqrt(rho) u) / sqrt(1 - rho))`, and u is
-//! standard normal, here the middles of 80 equally likely slices. Uncorrelated components are those of one level.
+//! Given the factor u components are independent. Initial sizes depend on it by a Gaussian copula of one
+//! factor, whose squared loading is rho: `P(d_0 <= e given u) = Phi((Phi^-1(1 - exp(-e)) - sqrt(rho) u) /
+//! sqrt(1 - rho))`, and u is standard normal, here the middles of 80 equally likely slices. Uncorrelated
+//! components have one level.
 //!
-//! Within a step: the rows of a component grow by its age, or are those of a new one after a repair; then inspections
-//! are drawn, all with the weights from before the step, and taken up component by component:
-//! `b_i(x given u) <- b_i(x given u) L_o(x) / l(u)`, `alpha(u) <- alpha(u) l(u) / sum`, with
-//! `l(u) = sum_x b_i(x given u) L_o(x)`.
+//! Within a step, the rows of a component grow by its age, or become those of a new one after a repair; then
+//! inspections are drawn, all with the weights from before the step, and their outcomes update the beliefs
+//! component by component: `b_i(x given u) <- b_i(x given u) L_o(x) / l(u)`, `alpha(u) <- alpha(u) l(u) / sum`,
+//! with `l(u) = sum_x b_i(x given u) L_o(x)`.
 
 use super::crack_growth::{
     Belief, CrackGrowth, N_BINS, detection, edges_mm, first_size_cdf, first_sizes, masses,
@@ -25,24 +27,24 @@ use std::sync::{Arc, OnceLock};
 
 /// Levels of the common factor.
 pub const N_FACTORS: usize = 80;
-/// The squared loading that the published table of first sizes has.
+/// The squared loading in the published table of initial sizes.
 const RHO: f64 = 0.826_656;
-/// Below this probability an inspection finds nothing, as in the published program.
+/// Probability below which an inspection finds nothing, as in the published program.
 const IMPOSSIBLE: f64 = 1e-5;
 
-/// What is done to a component.
+/// Treatment of a component in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Treatment {
-    /// It is left alone.
+    /// No treatment.
     Nothing,
-    /// A crack is looked for.
+    /// An inspection for a crack.
     Inspect,
-    /// It is as new afterwards.
+    /// A repair, after which the component is as new.
     Repair,
 }
 
 impl Treatment {
-    /// All of them, in the order of the choices.
+    /// All treatments, in the order of the choices.
     pub const ALL: [Self; 3] = [Self::Nothing, Self::Inspect, Self::Repair];
 
     /// The name of the choice.
@@ -56,21 +58,21 @@ impl Treatment {
     }
 }
 
-/// How beliefs change: the same for all episodes.
+/// Growth and repair of components, which all episodes share.
 #[derive(Debug, Clone)]
 pub struct Model {
     growth: Arc<CrackGrowth>,
     detection: Belief,
-    /// Sizes of new components by level of the factor.
+    /// Initial sizes of components by level of the factor.
     first: Vec<Belief>,
     repaired: Belief,
 }
 
 impl Model {
-    /// Components that grow by `growth`, independent of each other or with a common factor.
+    /// Components with this crack growth, independent of each other or with a common factor.
     #[must_use]
     pub fn new(growth: Arc<CrackGrowth>, correlated: bool) -> Self {
-        // A table from a file has first sizes of its own; they are those of uncorrelated components.
+        // A table from a file has initial sizes of its own, which are those of uncorrelated components.
         let (first, repaired) = if correlated {
             (first_sizes_by_factor(RHO), first_sizes())
         } else {
@@ -84,14 +86,14 @@ impl Model {
         }
     }
 
-    /// Levels of the common factor; 1 without one.
+    /// Number of levels of the common factor; 1 without one.
     #[must_use]
     pub fn n_factors(&self) -> usize {
         self.first.len()
     }
 }
 
-/// First sizes given each level of the factor.
+/// Initial sizes given each level of the factor.
 fn first_sizes_by_factor(rho: f64) -> Vec<Belief> {
     static COMPUTED: OnceLock<Vec<Belief>> = OnceLock::new();
     COMPUTED.get_or_init(|| by_factor(rho)).clone()
@@ -105,12 +107,12 @@ fn by_factor(rho: f64) -> Vec<Belief> {
     (0..N_FACTORS).map(|at| given(level(at))).collect()
 }
 
-/// What is known of all components at one time.
+/// Beliefs about all components at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Beliefs {
-    /// Years since the component was new, by component.
+    /// Years since each component was new.
     pub ages: Vec<usize>,
-    /// Whether the last step inspected the component and found a crack.
+    /// Whether the last step inspected each component and found a crack.
     pub detected: Vec<bool>,
     /// Weights of the levels of the factor.
     pub weights: Vec<f64>,
@@ -119,7 +121,7 @@ pub struct Beliefs {
 }
 
 impl Beliefs {
-    /// New components.
+    /// Beliefs about new components.
     #[must_use]
     pub fn new(model: &Model, n_components: usize) -> Self {
         let n = model.n_factors();
@@ -133,7 +135,7 @@ impl Beliefs {
         }
     }
 
-    /// True where these are beliefs of that many components and levels.
+    /// Whether these beliefs have that many components and levels.
     #[must_use]
     pub fn fits(&self, n_components: usize, n_factors: usize) -> bool {
         let rows = |rows: &Vec<Belief>| rows.len() == n_factors;
@@ -162,9 +164,10 @@ impl Beliefs {
             .collect()
     }
 
-    /// A step: growth and repairs, then inspections. `finds` is asked, in the order of the components and for every
-    /// one that is inspected, whether the inspection finds a crack, given the probability of it. Returns the
-    /// marginals as they are without the evidence of a component's own inspection, which penalties are computed from.
+    /// Takes a step: growth and repairs, then inspections. `finds` decides, in the order of the components and
+    /// for every inspected one, whether the inspection finds a crack, given the probability of a finding.
+    /// Returns the marginals without the evidence of a component's own inspection, from which penalties are
+    /// computed.
     pub fn advance(
         &mut self,
         model: &Model,
@@ -236,10 +239,10 @@ fn expected(belief: &Belief, values: &Belief) -> f64 {
     belief.iter().zip(values).map(|(p, value)| p * value).sum()
 }
 
-/// Probability that fewer than `required` of independent components work, whose failure probabilities are given.
+/// Probability that fewer than `required` independent components work, given their failure probabilities.
 #[must_use]
 pub fn system_failure(failure: impl IntoIterator<Item = f64>, required: usize) -> f64 {
-    // Entry j: the probability that j components work; the last one holds `required` and more.
+    // Entry j: the probability that j components work; the last one counts `required` and more.
     let mut working = vec![0.0; required + 1];
     working[0] = 1.0;
     for p in failure {
@@ -262,7 +265,7 @@ mod tests {
         Model::new(CrackGrowth::of_paris_law(), correlated)
     }
 
-    /// All ways in which components can work or not, one by one.
+    /// The probability by enumeration of all cases.
     fn by_enumeration(failure: &[f64], required: usize) -> f64 {
         let probability = |set: u32| {
             let of = |(at, p): (usize, &f64)| if (set >> at) & 1 == 1 { 1.0 - p } else { *p };
@@ -281,8 +284,8 @@ mod tests {
             prop_assert!((ours - theirs).abs() < 1e-14, "{ours} {theirs}");
         }
 
-        /// Any sequence of treatments and outcomes, against Bayes' rule over the joint distribution of the factor and
-        /// both components.
+        /// Any sequence of treatments and outcomes, compared with Bayes' rule over the joint distribution of
+        /// the factor and both components.
         #[test]
         fn beliefs_are_those_of_the_joint_distribution(steps in prop::collection::vec((0usize..3, 0usize..3, any::<bool>(), any::<bool>()), 1..4)) {
             let model = model(true);
@@ -391,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_in_one_component_speaks_of_the_others_where_they_are_correlated() {
+    fn a_finding_in_one_component_changes_the_beliefs_about_correlated_ones() {
         for (correlated, speaks) in [(true, true), (false, false)] {
             let model = model(correlated);
             let mut beliefs = Beliefs::new(&model, 2);
@@ -402,7 +405,7 @@ mod tests {
             let mut alone = Beliefs::new(&grown, 2);
             alone.advance(&grown, &[Treatment::Nothing; 2], |_, _| false);
             assert_eq!(other > alone.marginal(1)[FAILED], speaks);
-            // Penalties count the inspected component as it was without its own evidence.
+            // Penalties count the inspected component without its own evidence.
             assert!((without[0][FAILED] - alone.marginal(0)[FAILED]).abs() < 1e-16);
             assert!((without[1][FAILED] - other).abs() < 1e-18);
         }

@@ -1,4 +1,4 @@
-//! What a study may say of the `inspection_planning` environment.
+//! Config of the `inspection_planning` environment.
 
 use super::crack_growth::{CrackGrowth, N_AGES};
 use contract::{DataFile, Error, Preset};
@@ -7,21 +7,21 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::sync::Arc;
 
-/// The most components of a system.
+/// Largest number of components of a system.
 const MOST_COMPONENTS: usize = 100;
 
-/// How cracks grow within a year.
+/// Growth of cracks within a year.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Growth {
-    /// By the Paris law, whose table is computed by quadrature.
+    /// The Paris law, whose table is computed by quadrature.
     #[default]
     ParisLaw,
-    /// By the Paris law with so many times as many cycles in a year. For worlds other than the one where something was
-    /// learned; who inspects knows how cracks grow there.
+    /// The Paris law with this multiple of the cycles in a year. For environments that differ from the one in
+    /// which a policy was learned; beliefs use the same growth.
     Accelerated(#[schemars(range(min = 0.0, max = 100.0))] f64),
-    /// By a table: columns `rate` (years without a repair), `from` and `to` (bins from 0) and `p`; rows without `rate`
-    /// and `from` are the first sizes.
+    /// A table: columns `rate` (years without a repair), `from` and `to` (bins from 0) and `p`; rows without
+    /// `rate` and `from` are the initial sizes.
     File(DataFile),
 }
 
@@ -32,21 +32,22 @@ pub struct InspectionPlanningConfig {
     /// Components n of the system; each has a seat.
     #[schemars(range(min = 1, max = 100), extend("x-source" = "Leroy et al. 2023: 3, 5, 10, 50, 100"))]
     pub components: usize,
-    /// Components k that must work, or the system has failed; all but one where absent.
+    /// Number k of components that must work, or the system has failed; all but one if absent.
     #[schemars(range(min = 1, max = 100), extend("x-source" = "Leroy et al. 2023: 2, 4, 9, 48, 95"))]
     pub required: Option<usize>,
-    /// True where a common factor makes first crack sizes alike, so that an inspection speaks of all components.
+    /// Whether a common factor makes initial crack sizes alike, so that an inspection is informative about all
+    /// components.
     pub correlated: bool,
-    /// True where a step with an inspection or a repair costs 5 besides, and an inspection 0.2 in place of 1.
+    /// Whether a step with an inspection or a repair costs an additional 5, while an inspection costs 0.2
+    /// instead of 1.
     pub campaign: bool,
     /// Steps of an episode.
     #[schemars(range(min = 1, max = 30), extend("x-unit" = "yr", "x-source" = "Leroy et al. 2023"))]
     pub horizon: usize,
-    /// What costs are multiplied by for each year that they lie ahead; within the reward, so that returns are plain
-    /// sums.
+    /// Discount factor of costs per year; it is part of the reward, so that returns are plain sums.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Leroy et al. 2023"))]
     pub discount: f64,
-    /// How cracks grow.
+    /// Growth of cracks.
     pub crack_growth: Growth,
 }
 
@@ -82,12 +83,14 @@ impl contract::Config for InspectionPlanningConfig {
 }
 
 impl InspectionPlanningConfig {
-    /// Components that must work.
+    /// Number of components that must work.
     #[must_use]
     pub fn n_required(&self) -> usize {
         self.required.unwrap_or((self.components - 1).max(1))
     }
 
+    /// Checks the numbers.
+    ///
     /// # Errors
     /// [`Error::Config`] for a number outside its range.
     pub fn check(&self) -> Result<(), Error> {
@@ -118,10 +121,10 @@ impl InspectionPlanningConfig {
         }
     }
 
-    /// How cracks grow.
+    /// The table of crack growth.
     ///
     /// # Errors
-    /// Those of [`CrackGrowth::of_file`].
+    /// Errors of [`CrackGrowth::of_file`].
     pub fn growth(&self) -> Result<Arc<CrackGrowth>, Error> {
         match &self.crack_growth {
             Growth::ParisLaw => Ok(CrackGrowth::of_paris_law()),

@@ -1,4 +1,4 @@
-//! How cracks grow and what an inspection finds of them, as tables over bins of crack sizes.
+//! Crack growth and the outcomes of inspections, as tables over bins of crack sizes.
 //!
 //! | symbol | here | value |
 //! |---|---|---|
@@ -11,17 +11,18 @@
 //! | p, K | (m - 2) / 2, C (sqrt(pi) S)^m N | |
 //!
 //! C and S are drawn once for a component and kept, so that the law d' = C (S sqrt(pi d))^m has the solution
-//! `d_t^(-p) = d_0^(-p) - p K t`, and a size of at least `E` after t years is a first size of at least
-//! `e(t) = (E^(-p) + p K t)^(-1/p)`. A crack beyond d_c has failed and stays so.
+//! `d_t^(-p) = d_0^(-p) - p K t`, and a size of at least `E` after t years corresponds to an initial size of at
+//! least `e(t) = (E^(-p) + p K t)^(-1/p)`. A crack beyond d_c has failed and stays so.
 //!
-//! **Table.** `P(d_(t+1) in bin k | d_t in bin j)` is a ratio of two probabilities. Given K both are masses of the
-//! exponential distribution between edges that are pulled back to year 0; over K they are averaged by the
-//! trapezoidal rule in the two standard normals, whose error falls faster than any power of its step. A bin that
-//! holds nothing keeps what it would have.
+//! **Table.** `P(d_(t+1) in bin k | d_t in bin j)` is a ratio of two probabilities. Given K both are masses of
+//! the exponential distribution between edges that are pulled back to year 0; over K they are averaged by the
+//! trapezoidal rule in the two standard normals, whose error falls faster than any power of its step. A bin of
+//! zero probability keeps its cracks.
 //!
 //! Range of validity: linear elastic growth of one crack under loads of constant range; bins below 0.0001 mm
-//! hold what is no crack yet. Constants and bins: P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D. Ernst,
-//! "IMP-MARL: a suite of environments for large-scale infrastructure management planning via MARL", NeurIPS 2023.
+//! stand for the absence of a crack. Constants and bins: P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D.
+//! Ernst, "IMP-MARL: a suite of environments for large-scale infrastructure management planning via MARL",
+//! NeurIPS 2023.
 
 use contract::{DataFile, Error};
 use serde::Deserialize;
@@ -31,11 +32,11 @@ use std::{
     sync::{Arc, Mutex, PoisonError, Weak},
 };
 
-/// Bins of crack sizes; the last one holds failed components.
+/// Number of bins of crack sizes; the last one holds failed components.
 pub const N_BINS: usize = 30;
-/// Ages, in years without a repair, for which there is a table.
+/// Number of ages, in years without a repair, in the table.
 pub const N_AGES: usize = 30;
-/// The last bin.
+/// Position of the bin of failed components.
 pub const FAILED: usize = N_BINS - 1;
 
 const SMALLEST_EDGE_MM: f64 = 1e-4;
@@ -47,23 +48,23 @@ const LN_C_SD: f64 = 0.5;
 const STRESS_MEAN_MPA: f64 = 70.0;
 const STRESS_SD_MPA: f64 = 10.0;
 const CYCLES_PER_YEAR: f64 = 1e6;
-/// A crack of this size is found with a probability of 1 - 1/e.
+/// Crack size that an inspection finds with a probability of 1 - 1/e, mm.
 const DETECTABLE_SIZE_MM: f64 = 8.0;
-/// The size that failed components count as where they are inspected.
+/// Crack size of failed components in an inspection, mm.
 const FAILED_SIZE_MM: f64 = 21.0;
-/// Standard normals run from minus this to this in steps of [`STEP`].
+/// Range of the standard normals on both sides of 0, in steps of [`STEP`].
 const REACH: i32 = 24;
 const STEP: f64 = 0.25;
 
 /// Probabilities over the bins.
 pub type Belief = [f64; N_BINS];
 
-/// Crack growth within a year by age, and the sizes that new and repaired components start with.
+/// Crack growth within a year by age, and the initial sizes of new and repaired components.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrackGrowth {
-    /// For each age and bin the bins that follow, with their probabilities; those of 0 are left out.
+    /// For each age and bin the following bins with their probabilities; zeros are left out.
     rows: Vec<Vec<Vec<(usize, f64)>>>,
-    /// Sizes of a new or repaired component.
+    /// Initial sizes of a new or repaired component.
     pub initial: Belief,
 }
 
@@ -74,7 +75,7 @@ impl CrackGrowth {
         Self::accelerated(1.0)
     }
 
-    /// The same with so many times as many cycles in a year.
+    /// The table with `times` the cycles in a year.
     #[must_use]
     pub fn accelerated(times: f64) -> Arc<Self> {
         static COMPUTED: Mutex<BTreeMap<u64, Arc<CrackGrowth>>> = Mutex::new(BTreeMap::new());
@@ -85,21 +86,22 @@ impl CrackGrowth {
                 initial: first_sizes(),
             })
         };
-        // What panicked while it held the lock has left the map as it was.
+        // A panic while the lock was held has left the map unchanged.
         let mut computed = COMPUTED.lock().unwrap_or_else(PoisonError::into_inner);
         computed.entry(times.to_bits()).or_insert_with(compute).clone()
     }
 
-    /// A table from a file: columns `rate` (years without a repair), `from`, `to` (bins from 0) and `p`; rows without
-    /// `rate` and `from` are the first sizes. One that an environment in use has read is not read again.
+    /// A table from a file: columns `rate` (years without a repair), `from`, `to` (bins from 0) and `p`; rows
+    /// without `rate` and `from` are the initial sizes. A table that another environment uses is not read
+    /// again.
     ///
     /// # Errors
-    /// [`Error::File`] and [`Error::Input`] for a file that cannot be read, is no such table, or has rows that do not
-    /// sum to 1.
+    /// [`Error::File`] and [`Error::Input`] for a file that cannot be read, is not such a table, or has rows
+    /// that do not sum to 1.
     pub fn of_file(file: &DataFile) -> Result<Arc<Self>, Error> {
         static IN_USE: Mutex<BTreeMap<String, Weak<CrackGrowth>>> = Mutex::new(BTreeMap::new());
         let key = file.digest()?.into_owned();
-        // What panicked while it held the lock has left the map as it was.
+        // A panic while the lock was held has left the map unchanged.
         let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
             return Ok(known);
@@ -126,7 +128,7 @@ impl CrackGrowth {
         Ok(read)
     }
 
-    /// Sizes a year later of a component of this age (the last age for those beyond the table).
+    /// Sizes one year later of a component of this age; ages beyond the table have its last row.
     #[must_use]
     pub fn grow(&self, age: usize, belief: &Belief) -> Belief {
         let mut next = [0.0; N_BINS];
@@ -148,7 +150,7 @@ impl CrackGrowth {
         match (entry.rate, entry.from) {
             (None, None) => self.initial[to] = entry.p,
             (Some(rate), Some(from)) if rate < N_AGES => self.rows[rate][bin(from)?].push((to, entry.p)),
-            // A rate that an episode never comes to.
+            // An age that no episode reaches.
             (Some(_), Some(_)) => {}
             _ => return Err("`rate` and `from` stand together".into()),
         }
@@ -189,7 +191,8 @@ fn wrong(file: &DataFile, row: Option<usize>, problem: String) -> Error {
     }
 }
 
-/// Edges of the bins, mm: 0, then 29 with logarithms in equal steps up to the critical size; the last bin is open.
+/// Edges of the bins, mm: 0, then 29 edges with equal steps of their logarithms up to the critical size; the
+/// last bin is open.
 #[must_use]
 pub fn edges_mm() -> [f64; N_BINS] {
     let (low, high) = (SMALLEST_EDGE_MM.ln(), CRITICAL_SIZE_MM.ln());
@@ -213,13 +216,13 @@ pub fn detection() -> Belief {
     })
 }
 
-/// Probability of a first size of at most `size_mm`.
+/// Probability of an initial size of at most `size_mm`.
 #[must_use]
 pub fn first_size_cdf(size_mm: f64) -> f64 {
     -(-size_mm / FIRST_SIZE_MM).exp_m1()
 }
 
-/// Masses of the first sizes in the bins.
+/// Masses of the initial sizes in the bins.
 #[must_use]
 pub fn first_sizes() -> Belief {
     masses(&edges_mm().map(first_size_cdf))
@@ -246,7 +249,7 @@ fn joint_probabilities(times: f64) -> Vec<[Belief; N_BINS]> {
     joint
 }
 
-/// Values of `p K` with their weights, which sum to nearly 1.
+/// Values of `p K` with their weights, whose sum is nearly 1.
 fn growth_factors() -> impl Iterator<Item = (f64, f64)> {
     let normals = || (-REACH..=REACH).map(|step| f64::from(step) * STEP);
     let of = |x: f64, y: f64| {
@@ -259,12 +262,12 @@ fn growth_factors() -> impl Iterator<Item = (f64, f64)> {
     normals().flat_map(move |x| normals().map(move |y| of(x, y)))
 }
 
-/// p.
+/// The exponent p.
 fn exponent() -> f64 {
     (PARIS_EXPONENT - 2.0) / 2.0
 }
 
-/// The share of components whose first size was above the one that comes to each edge in `years`.
+/// Fraction of components whose initial size was above the one that reaches each edge in `years`.
 fn pulled_back(growth: f64, years: usize) -> Belief {
     #[allow(clippy::cast_precision_loss, reason = "a number of years")]
     let grown = growth * years as f64;
@@ -279,8 +282,8 @@ fn pulled_back(growth: f64, years: usize) -> Belief {
     edges_mm().map(|edge| (-first_size(edge) / FIRST_SIZE_MM).exp())
 }
 
-/// Adds the mass of every bin `j` of now within every bin `k` of a year later; both are intervals of first sizes, and
-/// `now` and `later` the shares above their lower ends.
+/// Adds the mass of every present bin `j` within every bin `k` of the next year; both are intervals of initial
+/// sizes, and `now` and `later` are the fractions above their lower ends.
 fn add_overlaps(joint: &mut [Belief; N_BINS], now: &Belief, later: &Belief, weight: f64) {
     let end = |above: &Belief, bin: usize| above.get(bin + 1).copied().unwrap_or(0.0);
     let (mut j, mut k) = (0, 0);
@@ -324,7 +327,7 @@ mod tests {
         growth.grow(age, &std::array::from_fn(|bin| f64::from(u8::from(bin == from))))
     }
 
-    /// `K` grows with the cycles, so two years at once are two years one after the other.
+    /// `K` grows with the cycles, so two years at once are two consecutive years.
     #[test]
     fn twice_the_cycles_are_two_years_in_one() {
         let (once, twice) = (CrackGrowth::of_paris_law(), CrackGrowth::accelerated(2.0));
@@ -351,8 +354,8 @@ mod tests {
         }
     }
 
-    /// The published table was counted in ten million samples, of which a bin held its mass: every entry lies
-    /// within six deviations of such a count.
+    /// The published table was counted from ten million samples, spread over the bins by their mass: every
+    /// entry lies within six standard deviations of such a count.
     #[test]
     fn the_published_table_is_met_as_well_as_it_was_sampled() {
         const SAMPLES: f64 = 1e7;
@@ -388,7 +391,7 @@ mod tests {
         );
     }
 
-    /// The law itself, sample by sample and year by year, without its closed form.
+    /// The law itself, integrated sample by sample and year by year, without its closed form.
     #[test]
     fn integrated_samples_fail_as_often_as_the_table_says() {
         let mut rng = stream(&["cracks"]);
@@ -418,7 +421,7 @@ mod tests {
         let growth = CrackGrowth::of_paris_law();
         let belief = (0..20).fold(growth.initial, |belief, age| growth.grow(age, &belief));
         let share = f64::from(failed) / f64::from(samples);
-        // A share of 0.02 of 20 000 has a deviation of 0.001.
+        // A share of 0.02 of 20 000 has a standard deviation of 0.001.
         assert!(
             (share - belief[FAILED]).abs() < 0.004,
             "{share} {}",
@@ -427,10 +430,10 @@ mod tests {
     }
 
     #[test]
-    fn what_an_inspection_finds_grows_with_the_crack() {
+    fn the_probability_of_detection_grows_with_the_crack() {
         let detection = detection();
         assert!(detection.is_sorted());
-        // As published, to the last digit.
+        // The published value, to the last digit.
         assert!((detection[1] - 1.591_488_801_864_027e-5).abs() < 1e-16);
         assert!((detection[28] - 0.872_332_722_771_346_7).abs() < 1e-12);
         assert!((detection[FAILED] - 0.927_560_242_965_748_6).abs() < 1e-15);

@@ -29,8 +29,8 @@ fn constant(environment: &mut InspectionPlanning, choice: f64) -> (f64, Vec<f64>
     }
 }
 
-/// Values of the published program: -40.24126096000002 by its table, -40.1228 by a quadrature of the same law, and
-/// 30 steps with two repairs.
+/// Values of the published program: -40.24126096000002 by its table, -40.1228 by a quadrature of the same law,
+/// and 30 steps with two repairs.
 #[test]
 fn returns_of_constant_policies_are_the_published_ones() {
     let one_of_two = json!({ "components": 2, "discount": 1.0 });
@@ -40,7 +40,7 @@ fn returns_of_constant_policies_are_the_published_ones() {
         "{}",
         constant(&mut computed, 0.0).0
     );
-    // Repaired components fail with a probability of 1e-9 or so.
+    // Repaired components fail with a probability of about 1e-9.
     assert!((constant(&mut computed, 2.0).0 + 1200.0).abs() < 1e-3);
     let mut sampled = one_of_two;
     sampled["crack_growth"] = json!({ "file": oracle_tests::table() });
@@ -65,7 +65,7 @@ fn metrics_add_up_to_the_return_and_campaigns_cost() {
 }
 
 #[test]
-fn what_seats_see_is_their_belief_the_time_and_the_factor() {
+fn a_seat_observes_its_belief_the_time_and_the_factor() {
     for (correlated, width) in [(false, 31), (true, 111)] {
         let mut environment = environment(json!({ "components": 2, "correlated": correlated }));
         let seen = environment.reset(&mut stream(&[])).unwrap();

@@ -1,33 +1,34 @@
 //! Inspections and repairs of a system of cracking components, of which at least k of n must work.
 //!
-//! The `struct` environments of P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D. Ernst, "IMP-MARL: a suite of
-//! environments for large-scale infrastructure management planning via MARL", NeurIPS 2023, arXiv:2306.11551. A step
-//! is a year, a seat a component. What is known of a component is a belief over bins of crack sizes ([`belief`]);
-//! cracks grow by the Paris law ([`crack_growth`]). There is no hidden truth: inspections are drawn from the beliefs,
-//! and failures are paid for by their probability.
+//! The `struct` environments of P. Leroy, P. G. Morato, J. Pisane, A. Kolios and D. Ernst, "IMP-MARL: a suite
+//! of environments for large-scale infrastructure management planning via MARL", NeurIPS 2023,
+//! arXiv:2306.11551. A step is a year, a seat a component. The knowledge of a component is a belief over bins
+//! of crack sizes ([`belief`]); cracks grow by the Paris law ([`crack_growth`]). There is no hidden truth:
+//! inspections are drawn from the beliefs, and failures are paid for by their probability.
 //!
 //! | symbol | here | shape, range |
 //! |---|---|---|
 //! | b_i(x) | `belief_0` .. `belief_28`, `failure_probability` | `[30]`, sums to 1 |
-//! | alpha(u) | `factor_0` .. `factor_79`, correlated systems alone | `[80]`, sums to 1 |
-//! | t / T | `time`, the part of the episode that is over | in [0, 1] |
+//! | alpha(u) | `factor_0` .. `factor_79`, correlated systems only | `[80]`, sums to 1 |
+//! | t / T | `time`, the elapsed fraction of the episode | in [0, 1] |
 //! | r_i | `age`, years since the component was new | |
 //! | F | probability that fewer than k components work | |
 //! | c | costs of the step: an inspection 1, a repair 20 (campaign: 0.2, 20, and 5 for a step with either) | |
 //! | gamma | `discount` | |
 //!
-//! Every seat earns `gamma^t (-c - 10000 r)`, with the risk `r = F' - F`, or F' where F' is below F. F is of the
-//! beliefs before the step, F' of those after it, of inspected components without what their own inspection found.
+//! Every seat earns `gamma^t (-c - 10000 r)`, with the risk `r = F' - F`, or F' where F' is below F. F is
+//! computed from the beliefs before the step, F' from those after it, without the findings of a component's own
+//! inspection.
 //!
-//! A seat sees its own belief, the time, and alpha. The full state has the beliefs, ages and last findings of all
-//! seats, the step and alpha. Departure: the published state has the time once for every seat, and findings
-//! (`detected`) are not in it but told to the published heuristic beside it.
+//! A seat observes its own belief, the time, and alpha. The full state has the beliefs, ages and last findings
+//! of all seats, the step and alpha. Departure: the published state has the time once for every seat, and
+//! findings (`detected`) are not part of it but given to the published heuristic separately.
 //!
 //! Metrics, sums over an episode, discounted: `inspection_cost`, `repair_cost`, `campaign_cost` and `risk_cost`, which
 //! add up to minus the return; and plain counts of `inspections` and `repairs`.
 //!
-//! Constants of the crack growth and the table that the published program reads: see [`crack_growth`]. That table was
-//! counted in samples; `crack_growth: { file: .. }` takes it in the place of the quadrature.
+//! For the constants of the crack growth and the table of the published program see [`crack_growth`]. That
+//! table was counted from samples; `crack_growth: { file: .. }` uses it instead of the quadrature.
 
 pub mod belief;
 mod config;
@@ -56,18 +57,18 @@ pub struct InspectionPlanning {
     metrics: Vec<Metric>,
     model: Model,
     progress: Progress,
-    /// Marginals of the beliefs, kept beside them.
+    /// Marginals of the beliefs.
     marginals: Vec<Belief>,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Serialize, Deserialize)]
 struct Progress {
     step: usize,
     beliefs: Beliefs,
 }
 
-/// What a step costs, before it is discounted.
+/// Costs of a step, undiscounted.
 #[derive(Debug, Clone, Copy, Default)]
 struct Costs {
     inspection: f64,
@@ -79,7 +80,7 @@ struct Costs {
 /// Builds the environment; registered as `inspection_planning`.
 ///
 /// # Errors
-/// [`Error::Config`] for a number outside its range, and what a table from a file is refused for.
+/// [`Error::Config`] for a number outside its range, and the errors of a table from a file.
 pub fn build(config: InspectionPlanningConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(InspectionPlanning::new(config)?))
 }
@@ -106,7 +107,7 @@ impl InspectionPlanning {
         )
     }
 
-    /// A step whose inspections find what `finds` says of a component and the probability of a finding.
+    /// Takes a step; `finds` decides each inspection from the component and the probability of a finding.
     fn advance(&mut self, treatments: &[Treatment], finds: impl FnMut(usize, f64) -> bool) -> Step {
         let before = self.failure_probability(&self.marginals);
         let without_evidence = self.progress.beliefs.advance(&self.model, treatments, finds);
@@ -161,7 +162,7 @@ impl InspectionPlanning {
         self.marginals.iter().map(own).collect()
     }
 
-    /// Weights of the common factor; none where there is no such factor.
+    /// Weights of the common factor; empty without such a factor.
     fn factors(&self) -> &[f64] {
         let weights = &self.progress.beliefs.weights;
         if self.config.correlated { weights } else { &[] }
@@ -226,7 +227,7 @@ fn name(component: usize) -> String {
     format!("component_{component}")
 }
 
-/// Limits leave room for the rounding of sums.
+/// The limits leave room for the rounding of sums.
 fn probability(name: String) -> Channel {
     Channel::new(name, "").within(0.0, 1.0 + 1e-9).typical(0.0, 0.1)
 }
@@ -263,7 +264,8 @@ impl Environment for InspectionPlanning {
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = choices::taken(&self.seats, actions)?;
         let treatments: Vec<Treatment> = chosen.into_iter().map(|choice| Treatment::ALL[choice]).collect();
-        // A number for every component, inspected or not, so that what one policy does moves no draw of another's.
+        // One number for every component, inspected or not, so that the choices of a policy do not change later
+        // draws.
         let draws: Vec<f64> = treatments.iter().map(|_| rng.random()).collect();
         Ok(self.advance(&treatments, |component, p| draws[component] < p))
     }

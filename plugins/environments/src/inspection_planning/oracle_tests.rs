@@ -1,4 +1,4 @@
-//! The environment against trajectories of the published program (`tests/fixtures/inspection_planning`).
+//! The environment compared with trajectories of the published program (`tests/fixtures/inspection_planning`).
 
 use super::*;
 use serde_json::json;
@@ -25,12 +25,12 @@ struct Run {
     campaign: bool,
     #[serde(rename = "return")]
     sum: f64,
-    steps: Vec<Recorded>,
+    steps: Vec<RecordedStep>,
 }
 
-/// A step, and what was known after it.
+/// A step, and the beliefs after it.
 #[derive(Debug, Deserialize)]
-struct Recorded {
+struct RecordedStep {
     action: Vec<usize>,
     /// 1 where a crack was found.
     inspection: Vec<u8>,
@@ -56,7 +56,7 @@ fn assert_close(ours: f64, theirs: f64, tolerance: f64, place: &str) {
     );
 }
 
-/// Plays the recorded actions and findings; returns how many full beliefs were compared.
+/// Replays the recorded actions and findings; returns the number of full beliefs that were compared.
 fn follow(run: &Run, correlated: bool, tolerance: f64) -> usize {
     let config =
         json!({ "correlated": correlated, "campaign": run.campaign, "crack_growth": { "file": table() } });
@@ -82,7 +82,7 @@ fn follow(run: &Run, correlated: bool, tolerance: f64) -> usize {
 
 fn assert_knowledge(
     environment: &InspectionPlanning,
-    recorded: &Recorded,
+    recorded: &RecordedStep,
     tolerance: f64,
     place: &str,
 ) -> usize {
@@ -120,7 +120,8 @@ fn uncorrelated_components_follow_the_published_program() {
     assert_eq!((runs.len(), compared), (4, 4));
 }
 
-/// First sizes are computed here, and fit the published table to 1e-10, which failures are multiplied with.
+/// Initial sizes are computed here and agree with the published table to 1e-10, by which failures are
+/// multiplied.
 #[test]
 fn correlated_components_follow_the_published_program() {
     let runs = trajectories().correlated;

@@ -1,4 +1,4 @@
-//! What a study may say of the `particles` environment.
+//! Config of the `particles` environment.
 
 use super::{
     cooperative_navigation::CooperativeNavigation,
@@ -38,15 +38,16 @@ impl ScenarioName {
 pub struct ParticlesConfig {
     /// The task.
     pub scenario: ScenarioName,
-    /// Whose dynamics and rewards: the thesis', those of the OpenAI environment that it forked, or those of
+    /// Source of the dynamics and rewards: the thesis, the OpenAI environment from which it was forked, or
     /// mpe2.
     pub variant: Variant,
     /// Steps after which an episode is truncated.
     #[schemars(range(min = 1), extend("x-unit" = "steps", "x-source" = "authors' public code"))]
     pub episode_length: u64,
-    /// Where episodes start; what is left out is drawn anew for each.
+    /// Initial positions of bodies; positions that are left out are drawn anew for each episode.
     pub start: Start,
-    /// True shows every agent what all agents see, one after the other, as the thesis' authors do.
+    /// Whether every agent observes the observations of all agents, one after the other, as in the authors'
+    /// program.
     pub joint_observation: bool,
 }
 
@@ -64,14 +65,14 @@ impl Default for ParticlesConfig {
 
 impl contract::Config for ParticlesConfig {}
 
-/// Where bodies are at the start of an episode; all are at rest.
+/// Initial positions of bodies; all are at rest.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Start {
-    /// Positions of the agents, as in [[0.1, 0.2], [-0.3, 0.4], [0.5, -0.6]]; left out, each is drawn
+    /// Positions of the agents, such as [[0.1, 0.2], [-0.3, 0.4], [0.5, -0.6]]; if left out, each is drawn
     /// uniformly from [-1, 1]^2.
     pub agents: Option<Vec<Vector>>,
-    /// Positions of the landmarks; left out, each is drawn uniformly from [-1, 1]^2, the obstacles of
+    /// Positions of the landmarks; if left out, each is drawn uniformly from [-1, 1]^2, the obstacles of
     /// predator_prey from [-0.9, 0.9]^2.
     pub landmarks: Option<Vec<Vector>>,
 }
@@ -120,7 +121,7 @@ fn check_places(key: &str, places: Option<&[Vector]>, count: usize, what: &str) 
 }
 
 impl Start {
-    /// Puts all bodies at rest at their starts. Draws agents in order, x before y, then landmarks.
+    /// Places all bodies at rest. Draws agents in order, x before y, then landmarks.
     pub(super) fn place(&self, world: &mut World, landmark_range: f64, rng: &mut Rng) {
         let agents = world.agents().len();
         let (moving, fixed) = world.motions_mut().split_at_mut(agents);

@@ -1,14 +1,14 @@
-//! Cooperative navigation: three agents are to cover three landmarks without touching each other (thesis,
+//! Cooperative navigation: three agents have to cover three landmarks without touching each other (thesis,
 //! section 4.5.2; `simple_spread` in other programs).
 //!
-//! Agents start anywhere in [-1, 1]^2, as do the landmarks, which nothing collides with. With C = - sum over
-//! landmarks of the distance to the nearest agent and K_i the number of agents that overlap agent i, agent i
-//! earns what [`Sharing`] says. Where an agent collides with itself, K_i is one more: over 25 steps the
-//! return of each agent holds a constant -25.
+//! Agents and landmarks start anywhere in [-1, 1]^2; landmarks do not collide. With C = - sum over landmarks of
+//! the distance to the nearest agent and K_i the number of agents that overlap agent i, [`RewardSharing`]
+//! defines the reward of agent i. Where an agent collides with itself, K_i is one more: over 25 steps the
+//! return of each agent contains a constant -25.
 
 use super::{
-    rules::{Rules, Sharing},
-    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
+    rules::{RewardSharing, Rules},
+    scenario::{MetricValues, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -28,7 +28,7 @@ const LANDMARK: Body = Body {
     top_speed: None,
 };
 
-/// The task.
+/// The scenario of cooperative navigation.
 pub(super) struct CooperativeNavigation {
     /// The rules of the variant.
     pub(super) rules: Rules,
@@ -45,7 +45,7 @@ impl CooperativeNavigation {
         (AGENTS..AGENTS + LANDMARKS).map(nearest).sum()
     }
 
-    /// How many agents each one overlaps.
+    /// Number of agents that each agent overlaps.
     fn collisions(&self, world: &World) -> [f64; AGENTS] {
         let mut collisions = [if self.rules.collides_with_itself { 1.0 } else { 0.0 }; AGENTS];
         for (a, b) in [(0, 1), (0, 2), (1, 2)] {
@@ -60,9 +60,11 @@ impl CooperativeNavigation {
     fn rewards(&self, distance: f64, collisions: [f64; AGENTS]) -> [f64; AGENTS] {
         let own = collisions.map(|count| -distance - count);
         match self.rules.sharing {
-            Sharing::Own => own,
-            Sharing::Sum => [own.iter().sum(); AGENTS],
-            Sharing::Local { ratio } => collisions.map(|count| (1.0 - ratio) * -distance - ratio * count),
+            RewardSharing::Own => own,
+            RewardSharing::Sum => [own.iter().sum(); AGENTS],
+            RewardSharing::Local { ratio } => {
+                collisions.map(|count| (1.0 - ratio) * -distance - ratio * count)
+            }
         }
     }
 }
@@ -91,7 +93,7 @@ impl Scenario for CooperativeNavigation {
             .collect()
     }
 
-    /// 18 entries: own velocity and position, landmarks and other agents from there, and the others'
+    /// 18 entries: own velocity and position, relative positions of landmarks and other agents, and the others'
     /// messages, always zero.
     fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>) {
         surroundings(world, agent, seen);
@@ -106,7 +108,7 @@ impl Scenario for CooperativeNavigation {
         metrics().into_iter().chain([distance]).collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues) {
         let (distance, collisions) = (Self::landmark_distance(world), self.collisions(world));
         let rewards = self.rewards(distance, collisions);
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]

@@ -1,5 +1,4 @@
-//! Steps worked out by hand or with the other programs, scores of policies without skill, and what is
-//! refused.
+//! Steps by hand or from other programs, scores of policies without skill, and refusals.
 
 use super::*;
 use ScenarioName::{CooperativeNavigation, PredatorPrey};
@@ -43,7 +42,7 @@ fn placed(variant: Variant, agents: &[Vector]) -> Particles {
     particles
 }
 
-/// Repeats one joint action and gives back the last step.
+/// Repeats one joint action and returns the last step.
 fn advance(particles: &mut Particles, actions: &[Vector], steps: usize) -> Step {
     let actions: Vec<Vec<f64>> = actions.iter().map(|action| action.to_vec()).collect();
     let mut rng = contract::random::stream(&[]);
@@ -152,9 +151,9 @@ fn navigation_with_contacts() {
     }
 }
 
-/// Two agents overlap, the third is alone; every landmark is 1 away from the pair's nearest.
+/// Two agents overlap, the third is alone; every landmark is 1 away from the nearest agent of the pair.
 #[test]
-fn who_pays_for_a_collision() {
+fn variants_differ_in_the_agents_that_pay_for_a_collision() {
     let apart = [[0.0, 0.0], [0.2, 0.0], [5.0, 0.0]];
     for (variant, expected) in [
         (Thesis, |c: f64| [c - 2.0, c - 2.0, c - 1.0]),

@@ -1,5 +1,5 @@
-//! Discs in a plane that push each other away: cooperative navigation, and predator and prey (thesis,
-//! sections 4.5.2 and 4.5.3).
+//! Discs in a plane that push each other away: cooperative navigation, and predator and prey (thesis, sections
+//! 4.5.2 and 4.5.3).
 //!
 //! Each agent chooses a force; between two steps a world of unit masses is integrated with a time step of
 //! 0.1:
@@ -12,20 +12,20 @@
 //! | F_i     | gain u_i + contact forces       | `[2]`, see [`World`] |
 //! | t       | steps since the start           | |
 //!
-//! v' = 0.75 v + 0.1 F, shortened to the top speed where the body has one; p' = p + 0.1 v'. Nothing bounds
-//! the positions and nothing terminates an episode: it is truncated after `episode_length` steps. The world
-//! has no SI units.
+//! v' = 0.75 v + 0.1 F, shortened to the top speed where the body has one; p' = p + 0.1 v'. Positions are
+//! unbounded and no episode terminates: it is truncated after `episode_length` steps. The environment has no SI
+//! units.
 //!
 //! # Variants
 //! Published numbers come from three programs that share a name and differ in dynamics and rewards; [`Rules`]
-//! lists how. `thesis` is the program behind the thesis' figures, a fork of the OpenAI environment; `openai`
-//! that environment (Lowe et al. 2017); `mpe2` its successor in the PettingZoo family (version 1.1.1).
+//! lists the differences. `thesis` is the program behind the thesis' figures, a fork of the OpenAI environment;
+//! `openai` that environment (Lowe et al. 2017); `mpe2` its successor in the PettingZoo family (version 1.1.1).
 //!
 //! Two traps of `thesis`:
 //! * *Double acceleration.* Where an agent has an acceleration, the fork multiplies the action by it twice:
 //!   the predators' 3 becomes 9 and the prey's 4 becomes 16, so that both are at their top speeds after a
 //!   step or two.
-//! * *Aliasing.* The fork scales the caller's own action array in place, so whoever stores the array after
+//! * *Aliasing.* The fork scales the caller's own action array in place, so a caller that stores the array after
 //!   the step stores scaled actions. Here actions are read, never written: what a replay keeps lies in
 //!   [-1, 1].
 //!
@@ -48,9 +48,9 @@ mod rules;
 mod scenario;
 mod world;
 
-pub use crate::unit_box::Beyond;
+pub use crate::unit_box::LimitExcess;
 pub use config::{ParticlesConfig, ScenarioName, Start};
-pub use rules::{Integration, Rules, Sharing, Variant};
+pub use rules::{Integration, RewardSharing, Rules, Variant};
 pub use world::{Body, Motion, Vector, World};
 
 use crate::unit_box;
@@ -69,14 +69,14 @@ pub struct Particles {
     world: World,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
-    /// Entries of each agent's own observation.
+    /// Number of entries of each agent's own observation.
     widths: Vec<usize>,
     /// Actions of the present step.
     controls: Vec<Vector>,
     steps: u64,
 }
 
-/// Everything that a stopped trial needs.
+/// State of the environment in a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Snapshot {
     steps: u64,
@@ -92,7 +92,7 @@ pub fn build(config: ParticlesConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 impl Particles {
-    /// A world whose bodies all lie at the origin; call `reset` before `step`.
+    /// A world with all bodies at the origin; call `reset` before `step`.
     ///
     /// # Errors
     /// [`Error::Config`] where an explicit start does not fit the scenario.
@@ -117,7 +117,7 @@ impl Particles {
         })
     }
 
-    /// The bodies and how they move.
+    /// The bodies and their motions.
     #[must_use]
     pub fn world(&self) -> &World {
         &self.world
@@ -137,7 +137,7 @@ impl Particles {
         self.widths.iter().enumerate().map(seen).collect()
     }
 
-    /// Takes the actions over into `controls`.
+    /// Copies the actions into `controls`.
     fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
         unit_box::check_seats(actions, self.controls.len())?;
         for (agent, (action, control)) in actions.iter().zip(&mut self.controls).enumerate() {

@@ -1,4 +1,4 @@
-//! The environment against trajectories of other programs (`tests/fixtures/particles`).
+//! The environment compared with trajectories of other programs (`tests/fixtures/particles`).
 
 use super::*;
 use std::{collections::BTreeMap, path::PathBuf};

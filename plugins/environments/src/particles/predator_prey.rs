@@ -10,7 +10,7 @@
 
 use super::{
     rules::Rules,
-    scenario::{Recorded, Scenario, metrics, pair, surroundings, surroundings_channels},
+    scenario::{MetricValues, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
 use contract::{Channel, Metric, PerEpisode};
@@ -37,26 +37,26 @@ const OBSTACLE: Body = Body {
     acceleration: None,
     top_speed: None,
 };
-/// Reward of every predator for each that touches the prey.
+/// Reward of every predator for each predator that touches the prey.
 const CATCH: f64 = 10.0;
-/// Reward of the prey per distance to each predator, where rewards are shaped.
+/// Reward of the prey per unit of distance to each predator, where rewards are shaped.
 const SHAPING: f64 = 0.1;
 
-/// The task.
+/// The scenario of predator and prey.
 pub(super) struct PredatorPrey {
     /// The rules of the variant.
     pub(super) rules: Rules,
 }
 
 impl PredatorPrey {
-    /// Predators that touch the prey.
+    /// Number of predators that touch the prey.
     fn catches(world: &World) -> f64 {
         (0..PREDATORS)
             .map(|predator| if world.touching(predator, PREY) { 1.0 } else { 0.0 })
             .sum()
     }
 
-    /// What the prey gains, and each predator loses, by distance.
+    /// Reward of the prey, and loss of each predator, by distance.
     fn shaping(&self, world: &World) -> f64 {
         if !self.rules.shaped_pursuit {
             return 0.0;
@@ -67,7 +67,7 @@ impl PredatorPrey {
     }
 }
 
-/// What the prey loses per axis at the distance `x` from the middle.
+/// Penalty of the prey per axis at the distance `x` from the middle.
 fn leaving(x: f64) -> f64 {
     match x {
         x if x < 0.9 => 0.0,
@@ -102,8 +102,8 @@ impl Scenario for PredatorPrey {
         channels
     }
 
-    /// Own velocity and position, obstacles and other agents from there; predators also see the prey's
-    /// velocity: 16 entries for a predator, 14 for the prey.
+    /// Own velocity and position, relative positions of obstacles and other agents; predators also observe the
+    /// prey's velocity: 16 entries for a predator, 14 for the prey.
     fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>) {
         surroundings(world, agent, seen);
         if agent != PREY {
@@ -136,7 +136,7 @@ impl Scenario for PredatorPrey {
             .collect()
     }
 
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded) {
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues) {
         let (catches, shaping) = (Self::catches(world), self.shaping(world));
         let predator = -shaping + CATCH * catches;
         let leaving: f64 = world.agents()[PREY]

@@ -1,9 +1,9 @@
-//! What a task adds to the world: its bodies, what agents see of them, and what they earn.
+//! The part of the environment that depends on the task: bodies, observations, rewards and metrics.
 
 use super::world::{Body, World, difference};
 use contract::{Channel, Metric, PerEpisode};
 
-/// A task in the world of particles.
+/// A task of agents among landmarks.
 pub(super) trait Scenario: Send {
     /// Number of agents.
     fn agents(&self) -> usize;
@@ -11,27 +11,27 @@ pub(super) trait Scenario: Send {
     /// Agents, then landmarks.
     fn bodies(&self) -> Vec<Body>;
 
-    /// Random landmarks lie within this distance of the axes.
+    /// Largest distance of random landmarks from the axes.
     fn landmark_range(&self) -> f64;
 
-    /// Channels of what [`Scenario::observe`] appends.
+    /// Channels of the values that [`Scenario::observe`] appends.
     fn observation_channels(&self, agent: usize) -> Vec<Channel>;
 
-    /// Appends what an agent sees.
+    /// Appends the observation of an agent.
     fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>);
 
-    /// One entry per value that [`Scenario::assess`] gives besides the rewards.
+    /// One metric per value of [`Scenario::assess`] besides the rewards.
     fn metrics(&self) -> Vec<Metric>;
 
-    /// Rewards of all agents, and the metrics, in the world after a step.
-    fn assess(&self, world: &World) -> (Vec<f64>, Recorded);
+    /// Rewards of all agents, and the metrics, after a step.
+    fn assess(&self, world: &World) -> (Vec<f64>, MetricValues);
 }
 
 /// Values of metrics under their names.
-pub(super) type Recorded = Vec<(&'static str, f64)>;
+pub(super) type MetricValues = Vec<(&'static str, f64)>;
 
-/// Appends what agents see in every task: their own velocity and position, then the landmarks and the other
-/// agents from there.
+/// Appends the part of an observation that all tasks share: own velocity and position, then the relative
+/// positions of the landmarks and the other agents.
 pub(super) fn surroundings(world: &World, agent: usize, seen: &mut Vec<f64>) {
     let own = world.agents()[agent];
     seen.extend(own.velocity);
@@ -65,7 +65,7 @@ pub(super) fn pair(name: &str, spread: f64) -> [Channel; 2] {
     ["x", "y"].map(|axis| Channel::new(format!("{name}_{axis}"), "").typical(0.0, spread))
 }
 
-/// Metrics of every task.
+/// Metrics that all tasks share.
 pub(super) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("total_return", "", "sum of the rewards of all agents").per_episode(PerEpisode::Sum),

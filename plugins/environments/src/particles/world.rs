@@ -10,35 +10,35 @@ use serde::{Deserialize, Serialize};
 
 /// Length of a step.
 const TIME_STEP: f64 = 0.1;
-/// Part of a velocity that is lost in a step.
+/// Fraction of a velocity that is lost in a step.
 const DAMPING: f64 = 0.25;
 /// Force per unit of penetration.
 const CONTACT_FORCE: f64 = 100.0;
 /// Width k of the soft threshold.
 const CONTACT_MARGIN: f64 = 1e-3;
-/// Below this, `exp` gives zero.
+/// Exponent below which `exp` gives zero.
 const SMALLEST_EXPONENT: f64 = -746.0;
 
-/// x and y.
+/// A vector with the entries x and y.
 pub type Vector = [f64; 2];
 
-/// What a body is, apart from where it is.
+/// Constants of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// Radius.
+    /// Radius of the disc.
     pub radius: f64,
-    /// Takes part in contacts.
+    /// Whether the body takes part in contacts.
     pub collides: bool,
     /// Acceleration per unit of action; agents without one of their own have 5, applied once.
     pub acceleration: Option<f64>,
-    /// Top speed; none where absent.
+    /// Top speed; `None` for an unlimited one.
     pub top_speed: Option<f64>,
 }
 
-/// Where a body is and how it moves.
+/// Position and velocity of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Motion {
-    /// Centre.
+    /// Position of the centre.
     pub position: Vector,
     /// Change of the centre per unit of time.
     pub velocity: Vector,
@@ -58,7 +58,7 @@ pub struct World {
 }
 
 impl World {
-    /// Bodies at rest at the origin; the first `agents` of them move.
+    /// Bodies at rest at the origin, of which the first `agents` move.
     #[must_use]
     pub fn new(bodies: Vec<Body>, agents: usize, rules: Rules) -> Self {
         let touch = |a: usize, b: usize| bodies[a].collides && bodies[b].collides;
@@ -81,13 +81,13 @@ impl World {
         }
     }
 
-    /// All bodies' motions, agents first.
+    /// Motions of all bodies, agents first.
     #[must_use]
     pub fn motions(&self) -> &[Motion] {
         &self.motions
     }
 
-    /// All bodies' motions, to be set.
+    /// Motions of all bodies, to be set.
     pub fn motions_mut(&mut self) -> &mut [Motion] {
         &mut self.motions
     }
@@ -110,7 +110,7 @@ impl World {
         length(difference(self.motions[a].position, self.motions[b].position))
     }
 
-    /// True where two bodies overlap, as a body does with itself.
+    /// Whether two bodies overlap; a body overlaps itself.
     #[must_use]
     pub fn touching(&self, a: usize, b: usize) -> bool {
         self.distance(a, b) < self.bodies[a].radius + self.bodies[b].radius
@@ -123,7 +123,7 @@ impl World {
         (0..self.agents).map(later).sum()
     }
 
-    /// One step under one action per agent.
+    /// Takes one step with one action per agent.
     pub fn step(&mut self, controls: &[Vector]) {
         self.press(controls);
         self.collide();
@@ -159,7 +159,7 @@ impl World {
     }
 }
 
-/// What an action is multiplied by: two factors, since a product rounds once more than a factor.
+/// Factors of an action: two of them, since multiplying by a product rounds once more.
 fn gains(body: &Body, rules: Rules) -> [f64; 2] {
     const WITHOUT_ONE: f64 = 5.0;
     match body.acceleration {
@@ -175,7 +175,7 @@ fn gains(body: &Body, rules: Rules) -> [f64; 2] {
     }
 }
 
-/// Force on the first of two bodies, which lies `apart` from the second; zero where they are at the same
+/// Force on the first of two bodies, at the offset `apart` from the second; zero where they are at the same
 /// place.
 fn contact(apart: Vector, reach: f64) -> Vector {
     let distance = length(apart);
@@ -296,7 +296,7 @@ mod tests {
         );
     }
 
-    /// A constant force F ends at the speed 0.1 F / 0.25.
+    /// A constant force F leads to the speed 0.1 F / 0.25.
     #[test]
     fn speeds_become_steady() {
         let fast = Body {

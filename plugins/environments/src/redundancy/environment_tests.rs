@@ -5,7 +5,7 @@ fn redundancy(values: serde_json::Value) -> Redundancy {
     Redundancy::new(serde_json::from_value(values).unwrap()).unwrap()
 }
 
-/// The decision that buys these components.
+/// The action that buys these components.
 fn buying(environment: &Redundancy, counts: &Counts) -> Vec<f64> {
     let mut taken: Vec<usize> = (0..MOST_TYPES)
         .flat_map(|of| std::iter::repeat_n(of + 1, counts[of]))
@@ -14,7 +14,7 @@ fn buying(environment: &Redundancy, counts: &Counts) -> Vec<f64> {
     contract::choice::vector(&environment.choices, &taken)
 }
 
-/// Rewards of all steps, and the last step.
+/// Returns the rewards of all steps, and the last step.
 fn play(environment: &mut Redundancy, design: &[Counts]) -> (Vec<f64>, Step) {
     let mut rng = contract::random::stream(&[]);
     environment.reset(&mut rng).unwrap();
@@ -46,7 +46,7 @@ fn the_best_design_has_no_gap() {
         }
         assert_eq!((last.end, rewards.len()), (Some(End::Terminated), 14));
         environment.designed.clear();
-        let start = environment.as_it_stands().score(budget);
+        let start = environment.present_system().score(budget);
         let earned: f64 = rewards.iter().sum();
         assert!((earned - (-(1.0 - best.reliability).ln() - start)).abs() < 1e-12);
     }
@@ -69,7 +69,7 @@ fn two_steps_by_hand() {
         );
     };
     close(&step.observations[0], &[0.0, 1.0, 0.6, 0.45, 0.9995]);
-    // The starters are types 3 (0.91) and 1 (0.95).
+    // The initial components are types 3 (0.91) and 1 (0.95).
     close(
         &step.rewards,
         &[((1.0 - 0.91 * 0.95) / (1.0 - 0.9995 * 0.95_f64)).ln()],

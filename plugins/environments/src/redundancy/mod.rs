@@ -1,21 +1,21 @@
-//! Redundancy allocation: which spare components a system gets for its budget, subsystem by subsystem.
+//! Redundancy allocation: the spare components that a system gets for its budget, subsystem by subsystem.
 //!
 //! The system is that of Fyffe, Hines and Lee (1968), 14 subsystems in series with three or four types of
-//! component each ([`system`]); cost is at most 130 and weight at most 159 to 191, the 33 problems of Y. Nakagawa
-//! and S. Miyazaki, "Surrogate constraints algorithm for reliability optimization problems with two constraints",
-//! IEEE Transactions on Reliability R-30 (1981) 175-180. Types may be mixed within a subsystem, and a decision
-//! fills a number of places with a type or with nothing: the encoding of D. W. Coit and A. E. Smith, "Reliability
-//! optimization of series-parallel systems using a genetic algorithm", IEEE Transactions on Reliability 45 (1996)
-//! 254-260.
+//! component each ([`system`]); cost is at most 130 and weight at most 159 to 191, the 33 problems of Y.
+//! Nakagawa and S. Miyazaki, "Surrogate constraints algorithm for reliability optimization problems with two
+//! constraints", IEEE Transactions on Reliability R-30 (1981) 175-180. Types may be mixed within a subsystem,
+//! and an action fills each place with a type or leaves it empty: the encoding of D. W. Coit and A. E. Smith,
+//! "Reliability optimization of series-parallel systems using a genetic algorithm", IEEE Transactions on
+//! Reliability 45 (1996) 254-260.
 //!
-//! An episode is a design, a step one subsystem. Before it is designed a subsystem has one component of its
-//! lightest type. A step's reward is what it adds to the score of the system as it stands ([`system::Total::score`]:
-//! -ln(1 - R) within the budgets, below 0 beyond them), so that an episode earns the final score less that of the
-//! system of lightest components. A subsystem that is left empty makes R = 0.
+//! An episode is a design, a step one subsystem. Before it is designed, a subsystem has one component of its
+//! lightest type. The reward of a step is its gain in the score of the present system
+//! ([`system::Total::score`]: -ln(1 - R) within the budgets, below 0 beyond them), so that an episode earns the
+//! final score less that of the system of lightest components. An empty subsystem makes R = 0.
 //!
 //! The optimum is found by dynamic programming over the same designs ([`optimum`]). Departure: the papers allow
-//! eight components in a subsystem, the default of `places` is four; all 33 optima have four at most, so none is
-//! lost (a test holds this), and random designs come near the budgets.
+//! eight components in a subsystem, the default of `places` is four; all 33 optima have at most four, so none
+//! is lost (a test checks this), and random designs come near the budgets.
 
 pub mod optimum;
 pub mod system;
@@ -42,7 +42,8 @@ pub struct RedundancyConfig {
         extend("x-source" = "Fyffe, Hines and Lee (1968)")
     )]
     pub subsystems: usize,
-    /// Places for components in every subsystem. The published optima fill four at most; the papers allow eight.
+    /// Places for components in every subsystem. The published optima fill at most four; the papers allow
+    /// eight.
     #[schemars(range(min = 1, max = 8))]
     pub places: usize,
     /// The largest cost of a system.
@@ -134,7 +135,7 @@ pub struct Redundancy {
     choices: Vec<Choice>,
     metrics: Vec<Metric>,
     optimal_reliability: f64,
-    /// Components of the subsystems that are designed.
+    /// Components of the subsystems designed so far.
     designed: Vec<Counts>,
 }
 
@@ -146,14 +147,14 @@ pub fn build(config: RedundancyConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(Redundancy::new(config)?))
 }
 
-/// The reliability of the best design, found once for each config within a process.
+/// The reliability of the best design, computed once for each config within a process.
 fn known_optimum(config: &RedundancyConfig) -> Option<f64> {
     static KNOWN: Mutex<BTreeMap<String, Option<f64>>> = Mutex::new(BTreeMap::new());
     let find = || {
         let best = optimum::optimum(config.types(), config.places, config.budget());
         best.map(|best| best.reliability)
     };
-    // What panicked while it held the lock has left the map as it was.
+    // A panic while the lock was held has left the map unchanged.
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     *known.entry(format!("{config:?}")).or_insert_with(find)
 }
@@ -184,13 +185,14 @@ impl Redundancy {
         })
     }
 
-    /// The subsystems that are designed.
-    fn so_far(&self) -> Total {
+    /// Reliability, cost and weight of the subsystems designed so far.
+    fn designed_total(&self) -> Total {
         Total::of(self.designed_parts())
     }
 
-    /// The whole system: those designed, and the others with their starters.
-    fn as_it_stands(&self) -> Total {
+    /// Reliability, cost and weight of the whole system, with the lightest components in the remaining
+    /// subsystems.
+    fn present_system(&self) -> Total {
         let others = self.config.types()[self.designed.len()..].iter();
         let starters = others.map(|types| Part::of(types, &system::starter(types)));
         Total::of(self.designed_parts().chain(starters))
@@ -202,7 +204,7 @@ impl Redundancy {
     }
 
     fn observe(&self) -> Vec<f64> {
-        let (total, budget) = (self.so_far(), self.config.budget());
+        let (total, budget) = (self.designed_total(), self.config.budget());
         let present = |subsystem| {
             if subsystem == self.designed.len() {
                 1.0
@@ -220,9 +222,9 @@ impl Redundancy {
             .collect()
     }
 
-    /// The metrics of the design as it stands.
+    /// The metrics of the present design.
     fn recorded(&self) -> [(&'static str, f64); 4] {
-        let total = self.as_it_stands();
+        let total = self.present_system();
         let is_feasible = total.is_within(self.config.budget());
         let reliability = if is_feasible { total.reliability } else { 0.0 };
         let gap = (1.0 - reliability) / (1.0 - self.optimal_reliability) - 1.0;
@@ -247,8 +249,8 @@ fn choices(places: usize) -> Vec<Choice> {
     (1..=places).map(place).collect()
 }
 
-/// How many components of each type of the present subsystem a decision buys; a type that it does not have
-/// leaves its place empty.
+/// Number of components of each type that an action buys for the present subsystem; a type that the subsystem
+/// does not have leaves its place empty.
 fn bought(taken: &[usize], types: usize) -> Counts {
     let mut counts = Counts::default();
     for of in taken.iter().filter_map(|option| option.checked_sub(1)) {
@@ -264,7 +266,7 @@ fn share(spent: usize, budget: usize) -> f64 {
     spent as f64 / budget as f64
 }
 
-/// Channels of the observation: one per subsystem, 1 for the one to design, then what is left.
+/// Channels of the observation: one per subsystem, 1 for the next one to design, then the remaining budgets.
 fn channels(config: &RedundancyConfig) -> Vec<Channel> {
     let most = |of: fn(&Component) -> usize| -> usize {
         let dearest = |types: &&[Component]| types.iter().map(of).max().unwrap_or(0);
@@ -335,9 +337,9 @@ impl Environment for Redundancy {
                 problem: "every subsystem is designed; the episode has ended".into(),
             });
         };
-        let before = self.as_it_stands().score(self.config.budget());
+        let before = self.present_system().score(self.config.budget());
         self.designed.push(bought(&taken, types.len()));
-        let after = self.as_it_stands().score(self.config.budget());
+        let after = self.present_system().score(self.config.budget());
         let end = (self.designed.len() == self.config.subsystems).then_some(End::Terminated);
         Ok(Step::new(vec![self.observe()], vec![after - before], end).record_all(self.recorded()))
     }
@@ -360,10 +362,10 @@ impl Environment for Redundancy {
             .collect()
     }
 
-    /// The system as it stands, and what the last step bought.
+    /// The present system, and the purchases of the last step.
     #[allow(clippy::cast_precision_loss, reason = "costs and weights are far below 2^52")]
     fn trace(&self) -> Vec<f64> {
-        let total = self.as_it_stands();
+        let total = self.present_system();
         let bought = match self.designed.last() {
             Some(counts) => counts.map(|count| count as f64),
             None => [f64::NAN; MOST_TYPES],

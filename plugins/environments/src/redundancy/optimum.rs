@@ -1,26 +1,26 @@
 //! The best design of a system within its budgets, by dynamic programming.
 //!
 //! V_i(c, w), the best reliability of subsystems 1 to i for at most cost c and weight w, is the largest
-//! V_{i-1}(c - cost, w - weight) R_i over the ways to fill subsystem i. The search is exact: a product of
-//! doubles does not fall when a factor grows, so no design's rounded reliability exceeds the one found.
+//! V_{i-1}(c - cost, w - weight) R_i over the fillings of subsystem i. The search is exact: a product of
+//! doubles does not fall when a factor grows, so no design's rounded reliability exceeds the result.
 
 use super::system::{Budget, Component, Counts, MOST_TYPES, Part};
 
 /// The best design.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Optimum {
-    /// R.
+    /// Reliability R of the system.
     pub reliability: f64,
     /// Components of every subsystem.
     pub counts: Vec<Counts>,
 }
 
-/// The best design with one to `places` components in each subsystem, or none where no design is within the
+/// The best design with one to `places` components in each subsystem; `None` where no design is within the
 /// budget.
 #[must_use]
 pub fn optimum(subsystems: &[&[Component]], places: usize, budget: Budget) -> Option<Optimum> {
     let tables = tables(subsystems, places, budget);
-    // The last entry is that of the whole budget.
+    // The last entry belongs to the whole budget.
     let reliability = tables.last()?.best.last().copied().filter(|best| *best > 0.0)?;
     Some(Optimum {
         reliability,
@@ -39,7 +39,7 @@ fn tables(subsystems: &[&[Component]], places: usize, budget: Budget) -> Vec<Tab
     tables
 }
 
-/// V_i and what it comes from, by cost and weight.
+/// V_i and the filling that attains it, by cost and weight.
 struct Table {
     ways: Vec<(Counts, Part)>,
     best: Vec<f64>,
@@ -63,7 +63,7 @@ impl Table {
         table
     }
 
-    /// Takes a way wherever it is better than those before it.
+    /// Takes a filling wherever it is better than those before it.
     fn offer(&mut self, index: usize, budget: Budget, before: &[f64]) {
         let part = self.ways[index].1;
         let width = budget.weight + 1;
@@ -93,7 +93,7 @@ fn trace_back(tables: &[Table], budget: Budget) -> Vec<Counts> {
     counts
 }
 
-/// All ways to put one to `places` components of some types together.
+/// All combinations of one to `places` components of some types.
 fn fillings(types: usize, places: usize) -> Vec<Counts> {
     let mut all = vec![Counts::default()];
     for of in 0..types.min(MOST_TYPES) {
@@ -106,7 +106,7 @@ fn fillings(types: usize, places: usize) -> Vec<Counts> {
     all
 }
 
-/// The same components with none to as many of one more type as there are places left.
+/// The same components with zero to all remaining places filled by one more type.
 fn with_more(counts: Counts, of: usize, places: usize) -> impl Iterator<Item = Counts> {
     let left = places - counts.iter().sum::<usize>();
     (0..=left).map(move |count| {
@@ -132,8 +132,8 @@ mod tests {
         optimum(&SUBSYSTEMS, places, budget).unwrap()
     }
 
-    /// The best values in the literature for mixed components and at most eight in a subsystem, to the six digits to
-    /// which the tests of the Python package `repyability` quote them.
+    /// The best values in the literature for mixed components and at most eight in a subsystem, to the six
+    /// digits in the tests of the Python package `repyability`.
     #[test]
     fn published_optima_are_found() {
         for (weight, published) in [
@@ -159,7 +159,8 @@ mod tests {
         best.split_off(PUBLISHED_COST * 192)
     }
 
-    /// All 33 problems of Nakagawa and Miyazaki: four places lose nothing against the eight that they allow.
+    /// All 33 problems of Nakagawa and Miyazaki: four places lose nothing compared with the eight that they
+    /// allow.
     #[test]
     fn four_places_hold_every_published_optimum_and_three_do_not() {
         let [three, four, eight] = [3, 4, 8].map(by_weight);
@@ -199,7 +200,7 @@ mod tests {
         assert_eq!(fillings(3, 2).len(), 9);
     }
 
-    /// The best of all designs, one after the other.
+    /// The best of all designs, tried one by one.
     fn by_brute_force(subsystems: &[&[Component]], places: usize, budget: Budget) -> Option<f64> {
         let mut designs = vec![vec![]];
         for types in subsystems {

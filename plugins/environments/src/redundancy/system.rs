@@ -1,5 +1,6 @@
 //! The 14 subsystems in series of D. E. Fyffe, W. W. Hines and N. K. Lee, "System reliability allocation and a
-//! computational algorithm", IEEE Transactions on Reliability R-17 (1968) 64-69, and what designs of them amount to.
+//! computational algorithm", IEEE Transactions on Reliability R-17 (1968) 64-69, and the reliability, cost and
+//! weight of designs.
 //!
 //! Subsystem i works while one of its components does, the system while all its subsystems do:
 //!
@@ -8,21 +9,21 @@
 //! | symbol | here |
 //! |---|---|
 //! | r_ij | `reliability` of a component of type j for subsystem i |
-//! | n_ij | how many of them there are |
+//! | n_ij | number of such components |
 //! | R_i, R | `reliability` of a [`Part`], of a [`Total`] |
 
 /// A type of component.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Component {
-    /// Probability that it works.
+    /// Probability that the component works.
     pub reliability: f64,
-    /// What one costs, in units of the paper.
+    /// Cost of one component, in units of the paper.
     pub cost: usize,
-    /// What one weighs, in units of the paper.
+    /// Weight of one component, in units of the paper.
     pub weight: usize,
 }
 
-/// The most types that a subsystem has.
+/// Largest number of types of a subsystem.
 pub const MOST_TYPES: usize = 4;
 
 const fn component(reliability: f64, cost: usize, weight: usize) -> Component {
@@ -113,10 +114,10 @@ pub const SUBSYSTEMS: [&[Component]; 14] = [
     ],
 ];
 
-/// How many components of each type a subsystem has; entries beyond its types count for nothing.
+/// Number of components of each type in a subsystem; entries beyond its types are ignored.
 pub type Counts = [usize; MOST_TYPES];
 
-/// What the components of one subsystem amount to.
+/// Reliability, cost and weight of one subsystem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     /// R_i; 0 without components.
@@ -128,7 +129,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// Of these types, this many.
+    /// The subsystem with these numbers of components of each type.
     #[must_use]
     pub fn of(types: &[Component], counts: &Counts) -> Self {
         let mut part = Part {
@@ -149,7 +150,7 @@ impl Part {
     }
 }
 
-/// One component of the lightest type, the cheapest of equally light ones: what a subsystem has before it is
+/// One component of the lightest type, the cheapest of equally light ones, which a subsystem has before it is
 /// designed.
 #[must_use]
 pub fn starter(types: &[Component]) -> Counts {
@@ -159,7 +160,7 @@ pub fn starter(types: &[Component]) -> Counts {
     counts
 }
 
-/// What may be spent.
+/// Limits of cost and weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budget {
     /// The largest cost of a system.
@@ -168,10 +169,10 @@ pub struct Budget {
     pub weight: usize,
 }
 
-/// What a system amounts to.
+/// Reliability, cost and weight of subsystems in series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Total {
-    /// R of subsystems in series; 1 of none.
+    /// R of the subsystems; 1 without any.
     pub reliability: f64,
     /// Cost of all components.
     pub cost: usize,
@@ -180,7 +181,7 @@ pub struct Total {
 }
 
 impl Total {
-    /// These subsystems in series, in order.
+    /// Adds up subsystems in series, in order.
     pub fn of(parts: impl Iterator<Item = Part>) -> Self {
         let nothing = Self {
             reliability: 1.0,
@@ -194,16 +195,16 @@ impl Total {
         })
     }
 
-    /// True where neither budget is exceeded.
+    /// Whether cost and weight are within the budget.
     #[must_use]
     pub fn is_within(&self, budget: Budget) -> bool {
         self.cost <= budget.cost && self.weight <= budget.weight
     }
 
-    /// -ln(1 - R) within the budgets, which is 0 at least; beyond them minus what exceeds them, as parts of
-    /// each. So every design within the budgets is worth more than any beyond them, and of two beyond them the
-    /// one nearer to them is worth more (the comparison of K. Deb, "An efficient constraint handling method for
-    /// genetic algorithms", Computer Methods in Applied Mechanics and Engineering 186 (2000) 311-338).
+    /// -ln(1 - R), at least 0, within the budgets; beyond them minus the relative excesses. So every design
+    /// within the budgets has a higher score than any beyond them, and of two beyond them the nearer one is
+    /// higher (the comparison of K. Deb, "An efficient constraint handling method for genetic algorithms",
+    /// Computer Methods in Applied Mechanics and Engineering 186 (2000) 311-338).
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "costs and weights are far below 2^52")]
     pub fn score(&self, budget: Budget) -> f64 {

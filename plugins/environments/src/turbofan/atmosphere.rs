@@ -1,18 +1,18 @@
-//! The standard atmosphere of 1976 up to 20 km, and the air that an engine meets in flight.
+//! The standard atmosphere of 1976 up to 20 km, and the air in front of an engine in flight.
 //!
 //! U.S. Standard Atmosphere, 1976 (NOAA, NASA, USAF), sections 1.2 and 1.3. The altitude is taken as the
-//! geopotential one, as engine programs do. A day that is warmer or colder changes the temperature alone.
+//! geopotential one, as in engine programs. A warmer or colder day changes only the temperature.
 
 use super::gas::{GAS_CONSTANT, enthalpy, entropy_function, heat_capacity, temperature_of_enthalpy};
 use serde::{Deserialize, Serialize};
 
 /// Temperature (K) and pressure (Pa) at sea level on a standard day.
 pub(super) const SEA_LEVEL: (f64, f64) = (288.15, 101_325.0);
-/// Where the temperature stops to fall, m.
+/// Altitude above which the temperature stops falling, m.
 const TROPOPAUSE_M: f64 = 11_000.0;
 const LAPSE_K_PER_M: f64 = 0.0065;
 const GRAVITY: f64 = 9.806_65;
-/// The gas constant that the standard defines pressures with, J/(kg K).
+/// The gas constant in the standard's definition of pressures, J/(kg K).
 const STANDARD_GAS_CONSTANT: f64 = 287.0529;
 
 /// The air around and in front of an engine.
@@ -30,7 +30,7 @@ pub(super) struct Air {
     pub mach: f64,
     /// Altitude, m.
     pub altitude_m: f64,
-    /// How much warmer than a standard day it is, K.
+    /// Excess of the temperature over that of a standard day, K.
     pub delta_t_k: f64,
 }
 
@@ -55,7 +55,7 @@ impl Air {
         }
     }
 
-    /// How much warmer than the standard the day is on which the air has a total temperature (K).
+    /// Excess over the standard day at which the air has this total temperature, K.
     pub(super) fn delta_t_k(altitude_m: f64, mach: f64, total_temperature: f64) -> f64 {
         let (standard, _) = standard(altitude_m);
         let mut delta_t_k = 0.0;
@@ -67,7 +67,7 @@ impl Air {
         delta_t_k
     }
 
-    /// The air on the way from here to `other`.
+    /// Interpolates between this air and `other`.
     pub(super) fn towards(&self, other: &Self, part: f64) -> Self {
         let between = |from: f64, to: f64| from + part * (to - from);
         Self::at(

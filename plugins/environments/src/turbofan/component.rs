@@ -1,4 +1,4 @@
-//! The parts of an engine, each a function from the flow that enters to the one that leaves.
+//! The components of an engine, each a function from the entering flow to the leaving one.
 //!
 //! Corrected flow is `W sqrt(T / 288.15 K) / (p / 101325 Pa)`, corrected speed `n / sqrt(T / 288.15 K)`, with
 //! total values; those of turbines are referred to their inlet in the same way.
@@ -10,10 +10,10 @@ use super::gas::{
 };
 use super::map::{CompressorShape, TurbineShape};
 
-/// Gas that passes a station.
+/// Gas at a station.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flow<T> {
-    /// kg/s.
+    /// Mass flow, kg/s.
     pub mass_flow: T,
     /// Burnt fuel per mass of gas.
     pub fuel_fraction: T,
@@ -26,7 +26,7 @@ pub(super) struct Flow<T> {
 }
 
 impl<T: Number> Flow<T> {
-    /// Gas of a total temperature.
+    /// Gas at a total temperature.
     pub(super) fn at(mass_flow: T, fuel_fraction: T, temperature: T, pressure: T) -> Self {
         Self {
             mass_flow,
@@ -62,7 +62,7 @@ impl<T: Number> Flow<T> {
         self.mass_flow / self.per_corrected()
     }
 
-    /// A part of the flow.
+    /// A fraction of the flow.
     pub(super) fn part(self, fraction: T) -> Self {
         Self {
             mass_flow: self.mass_flow * fraction,
@@ -70,7 +70,7 @@ impl<T: Number> Flow<T> {
         }
     }
 
-    /// After a loss of total pressure.
+    /// The flow after a loss of total pressure.
     pub(super) fn after_loss(self, loss: T) -> Self {
         Self {
             pressure: self.pressure * (T::from(1.0) - loss),
@@ -78,19 +78,19 @@ impl<T: Number> Flow<T> {
         }
     }
 
-    /// Power that takes this flow to the enthalpy of `outlet`, W.
+    /// Power that brings this flow to the enthalpy of `outlet`, W.
     pub(super) fn work_to(&self, outlet: &Self) -> T {
         self.mass_flow * (outlet.enthalpy - self.enthalpy)
     }
 
-    /// Gas that has half of the work on the way from here to `outlet`. Its pressure is of no use to who bleeds
-    /// it, since it is throttled.
+    /// Gas with half of the work between this flow and `outlet`. Its pressure has no effect, since bleed air is
+    /// throttled.
     pub(super) fn halfway(&self, outlet: &Self) -> Self {
         let enthalpy = (self.enthalpy + outlet.enthalpy) * 0.5;
         Self::of_enthalpy(self.mass_flow, self.fuel_fraction, enthalpy, self.pressure)
     }
 
-    /// With others mixed in and power (W) taken out, at a new pressure.
+    /// This flow after mixing with others and the removal of `power`, W, at a new pressure.
     fn mixed_less(self, others: &[Self], power: T, pressure: T) -> Self {
         let sum = |of: fn(&Self) -> T| others.iter().fold(of(&self), |sum, other| sum + of(other));
         let mass_flow = sum(|flow| flow.mass_flow);
@@ -100,39 +100,39 @@ impl<T: Number> Flow<T> {
     }
 }
 
-/// A compressor: its map and what its design point fixes.
+/// A compressor: its map, and the scales that its design point fixes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Compressor {
     pub shape: CompressorShape,
-    /// Corrected flow of the design point, kg/s.
+    /// Corrected flow at the design point, kg/s.
     pub flow: f64,
-    /// PR - 1 of the design point.
+    /// PR - 1 at the design point.
     pub pressure_rise: f64,
-    /// Polytropic efficiency that gives the design point's together with the map.
+    /// Polytropic efficiency that, with the map, gives the efficiency at the design point.
     pub efficiency: f64,
     /// sqrt(T / 288.15 K) at the inlet at the design point.
     pub root_theta: f64,
 }
 
-/// What a compressor makes of its inlet.
+/// Outlet of a compressor.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Compressed<T> {
-    /// All of the flow, as it leaves; bleeds are taken from it by the caller.
+pub(super) struct CompressorOutput<T> {
+    /// The whole flow; the caller takes bleeds from it.
     pub outlet: Flow<T>,
-    /// Corrected flow that the map asks for, kg/s.
+    /// Corrected flow by the map, kg/s.
     pub corrected_flow: T,
 }
 
 impl Compressor {
-    /// Flow and outlet at a speed relative to the design point's and a place on the speed line; `health` are
-    /// what is added to efficiency and flow, in parts of them.
+    /// Flow and outlet at a speed relative to the design point's and a position on the speed line; `health`
+    /// holds the relative changes of efficiency and flow.
     pub(super) fn compress<T: Number>(
         &self,
         inlet: Flow<T>,
         speed: T,
         line: T,
         health: (f64, f64),
-    ) -> Compressed<T> {
+    ) -> CompressorOutput<T> {
         let corrected_speed = speed * self.root_theta / inlet.root_theta();
         let on_map = self.shape.at(corrected_speed, line);
         let ratio = on_map.pressure_rise * self.pressure_rise + 1.0;
@@ -151,42 +151,42 @@ impl Compressor {
                 pressure,
             )
         };
-        Compressed {
+        CompressorOutput {
             outlet,
             corrected_flow: on_map.flow * self.flow * (health.1 + 1.0),
         }
     }
 }
 
-/// A turbine: its map and what its design point fixes.
+/// A turbine: its map, and the scales that its design point fixes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Turbine {
     pub shape: TurbineShape,
-    /// Corrected flow of the design point, kg/s, of what enters before any cooling air.
+    /// Corrected flow at the design point before any cooling air, kg/s.
     pub flow: f64,
-    /// Pressure ratio of the design point.
+    /// Pressure ratio at the design point.
     pub pressure_ratio: f64,
-    /// Isentropic efficiency of the design point.
+    /// Isentropic efficiency at the design point.
     pub efficiency: f64,
     /// sqrt(T / 288.15 K) at the inlet at the design point.
     pub root_theta: f64,
 }
 
-/// What a turbine makes of its inlet.
+/// Outlet and power of a turbine.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Expanded<T> {
-    /// What leaves, with all cooling air.
+pub(super) struct TurbineOutput<T> {
+    /// Leaving flow, with all cooling air.
     pub outlet: Flow<T>,
     /// Power, W.
     pub power: T,
-    /// Corrected flow that the map asks for, kg/s.
+    /// Corrected flow by the map, kg/s.
     pub corrected_flow: T,
 }
 
 impl Turbine {
-    /// Outlet and power at a pressure ratio and a speed relative to the design point's. Of the two
-    /// streams of cooling air the first expands beside the main one, from its pressure and with its
-    /// efficiency, before it mixes with it; the second mixes in at the outlet.
+    /// Outlet and power at a pressure ratio and a speed relative to the design point's. Of the two streams of
+    /// cooling air, the first expands beside the main one, from its pressure and with its efficiency, before
+    /// the two mix; the second mixes in at the outlet.
     pub(super) fn expand<T: Number>(
         &self,
         inlet: Flow<T>,
@@ -194,7 +194,7 @@ impl Turbine {
         speed: T,
         pressure_ratio: T,
         health: (f64, f64),
-    ) -> Expanded<T> {
+    ) -> TurbineOutput<T> {
         let corrected_speed = speed * self.root_theta / inlet.root_theta();
         let relative_flow = self.shape.flow(corrected_speed);
         let relative_ratio = pressure_ratio / self.pressure_ratio;
@@ -206,7 +206,7 @@ impl Turbine {
             flow.mass_flow * (flow.enthalpy - enthalpy(ideal, flow.fuel_fraction)) * efficiency
         };
         let power = work(&inlet) + work(&cooling[0]);
-        Expanded {
+        TurbineOutput {
             outlet: inlet.mixed_less(cooling, power, inlet.pressure / pressure_ratio),
             power,
             corrected_flow: relative_flow * self.flow * (health.1 + 1.0),
@@ -214,7 +214,7 @@ impl Turbine {
     }
 }
 
-/// Burns `fuel_air_ratio` times the air that enters; `heat` is what a kilogram of fuel gives, J.
+/// Burns `fuel_air_ratio` times the entering air; `heat` is the heat of combustion, J/kg.
 pub(super) fn burn<T: Number>(inlet: Flow<T>, fuel_air_ratio: T, heat: f64, loss: f64) -> Flow<T> {
     let fuel = inlet.mass_flow * fuel_air_ratio;
     let mass_flow = inlet.mass_flow + fuel;
@@ -262,7 +262,7 @@ impl<T: Number> Throat<T> {
         }
     }
 
-    /// Gross thrust, N, of `mass_flow` through `area`.
+    /// Gross thrust of `mass_flow` through `area`, N.
     pub(super) fn thrust(&self, mass_flow: T, area: T, velocity_coefficient: f64, ambient: f64) -> T {
         mass_flow * self.velocity * velocity_coefficient + (self.pressure - ambient) * area
     }

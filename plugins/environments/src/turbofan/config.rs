@@ -1,4 +1,4 @@
-//! What a study may say of the `turbofan` environment.
+//! Config of the `turbofan` environment.
 
 use super::cycle::{Health, Wear};
 use super::engine::EngineName;
@@ -8,10 +8,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Largest wear or gain of a part, in parts of its efficiency or flow.
+/// Largest relative change of a component's efficiency or flow by wear.
 pub(super) const LARGEST_WEAR: f64 = 0.1;
 
-/// A health parameter: what is added to 1 in the efficiency or the flow of a rotating part.
+/// A health parameter: a relative change of the efficiency or the flow of a rotating component.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HealthParameter {
@@ -38,7 +38,7 @@ pub enum HealthParameter {
 }
 
 impl HealthParameter {
-    /// Its name in studies and files.
+    /// The parameter's name in studies and files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -81,7 +81,7 @@ pub enum Dynamics {
     /// Each point by itself, with shafts that do not accelerate.
     #[default]
     Steady,
-    /// The shafts keep their speed from point to point and accelerate by what power is left.
+    /// The shafts keep their speed from point to point and accelerate by the surplus power.
     Transient,
 }
 
@@ -96,11 +96,11 @@ pub struct TurbofanConfig {
     /// The health parameters that actions set, in this order.
     #[schemars(length(min = 1, max = 10))]
     pub calibrated: Vec<HealthParameter>,
-    /// Health parameters that stay as they are given; all others are 0, which is healthy.
+    /// Health parameters with fixed values; all others are 0, which is healthy.
     pub health: BTreeMap<HealthParameter, f64>,
-    /// Where the engine flies and what is held, point by point.
+    /// The flight conditions and the held quantity, point by point.
     pub flight: Flight,
-    /// Time from one point to the next of a transient.
+    /// Time between two points of a transient.
     #[schemars(range(min = 0.01, max = 3600.0), extend("x-unit" = "s"))]
     pub interval_s: f64,
     /// Longest step of the shafts' speeds in a transient.
@@ -126,10 +126,10 @@ impl Default for TurbofanConfig {
 impl contract::Config for TurbofanConfig {}
 
 impl TurbofanConfig {
-    /// The health that is given.
+    /// The configured health.
     ///
     /// # Errors
-    /// [`Error::Config`] where a parameter is calibrated twice, both given and calibrated, or out of its range.
+    /// [`Error::Config`] where a parameter is calibrated twice, both fixed and calibrated, or out of range.
     pub(super) fn given_health(&self) -> Result<Health, Error> {
         check_calibrated(&self.calibrated)?;
         let mut health = Health::default();

@@ -1,4 +1,4 @@
-//! What units go through, sample by sample: made up, or recorded.
+//! Flights and health of units, sample by sample: simulated or recorded.
 
 use super::config::HealthParameter;
 use super::fleet::Fleet;
@@ -11,15 +11,15 @@ use std::sync::Arc;
 /// Flights and health of units. Units are counted from 0, whatever their numbers are.
 #[derive(Debug)]
 pub(super) enum Course {
-    /// Those of a fleet, whose sensors its engine has to read.
-    MadeUp(MadeUp),
-    /// Those of a file, with what the sensors read.
+    /// A fleet's; the sensors have to be computed with its engine.
+    Synthetic(SyntheticCourse),
+    /// A file's, with the sensor readings.
     Recorded(Arc<Recording>),
 }
 
-/// The fleet's part.
+/// Flights and health of a fleet, computed from its seed.
 #[derive(Debug)]
-pub(super) struct MadeUp {
+pub(super) struct SyntheticCourse {
     pub fleet: Fleet,
     pub calibrated: Vec<HealthParameter>,
     /// Ratio of turbine inlet and ambient total temperature at the engine's design point.
@@ -29,7 +29,7 @@ pub(super) struct MadeUp {
 impl Course {
     pub(super) fn n_units(&self) -> usize {
         match self {
-            Self::MadeUp(it) => it.fleet.units,
+            Self::Synthetic(it) => it.fleet.units,
             Self::Recorded(recording) => recording.n_units(),
         }
     }
@@ -37,20 +37,20 @@ impl Course {
     /// The number by which a unit is known.
     pub(super) fn number(&self, unit: usize) -> u64 {
         match self {
-            Self::MadeUp(it) => (it.fleet.first_unit + unit) as u64,
+            Self::Synthetic(it) => (it.fleet.first_unit + unit) as u64,
             Self::Recorded(recording) => recording.number(unit).into(),
         }
     }
 
-    /// Samples of a unit.
+    /// Number of samples of a unit.
     pub(super) fn length(&self, unit: usize) -> usize {
         match self {
-            Self::MadeUp(it) => it.fleet.length(),
+            Self::Synthetic(it) => it.fleet.length(),
             Self::Recorded(recording) => recording.length(unit),
         }
     }
 
-    /// A unit and a place in its life, where every place of every life is equally likely.
+    /// A unit and a position in its life, where every position in every life is equally likely.
     pub(super) fn draw(&self, rng: &mut Rng) -> (usize, usize) {
         let total = (0..self.n_units()).map(|unit| self.length(unit)).sum();
         let (mut unit, mut place) = (0, rng.random_range(0..total));
@@ -61,16 +61,16 @@ impl Course {
         (unit, place)
     }
 
-    /// A sample of a unit; nothing is read of one that is made up.
+    /// A sample of a unit; without sensor readings for a fleet.
     pub(super) fn sample(&self, unit: usize, at: usize) -> Sample {
         match self {
-            Self::MadeUp(it) => it.sample(unit, at),
+            Self::Synthetic(it) => it.sample(unit, at),
             Self::Recorded(recording) => recording.sample(unit, at).clone(),
         }
     }
 }
 
-impl MadeUp {
+impl SyntheticCourse {
     fn sample(&self, unit: usize, at: usize) -> Sample {
         let samples = self.fleet.samples();
         let place = (at / samples, at % samples);

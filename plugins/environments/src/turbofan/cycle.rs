@@ -1,14 +1,14 @@
-//! The thermodynamic cycle: what an engine does at speeds and places on maps that are guessed, and by how much
-//! its parts then disagree.
+//! The thermodynamic cycle: the operation of an engine at guessed speeds and positions on maps, and the
+//! residuals of the balances between its components.
 //!
 //! | unknown | index | residual |
 //! |---|---|---|
 //! | relative speeds of the shafts | 0, 1 | power of each shaft over that of its turbine |
-//! | place on the fan's line, or the area of the fan nozzle over its design | 2 | bypass nozzle |
-//! | places on the lines of both compressors | 3, 4 | their corrected flows |
+//! | position on the fan's line, or the area of the fan nozzle over its design | 2 | bypass nozzle |
+//! | positions on the lines of both compressors | 3, 4 | their corrected flows |
 //! | bypass ratio | 5 | core nozzle |
 //! | pressure ratios of both turbines | 6, 7 | their corrected flows |
-//! | fuel-air ratio of the burner | 8 | what is held, e.g. the turbine inlet temperature |
+//! | fuel-air ratio of the burner | 8 | the held quantity, e.g. the turbine inlet temperature |
 //!
 //! All residuals are relative. The fan has none: its map gives the flow.
 
@@ -20,12 +20,12 @@ use serde::{Deserialize, Serialize};
 
 /// Number of unknowns.
 pub(super) const N: usize = 9;
-/// Places of the relative speeds of the shafts among the unknowns and of their powers among the residuals.
+/// Positions of the relative speeds of the shafts among the unknowns and of their powers among the residuals.
 pub(super) const SPEEDS: [usize; 2] = [0, 1];
-/// Place of the fuel-air ratio, and of what is held.
+/// Position of the fuel-air ratio, and of the held quantity.
 pub(super) const FUEL: usize = 8;
 
-/// What is added to 1 in efficiency and flow of a part; 0 is healthy.
+/// Relative changes of efficiency and flow of a component; 0 is healthy.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Wear {
     pub efficiency: f64,
@@ -38,7 +38,7 @@ impl Wear {
     }
 }
 
-/// The health of all five rotating parts.
+/// The health of all five rotating components.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Health {
     pub fan: Wear,
@@ -49,7 +49,7 @@ pub(super) struct Health {
 }
 
 impl Health {
-    /// On the way from here to `other`.
+    /// Interpolates between this health and `other`.
     pub(super) fn towards(&self, other: &Self, part: f64) -> Self {
         let between = |from: Wear, to: Wear| Wear {
             efficiency: from.efficiency + part * (to.efficiency - from.efficiency),
@@ -65,7 +65,7 @@ impl Health {
     }
 }
 
-/// An engine with what its design point fixes.
+/// An engine, with the scales that its design point fixes.
 #[derive(Debug, Clone)]
 pub(super) struct Engine {
     pub design: Design,
@@ -76,13 +76,13 @@ pub(super) struct Engine {
     pub lpt: Turbine,
     /// Corrected flows of the ducts at the design point, kg/s, in the order of [`super::engine::Ducts`].
     pub duct_flows: [f64; 5],
-    /// Areas of the core and the bypass nozzle, m^2; that of a variable one at the design point.
+    /// Areas of the core and the bypass nozzle, m^2; for a variable one at the design point.
     pub areas: (f64, f64),
     /// The unknowns at the design point.
     pub unknowns: [f64; N],
 }
 
-/// What an engine does.
+/// The operation of an engine at given unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Point<T> {
     pub fan: Flow<T>,
@@ -91,10 +91,10 @@ pub(super) struct Point<T> {
     pub burner: Flow<T>,
     pub hpt: Flow<T>,
     pub lpt: Flow<T>,
-    /// What reaches the bypass nozzle.
+    /// Flow that reaches the bypass nozzle.
     pub bypass: Flow<T>,
     pub inlet: Flow<T>,
-    /// kg/s.
+    /// Fuel flow, kg/s.
     pub fuel_flow: T,
     /// Net thrust, N.
     pub thrust: T,
@@ -105,21 +105,21 @@ pub(super) struct Point<T> {
     pub surplus_power: [T; 2],
     /// Area of the bypass nozzle, m^2.
     pub bypass_area: T,
-    /// By how much the parts disagree; that of what is held is 0 here.
+    /// Residuals of the balances; that of the held quantity is 0 here.
     pub residuals: [T; N],
 }
 
-/// The compressors and what they need.
+/// Flows and powers of the compressors.
 struct Compression<T> {
     inlet: Flow<T>,
     fan: Flow<T>,
     core_fraction: T,
     lpc: Flow<T>,
-    /// All that the high-pressure compressor leaves for the burner and for cooling behind it.
+    /// Flow behind the high-pressure compressor, for the burner and for cooling behind it.
     hpc: Flow<T>,
-    /// Air for the low-pressure turbine, at its inlet and its outlet.
+    /// Cooling air for the low-pressure turbine, at its inlet and its outlet.
     cooling: [Flow<T>; 2],
-    /// Power that the low-pressure and the high-pressure shaft need, W.
+    /// Power for the compressors on the low-pressure and the high-pressure shaft, W.
     work: [T; 2],
 }
 
@@ -200,7 +200,7 @@ impl Engine {
         let fan = self
             .fan
             .compress(unit, unknowns[0], self.fan_line(unknowns, air), health.fan.pair());
-        // The fan draws what its map says.
+        // The fan's mass flow follows from its map.
         let mass_flow = fan.corrected_flow * unit.per_corrected();
         let (inlet, fan) = (unit.part(mass_flow), fan.outlet.part(mass_flow));
         let core_fraction = one / (unknowns[5] + 1.0);
@@ -232,7 +232,7 @@ impl Engine {
         }
     }
 
-    /// One kilogram per second of air behind the inlet.
+    /// Air behind the inlet, for a mass flow of 1 kg/s.
     pub(super) fn inlet<T: Number>(&self, air: &Air) -> Flow<T> {
         Flow::at(
             T::from(1.0),
@@ -242,7 +242,7 @@ impl Engine {
         )
     }
 
-    /// The place on the fan's line: an unknown, or what the variable nozzle holds.
+    /// The position on the fan's line: an unknown, or the value that the variable nozzle holds.
     fn fan_line<T: Number>(&self, unknowns: &[T; N], air: &Air) -> T {
         self.design.fan_lines.map_or(unknowns[2], |(at_rest, at_design)| {
             T::from(at_rest + (at_design - at_rest) * (air.mach / self.design.mach).min(1.0))
@@ -257,7 +257,7 @@ impl Engine {
         }
     }
 
-    /// The share of air that the bleed behind the low-pressure compressor lets out.
+    /// Fraction of the air that leaves through the bleed behind the low-pressure compressor.
     fn low_speed_bleed<T: Number>(&self, fan_speed: T) -> T {
         let (threshold, slope) = self.design.low_speed_bleed;
         if fan_speed.re() < threshold {
@@ -277,7 +277,7 @@ impl Engine {
     }
 }
 
-/// Gross thrust, N, and by how much the area passes more than it gets.
+/// Gross thrust, N, and the relative excess of the flow that the area passes.
 fn nozzle<T: Number>(flow: &Flow<T>, area: T, velocity_coefficient: f64, ambient: f64) -> (T, T) {
     let throat = Throat::of(flow, ambient);
     let thrust = throat.thrust(flow.mass_flow, area, velocity_coefficient, ambient);

@@ -1,4 +1,5 @@
-//! What the design point fixes: scales of the maps, areas of the nozzles, and the unknowns there.
+//! The quantities that the design point fixes: scales of the maps, areas of the nozzles, and the unknowns
+//! there.
 
 use super::atmosphere::Air;
 use super::component::{Compressor, Flow, Throat, Turbine, burn};
@@ -72,13 +73,13 @@ impl Engine {
     }
 }
 
-/// What the search for the design point would find, from the pressure ratios of the turbines and the fuel-air ratio.
+/// The unknowns at the design point, from the pressure ratios of the turbines and the fuel-air ratio.
 fn unknowns(design: &Design, (hpt, lpt): (f64, f64), far: f64) -> [f64; N] {
     let third = if design.fan_lines.is_some() { 1.0 } else { 0.0 };
     [1.0, 1.0, third, 0.0, 0.0, design.bypass_ratio, hpt, lpt, far]
 }
 
-/// A compressor of a pressure ratio and an isentropic efficiency at its design point, and what leaves it there.
+/// A compressor with a pressure ratio and an isentropic efficiency at its design point, and its outlet there.
 fn compressor(
     shape: CompressorShape,
     inlet: Flow<f64>,
@@ -100,10 +101,10 @@ fn compressor(
     (compressor, outlet)
 }
 
-/// The fuel-air ratio that gives the design's turbine inlet temperature.
+/// The fuel-air ratio for the design's turbine inlet temperature.
 fn fuel_for(design: &Design, inlet: Flow<f64>) -> f64 {
-    // Burnt fuel changes the enthalpy of the gas, so that the ratio is found by repetition, which converges
-    // like the fuel's share of the gas.
+    // Burnt fuel changes the enthalpy of the gas, so the ratio is found by iteration, which converges like the
+    // fuel's share of the gas.
     let mut far = 0.0;
     for _ in 0..60 {
         let hot = enthalpy(design.turbine_inlet_temperature_k, far / (1.0 + far));
@@ -112,7 +113,7 @@ fn fuel_for(design: &Design, inlet: Flow<f64>) -> f64 {
     far
 }
 
-/// A turbine of an isentropic efficiency that gives `power` (W) at its design point, and what leaves it there.
+/// A turbine with an isentropic efficiency that gives `power` (W) at its design point, and its outlet there.
 fn turbine(
     shape: TurbineShape,
     inlet: Flow<f64>,
@@ -120,7 +121,7 @@ fn turbine(
     efficiency: f64,
     power: f64,
 ) -> (Turbine, Flow<f64>) {
-    // The pressure ratio of the wanted power, by bisection of its logarithm.
+    // The pressure ratio for this power, by bisection of its logarithm.
     let turbine_of = |ratio: f64| Turbine {
         shape,
         flow: inlet.corrected(),

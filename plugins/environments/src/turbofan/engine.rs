@@ -1,4 +1,4 @@
-//! Two turbofans as data: what their designers chose, in SI units.
+//! Two turbofans as data: the choices of their designers, in SI units.
 //!
 //! * `hbtf`: the separate-flow engine of pyCycle's high-bypass example (two spools, fixed nozzles).
 //! * `agtf30`: the geared engine of NASA's AGTF30 (J. W. Chapman and J. S. Litt, AIAA 2017-4820), with a fan
@@ -20,12 +20,12 @@ pub enum EngineName {
     Agtf30,
 }
 
-/// The design of an engine: its design point and what is fixed for all others.
+/// The design of an engine: its design point and its constants.
 #[derive(Debug, Clone)]
 pub(super) struct Design {
     pub altitude_m: f64,
     pub mach: f64,
-    /// Air flow of the design point, kg/s.
+    /// Air flow at the design point, kg/s.
     pub mass_flow: f64,
     pub bypass_ratio: f64,
     pub turbine_inlet_temperature_k: f64,
@@ -45,29 +45,29 @@ pub(super) struct Design {
     /// Total pressure behind the inlet over that before it, at rest and from Mach 1 on.
     pub ram_recovery: (f64, f64),
     pub ducts: Ducts,
-    /// True where losses of ducts grow with the square of their corrected flow.
+    /// Whether losses of ducts grow with the square of their corrected flow.
     pub losses_with_flow: bool,
     pub bleeds: Bleeds,
-    /// Heat that a kilogram of fuel gives, J.
+    /// Heat of combustion, J/kg.
     pub fuel_heat: f64,
     pub burner_loss: f64,
     /// Velocity coefficients of the core and the bypass nozzle.
     pub velocity_coefficients: (f64, f64),
     /// Power taken from the high-pressure shaft, W.
     pub power_offtake: f64,
-    /// Share of the low-pressure turbine's power that reaches the shaft.
+    /// Fraction of the low-pressure turbine's power that reaches the shaft.
     pub lp_mechanical_efficiency: f64,
-    /// Moments of inertia of the shafts, kg m^2, that of the fan referred to the low-pressure one.
+    /// Moments of inertia of the shafts, kg m^2; that of the fan is referred to the low-pressure one.
     pub inertia: (f64, f64),
-    /// The line of the fan at rest and at the design Mach number, where the fan nozzle holds it; fixed nozzles
-    /// where absent.
+    /// The line of the fan at rest and at the design Mach number, where the fan nozzle holds it; `None` for
+    /// fixed nozzles.
     pub fan_lines: Option<(f64, f64)>,
-    /// The bleed behind the low-pressure compressor: shut above this relative corrected fan speed, and how
-    /// much it opens below, in parts of the flow per unit of speed.
+    /// The bleed behind the low-pressure compressor: the relative corrected fan speed above which it is shut,
+    /// and the bled fraction of the flow per unit of speed below.
     pub low_speed_bleed: (f64, f64),
 }
 
-/// Maps.
+/// Constants of the component maps.
 #[derive(Debug, Clone)]
 pub(super) struct Shapes {
     pub fan: CompressorShape,
@@ -77,7 +77,7 @@ pub(super) struct Shapes {
     pub lpt: TurbineShape,
 }
 
-/// Losses of total pressure at the design point, in parts of it.
+/// Relative losses of total pressure at the design point.
 #[derive(Debug, Clone)]
 pub(super) struct Ducts {
     /// Between splitter and low-pressure compressor.
@@ -92,14 +92,14 @@ pub(super) struct Ducts {
     pub bypass: f64,
 }
 
-/// Air that is taken away, in parts of what passes.
+/// Bled air, as fractions of the passing flow.
 #[derive(Debug, Clone)]
 pub(super) struct Bleeds {
-    /// Inside the high-pressure compressor, halfway through its work.
+    /// From inside the high-pressure compressor, halfway through its work.
     pub hpc_to_lpt_inlet: f64,
     pub hpc_to_lpt_outlet: f64,
     pub hpc_to_customer: f64,
-    /// Behind it.
+    /// From behind the high-pressure compressor.
     pub to_hpt_inlet: f64,
     pub to_hpt_outlet: f64,
     /// From the bypass duct, lost.
@@ -107,7 +107,7 @@ pub(super) struct Bleeds {
 }
 
 impl Bleeds {
-    /// All that is taken inside the high-pressure compressor.
+    /// Fraction of all bleeds from inside the high-pressure compressor.
     pub(super) fn inside(&self) -> f64 {
         self.hpc_to_lpt_inlet + self.hpc_to_lpt_outlet + self.hpc_to_customer
     }
@@ -204,7 +204,7 @@ const HBTF_HPC: CompressorShape = CompressorShape {
         off_speed: 0.29588,
     },
 };
-/// Maps of `agtf30`, whose spines go through the sea-level point of pyCycle's N+3 engine, its parent.
+/// Maps of `agtf30`, whose spines pass through the sea-level point of pyCycle's N+3 engine, its parent.
 const AGTF30_FAN: CompressorShape = CompressorShape {
     rise_of_flow: 3.23,
     flow_of_speed: 0.8,

@@ -1,10 +1,10 @@
-//! A fleet of engines that wear: who flies what, in which state of health. What N-CMAPSS has for real flights
-//! (M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Aircraft engine run-to-failure dataset under real flight
-//! conditions for prognostics and diagnostics", Data 6 (2021) 5) is made up here in the same shape and in the
-//! ranges that its sets show.
+//! A fleet of engines that wear: the flights and the health of its units. N-CMAPSS has real flights (M. Arias
+//! Chao, C. Kulkarni, K. Goebel and O. Fink, "Aircraft engine run-to-failure dataset under real flight
+//! conditions for prognostics and diagnostics", Data 6 (2021) 5); here they are synthetic, in the same shape
+//! and in the ranges of its sets.
 //!
-//! Everything is a function of the fleet's seed, the unit and the cycle, so that a trajectory can be entered at any
-//! place without what comes before.
+//! Every value is a function of the fleet's seed, the unit and the cycle, so that a trajectory can be entered
+//! at any position without the samples before.
 
 use super::config::HealthParameter;
 use super::flight::{DrawnFlight, FlightClass, FlightPoint};
@@ -13,40 +13,40 @@ use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which engines there are.
+/// The units of a fleet and their wear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Fleet {
     /// Number of units.
     #[schemars(range(min = 1, max = 100_000))]
     pub units: usize,
-    /// The first of them: units of another number are other engines.
+    /// Number of the first unit: units with other numbers are other engines.
     #[schemars(range(min = 0, max = 1_000_000))]
     pub first_unit: usize,
-    /// What makes all random choices.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// How units lose their health.
+    /// Degradation of the units' health.
     pub degradation: Degradation,
 }
 
-/// How units lose their health.
+/// Degradation of the units' health.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Degradation {
-    /// Initial wear, slow linear wear, and from some cycle on a growing abnormal one, over the life of a unit; one
-    /// flight a cycle, of a class that the unit has.
+    /// Initial wear, slow linear wear, and from some cycle on a growing abnormal wear, over the life of a unit;
+    /// one flight per cycle, of the unit's class.
     Life {
-        /// Flights of a unit.
+        /// Number of flights of a unit.
         #[schemars(range(min = 1, max = 10_000))]
         cycles: usize,
-        /// Samples of a flight, at equal distances.
+        /// Number of samples of a flight, evenly spaced.
         #[schemars(range(min = 2, max = 10_000))]
         samples: usize,
     },
-    /// Every unit is one fault: an intensity per calibrated parameter, drawn once and held over a part of the
-    /// same flight.
+    /// Every unit is one fault: an intensity per calibrated parameter, drawn once and constant over a part of
+    /// the same flight.
     Faults {
-        /// Samples of a fault.
+        /// Number of samples of a fault.
         #[schemars(range(min = 2, max = 10_000))]
         samples: usize,
     },
@@ -66,8 +66,8 @@ impl Default for Fleet {
     }
 }
 
-/// The largest loss of a healthy life, in parts, by parameter: what 99.9 % of N-CMAPSS stays below where it moves
-/// the parameter, a third of it for the fan's and the booster's, whose losses there no engine of ours survives.
+/// The largest relative loss of a healthy life by parameter: the 99.9th percentile of N-CMAPSS where it moves
+/// the parameter; a third of that for the fan and the booster, since no engine here survives their losses.
 fn largest_loss(parameter: HealthParameter) -> f64 {
     use HealthParameter as P;
     match parameter {
@@ -83,7 +83,7 @@ fn largest_loss(parameter: HealthParameter) -> f64 {
 }
 
 impl Fleet {
-    /// Samples of a unit's whole trajectory.
+    /// Number of samples in a unit's whole trajectory.
     #[must_use]
     pub(super) fn length(&self) -> usize {
         match self.degradation {
@@ -92,7 +92,7 @@ impl Fleet {
         }
     }
 
-    /// Samples of a flight.
+    /// Number of samples of a flight.
     #[must_use]
     pub(super) fn samples(&self) -> usize {
         match self.degradation {
@@ -100,13 +100,13 @@ impl Fleet {
         }
     }
 
-    /// The flight of a cycle of a unit, thinned to its samples.
+    /// The samples of the flight in a cycle of a unit.
     pub(super) fn flight(&self, unit: usize, cycle: usize, design_ratio: f64) -> Vec<FlightPoint> {
         let thinned = self.thinned(unit, cycle, design_ratio);
         (0..self.samples()).map(|sample| thinned.at(sample)).collect()
     }
 
-    /// One sample of it.
+    /// One sample of the flight in a cycle of a unit.
     pub(super) fn point(
         &self,
         unit: usize,
@@ -116,7 +116,7 @@ impl Fleet {
         self.thinned(unit, cycle, design_ratio).at(sample)
     }
 
-    fn thinned(&self, unit: usize, cycle: usize, design_ratio: f64) -> Thinned {
+    fn thinned(&self, unit: usize, cycle: usize, design_ratio: f64) -> SampledFlight {
         let unit = self.first_unit + unit;
         match self.degradation {
             Degradation::Life { samples, .. } => {
@@ -125,7 +125,7 @@ impl Fleet {
                     1 => FlightClass::Medium,
                     _ => FlightClass::Long,
                 };
-                Thinned {
+                SampledFlight {
                     flight: DrawnFlight::of(class, design_ratio, &mut self.stream("flight", unit, cycle)),
                     interval_s: 30.0,
                     samples,
@@ -133,10 +133,10 @@ impl Fleet {
                 }
             }
             Degradation::Faults { samples } => {
-                // One unit's flight; each fault is met somewhere in it.
+                // All faults share one unit's flight; each covers a part of it.
                 let mut rng = self.stream("flight", 0, 0);
                 let begin = 0.8 * self.stream("part", unit, 0).random::<f64>();
-                Thinned {
+                SampledFlight {
                     flight: DrawnFlight::of(FlightClass::Short, design_ratio, &mut rng),
                     interval_s: 10.0,
                     samples,
@@ -170,8 +170,8 @@ impl Fleet {
     }
 }
 
-/// Wear after a part of a life, 0 to 1: up to a tenth at first, up to a fifth more slowly, and from an onset between
-/// 40 and 70 % of the life on an abnormal part that grows with the power of 2.
+/// Wear after a fraction of a life, 0 to 1: up to a tenth at first, up to a fifth more slowly, and from an
+/// onset between 40 and 70 % of the life on an abnormal part that grows with the power of 2.
 fn worn(part: f64, rng: &mut Rng) -> f64 {
     let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
     let (initial, slow, onset) = (between(0.0, 0.1), between(0.1, 0.2), between(0.4, 0.7));
@@ -180,16 +180,16 @@ fn worn(part: f64, rng: &mut Rng) -> f64 {
     initial + slow * part + abnormal * since * since
 }
 
-/// So many points between two parts of a flight.
-struct Thinned {
+/// Evenly spaced samples between two parts of a flight.
+struct SampledFlight {
     flight: DrawnFlight,
-    /// Between the points that samples are taken from.
+    /// Time between the points from which samples are taken, s.
     interval_s: f64,
     samples: usize,
     part: (f64, f64),
 }
 
-impl Thinned {
+impl SampledFlight {
     fn at(&self, sample: usize) -> FlightPoint {
         let last = (self.flight.n_points(self.interval_s) - 1) as f64;
         let (begin, end) = self.part;

@@ -1,7 +1,7 @@
-//! Where an engine flies: points of a flight, from a file or made up in the shape of real ones.
+//! Flight conditions of an engine: points of a flight, from a file or drawn in the shape of real ones.
 
 use super::atmosphere::Air;
-use super::solver::Held;
+use super::solver::HeldQuantity;
 use contract::{DataFile, Error, Rng};
 use document::reach::{quoted, quoted_names};
 use rand::Rng as _;
@@ -14,16 +14,16 @@ const FOOT: f64 = 0.3048;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Flight {
-    /// A CSV file with the columns `altitude_m`, `mach`, `delta_t_k` (how much warmer than a standard day) and
-    /// one of `turbine_inlet_temperature_k`, `thrust_n` and `fuel_flow_kg_s`, which is held.
+    /// A CSV file with the columns `altitude_m`, `mach`, `delta_t_k` (the excess over the temperature of a
+    /// standard day) and one of `turbine_inlet_temperature_k`, `thrust_n` and `fuel_flow_kg_s`, which is held.
     File(DataFile),
     /// A flight drawn anew for each episode: climb from 3 km, cruise and descent to 3 km, with a throttle that
-    /// follows, as the flights of N-CMAPSS have them.
+    /// follows, in the manner of the flights of N-CMAPSS.
     Drawn {
         /// Length of the flight.
         #[serde(default)]
         class: FlightClass,
-        /// Time between its points.
+        /// Time between two points of the flight.
         #[serde(default = "interval")]
         #[schemars(range(min = 1.0, max = 3600.0), extend("x-unit" = "s"))]
         interval_s: f64,
@@ -43,7 +43,7 @@ fn interval() -> f64 {
     60.0
 }
 
-/// How long a flight is, from top of climb to touch down nearly.
+/// Length of a flight, approximately from the top of climb to touch-down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FlightClass {
@@ -62,7 +62,7 @@ pub(super) struct FlightPoint {
     pub altitude_m: f64,
     pub mach: f64,
     pub delta_t_k: f64,
-    pub held: Held,
+    pub held: HeldQuantity,
 }
 
 impl FlightPoint {
@@ -70,9 +70,9 @@ impl FlightPoint {
         Air::at(self.altitude_m, self.mach, self.delta_t_k)
     }
 
-    /// What is wrong with the point, if it lies outside the envelope: Mach 0 to 0.9, up to 35 K from a standard
-    /// day, and from 100 m below sea level up to a ceiling of 3048 m at Mach 0.2, 7620 m at 0.5, 10 668 m at
-    /// 0.6 and 13 110 m from 0.7 on (NASA's AGTF30, with the highest regime of C-MAPSS).
+    /// The problem of a point outside the envelope: Mach 0 to 0.9, up to 35 K from a standard day, and from 100
+    /// m below sea level up to a ceiling of 3048 m at Mach 0.2, 7620 m at 0.5, 10 668 m at 0.6 and 13 110 m
+    /// from 0.7 on (NASA's AGTF30, with the highest regime of C-MAPSS).
     pub(super) fn outside(&self) -> Option<String> {
         let Self {
             altitude_m,
@@ -113,12 +113,12 @@ pub(super) fn ceiling_m(mach: f64) -> f64 {
     feet * FOOT + 4.0
 }
 
-/// Points that are ready to be flown.
+/// Source of an episode's points.
 #[derive(Debug, Clone)]
 pub(super) enum Route {
-    /// The same in every episode.
+    /// The same points in every episode.
     Given(Vec<FlightPoint>),
-    /// Drawn for each.
+    /// Points that are drawn for each episode.
     Drawn { class: FlightClass, interval_s: f64 },
 }
 
@@ -150,7 +150,7 @@ impl Route {
     }
 }
 
-/// A flight in three legs. Throttles are shares of the design point's ratio of temperatures: 0.94 to 1 in
+/// A flight in three legs. Throttles are relative to the design point's ratio of temperatures: 0.94 to 1 in
 /// climb, 0.82 to 0.94 in cruise, 0.66 to 0.74 in descent, each with slow and small changes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DrawnFlight {
@@ -158,10 +158,10 @@ pub(super) struct DrawnFlight {
     cruise_m: f64,
     cruise_mach: f64,
     delta_t_k: f64,
-    /// Of climb, cruise and descent.
+    /// Throttles of climb, cruise and descent.
     throttles: [f64; 3],
     phase: f64,
-    /// 20 to 25 minutes up and down.
+    /// Duration of climb and of descent, 20 to 25 minutes.
     climb_s: f64,
     descent_s: f64,
     design_ratio: f64,
@@ -175,7 +175,7 @@ impl DrawnFlight {
             FlightClass::Medium => between(3.0, 5.0),
             FlightClass::Long => between(5.0, 7.0),
         };
-        // Fields are drawn in the order in which they stand here.
+        // The fields are drawn in this order.
         Self {
             duration_s: hours * 3600.0,
             cruise_m: between(28_000.0, 36_000.0) * FOOT,
@@ -189,7 +189,7 @@ impl DrawnFlight {
         }
     }
 
-    /// Number of points with `interval_s` between them, the first and the last of the flight included.
+    /// Number of points at intervals of `interval_s`, the first and the last of the flight included.
     pub(super) fn n_points(&self, interval_s: f64) -> usize {
         (self.duration_s / interval_s).floor() as usize + 1
     }
@@ -212,7 +212,7 @@ impl DrawnFlight {
             altitude_m,
             mach,
             delta_t_k: self.delta_t_k,
-            held: Held::TurbineInletTemperature((throttle + wave) * self.design_ratio * total),
+            held: HeldQuantity::TurbineInletTemperature((throttle + wave) * self.design_ratio * total),
         }
     }
 }
@@ -247,10 +247,10 @@ fn wrong(file: &DataFile, line: Option<u64>, column: Option<&str>, problem: Stri
     }
 }
 
-/// Where the columns of a file of points stand.
+/// Positions of the columns in a file of points.
 struct Columns {
     header: csv::StringRecord,
-    /// Altitude, Mach number and how much warmer than a standard day it is.
+    /// Altitude, Mach number and the excess over the temperature of a standard day.
     conditions: [usize; 3],
     held: (&'static str, usize),
 }
@@ -266,14 +266,14 @@ impl Columns {
             })
         };
         let conditions = [needed("altitude_m")?, needed("mach")?, needed("delta_t_k")?];
-        let held: Vec<(&str, usize)> = Held::NAMES
+        let held: Vec<(&str, usize)> = HeldQuantity::NAMES
             .into_iter()
             .filter_map(|name| Some((name, place(name)?)))
             .collect();
         let [held] = held[..] else {
             let problem = format!(
                 "exactly one of the columns {} says what is held; there are {}",
-                Held::NAMES.join(", "),
+                HeldQuantity::NAMES.join(", "),
                 held.len()
             );
             return Err(wrong(file, Some(1), None, problem));
@@ -303,7 +303,7 @@ impl Columns {
             altitude_m: number(self.conditions[0])?,
             mach: number(self.conditions[1])?,
             delta_t_k: number(self.conditions[2])?,
-            held: Held::named(self.held.0, number(self.held.1)?),
+            held: HeldQuantity::named(self.held.0, number(self.held.1)?),
         };
         point.outside().map_or(Ok(point), |problem| {
             let problem = format!("the point lies outside the envelope: {problem}");

@@ -9,15 +9,15 @@
 //! | h(T, F) = integral of c_p dT | [`enthalpy`] | J/kg |
 //! | phi(T, F) = integral of c_p / T dT | [`entropy_function`] | J/(kg K) |
 //!
-//! To both the nitric oxide is added that hot air holds in equilibrium, half N2 + half O2 = NO: its share of
-//! the molecules, `K(T) sqrt(x_N2 x_O2)` with `K = 4.44 exp(-theta / T)`, needs 90.3 kJ/mol. At 1590 K that is
-//! 4.6 kJ/kg, 0.3 % of the enthalpy, which programs with chemical equilibrium have and polynomials have not.
+//! Both include the nitric oxide in hot air at equilibrium, half N2 + half O2 = NO: its fraction of the
+//! molecules, `K(T) sqrt(x_N2 x_O2)` with `K = 4.44 exp(-theta / T)`, takes 90.3 kJ/mol. At 1590 K that is 4.6
+//! kJ/kg, 0.3 % of the enthalpy, which programs with chemical equilibrium include and polynomials do not.
 //!
-//! An isentropic change of pressure obeys `phi(T2) - phi(T1) = R ln(p2 / p1)`. What fuel changes of R,
-//! 0.0099 f J/(kg K), is below a millionth of it and left out. No dissociation, no humidity.
+//! An isentropic change of pressure obeys `phi(T2) - phi(T1) = R ln(p2 / p1)`. The change of R by fuel, 0.0099
+//! f J/(kg K), is below a millionth of R and neglected. No dissociation, no humidity.
 //!
-//! Functions take plain numbers or dual ones. Values and partial derivatives are computed with plain numbers
-//! and joined by [`lift`], which costs less than dual arithmetic inside the polynomials.
+//! Functions take plain or dual numbers. Values and partial derivatives are computed with plain numbers and
+//! joined by [`lift`], which costs less than dual arithmetic inside the polynomials.
 
 use num_dual::DualNum;
 
@@ -36,18 +36,19 @@ const AIR: [f64; 9] = [
 const FUEL: [f64; 9] = [
     -718.874, 8747.481, -15863.157, 17254.096, -10233.795, 3081.778, -361.112, -3.919, 0.0,
 ];
-/// Heat of formation of nitric oxide over the gas constant, K, the factor of its equilibrium constant, and what
-/// turns its share of the molecules into J/kg.
+/// Heat of formation of nitric oxide over the gas constant, K, the factor of its equilibrium constant, and the
+/// conversion from its fraction of the molecules to J/kg.
 const OXIDE: (f64, f64, f64) = (10_860.0, 4.44, 90_290.0 / 0.028_96);
-/// Shares of the molecules: nitrogen, and oxygen in air and what burnt fuel takes of it.
+/// Fractions of the molecules: nitrogen, and oxygen in air with its decrease by burnt fuel.
 const NITROGEN: f64 = 0.78;
 const OXYGEN: (f64, f64) = (0.2095, 3.3);
-/// Where the polynomials hold, K; beyond, the heat capacity is that of the end.
+/// Range of the polynomials, K; beyond it the heat capacity is that of the nearer end.
 const RANGE: (f64, f64) = (150.0, 2400.0);
-/// Steps of Newton's method for an inverse function; it needs two from where it starts.
+/// Most steps of Newton's method for an inverse function; two are usual.
 const MOST_STEPS: usize = 30;
 
-/// The value of a function and what it changes with: `value` where its arguments have the values they have.
+/// A function's value as a number with the derivatives of its arguments: `changes` holds each argument and the
+/// partial derivative by it.
 pub(super) fn lift<T: Number>(value: f64, changes: &[(T, f64)]) -> T {
     let change = |total: T, (argument, slope): &(T, f64)| total + (*argument - argument.re()) * *slope;
     changes.iter().fold(T::from(value), change)
@@ -75,7 +76,7 @@ pub(super) fn entropy_function<T: Number>(temperature: T, fuel_fraction: T) -> T
     )
 }
 
-/// The temperature at which gas has an enthalpy.
+/// The temperature at which the gas has this enthalpy, K.
 pub(super) fn temperature_of_enthalpy<T: Number>(enthalpy: T, fuel_fraction: T) -> T {
     let (h, f) = (enthalpy.re(), fuel_fraction.re());
     let gas = Gas::with(f);
@@ -85,7 +86,7 @@ pub(super) fn temperature_of_enthalpy<T: Number>(enthalpy: T, fuel_fraction: T) 
         let (value, cp) = gas.enthalpy(t);
         let step = (h - value) / cp;
         (t, slope) = (t + step, 1.0 / cp);
-        // The error of a step of Newton's method is of the order of its square.
+        // The error after a step of Newton's method is of the order of its square.
         if step.abs() < 1e-3 {
             break;
         }
@@ -99,22 +100,21 @@ pub(super) fn temperature_of_enthalpy<T: Number>(enthalpy: T, fuel_fraction: T) 
     )
 }
 
-/// Within 7 K of the temperature between 180 and 2200 K: a cubic that was fitted to the enthalpy of air, less
-/// what was fitted to that of fuel.
+/// A start within 7 K of the temperature between 180 and 2200 K: a cubic that was fitted to the enthalpy of
+/// air, less a fit to that of fuel.
 fn guess(enthalpy: f64, fuel_fraction: f64) -> f64 {
     let h = enthalpy / 1e6;
     let air = -9.3 + h * (1062.7 + h * (-106.1 + h * 11.81));
     (air - fuel_fraction * h * (751.0 + 125.0 * h)).max(100.0)
 }
 
-/// The temperature to which gas of `temperature` comes by an isentropic change that adds `change` to its
-/// entropy function.
+/// The temperature after an isentropic change from `temperature` that adds `change` to the entropy function, K.
 pub(super) fn temperature_after<T: Number>(temperature: T, fuel_fraction: T, change: T) -> T {
     let (start, gas) = (temperature.re(), Gas::with(fuel_fraction.re()));
     let (phi, cp) = gas.entropy(start);
     let goal = phi + change.re();
     // With a constant heat capacity the logarithm of the temperature is linear in the entropy function; the
-    // one halfway is nearly right.
+    // value halfway is nearly right.
     let halfway = start * (0.5 * change.re() / cp).exp();
     let mut t = start * (change.re() / gas.enthalpy(halfway).1).exp();
     let mut cp_there = cp;
@@ -137,7 +137,7 @@ pub(super) fn temperature_after<T: Number>(temperature: T, fuel_fraction: T, cha
     lift(t, &changes)
 }
 
-/// The static temperature at which gas of a total temperature moves at the speed of sound.
+/// The static temperature at which gas with this total temperature moves at the speed of sound, K.
 pub(super) fn sonic_temperature<T: Number>(total_temperature: T, fuel_fraction: T) -> T {
     let total = enthalpy(total_temperature, fuel_fraction);
     let (h, gas) = (total.re(), Gas::with(fuel_fraction.re()));
@@ -165,14 +165,14 @@ pub(super) fn sonic_temperature<T: Number>(total_temperature: T, fuel_fraction: 
 struct Gas {
     /// Coefficients of its heat capacity.
     coefficients: [f64; 9],
-    /// Factor of the heat that nitric oxide holds, J/kg, and its change with fuel in parts of it.
+    /// Factor of the heat in nitric oxide, J/kg, and its relative change with fuel.
     oxide: (f64, f64),
 }
 
 impl Gas {
     fn with(fuel_fraction: f64) -> Self {
         let (_, factor, joule_per_kg) = OXIDE;
-        // Fuel beyond what oxygen there is burns no more; far from it for any engine.
+        // Fuel beyond the available oxygen does not burn; no engine comes near that limit.
         let oxygen = (OXYGEN.0 - OXYGEN.1 * fuel_fraction).max(1e-3);
         let oxide = factor * joule_per_kg * (NITROGEN * oxygen).sqrt();
         let coefficients = if fuel_fraction == 0.0 {
@@ -228,7 +228,7 @@ impl Gas {
         logarithmic_integral(&FUEL, temperature).0 + of_oxide
     }
 
-    /// Heat that nitric oxide holds, J/kg; below 450 K it is less than a billionth of the enthalpy.
+    /// Heat in nitric oxide, J/kg; below 450 K it is less than a billionth of the enthalpy.
     fn oxide_heat(&self, temperature: f64) -> f64 {
         if temperature < 450.0 {
             return 0.0;
@@ -237,7 +237,7 @@ impl Gas {
     }
 }
 
-/// d/dT of exp(-theta / T), in parts of it.
+/// Derivative of exp(-theta / T) by T, relative to its value.
 fn growth(temperature: f64) -> f64 {
     OXIDE.0 / (temperature * temperature)
 }

@@ -1,8 +1,8 @@
 //! Maps of compressors and turbines as formulas.
 //!
 //! Compressors: the speed lines of M. Drela's TASOPT. Relative to the design point, with N the corrected speed,
-//! m the corrected mass flow, p = (PR - 1) / (PR_D - 1), and u the place on the line, 0 on the spine, positive
-//! towards choke and negative towards surge, which is -ln(1 - s) with TASOPT's s < 1:
+//! m the corrected mass flow, p = (PR - 1) / (PR_D - 1), and u the position on the line, 0 on the spine,
+//! positive towards choke and negative towards surge, which is -ln(1 - s) with TASOPT's s < 1:
 //!
 //! * `m = M^b + j s`, `p = M^(a b) - 2 M k u`, `s = 1 - exp(-u)`;
 //! * M is N but where the inlet chokes near the design speed: `M = (N - A o(N)) / (1 - A o(1))`, with
@@ -11,18 +11,18 @@
 //!   `g = -l o'(N) - t s - c (u - s) - q (N - 1)^2`, where o' has a begin and a width of its own: losses
 //!   grow above some speed, on both sides of the line and steeply towards choke, and far from the design speed.
 //!
-//! TASOPT has j = k, no choking and an efficiency of another form, whose constants leave deviations of 2 % in
+//! TASOPT has j = k, no choking and another form of the efficiency, whose constants leave deviations of 2 % in
 //! the speed and of 2 points in the efficiency of pyCycle's high-bypass fan.
 //!
-//! Turbines are choked at all points of interest. Their corrected flow changes with the relative corrected speed
-//! alone, and their efficiency is
+//! Turbines are choked at all points of interest. Their corrected flow changes only with the relative corrected
+//! speed, and their efficiency is
 //! `e = e_D [1 + s (N - 1) - q (N - 1)^2 + r (PR / PR_D - 1)]`.
 //!
 //! The constants of turbines and of the fan's choking were fitted to operating points of pyCycle's example.
 
 use super::gas::Number;
 
-/// What begins smoothly at some speed: `o(N) = w ln(1 + exp((N - N_0) / w))`.
+/// A term that sets in smoothly at some speed: `o(N) = w ln(1 + exp((N - N_0) / w))`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Onset {
     /// N_0.
@@ -34,7 +34,7 @@ pub(super) struct Onset {
 impl Onset {
     fn at<T: Number>(&self, speed: T) -> T {
         let x = (speed - self.begin) / self.width;
-        // The same number for large x, without an overflow of the exponential.
+        // The same number without an overflow of the exponential for large x.
         let above = if x.re() > 0.0 { x } else { T::from(0.0) };
         (above + (-x.abs()).exp().ln_1p()) * self.width
     }
@@ -69,9 +69,9 @@ pub(super) struct Losses {
     pub off_speed: f64,
 }
 
-/// What a compressor does, relative to its design point.
+/// Flow, pressure rise and efficiency of a compressor, relative to its design point.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct OnMap<T> {
+pub(super) struct MapPoint<T> {
     /// Corrected mass flow.
     pub flow: T,
     /// (PR - 1) / (PR_D - 1).
@@ -81,13 +81,13 @@ pub(super) struct OnMap<T> {
 }
 
 impl CompressorShape {
-    /// The map at a relative corrected speed and a place on its line.
-    pub(super) fn at<T: Number>(&self, speed: T, line: T) -> OnMap<T> {
+    /// The map at a relative corrected speed and a position on its line.
+    pub(super) fn at<T: Number>(&self, speed: T, line: T) -> MapPoint<T> {
         let (strength, onset) = &self.choking;
         let choked = (speed - onset.at(speed) * *strength) / (1.0 - strength * onset.at(1.0));
         let spine = choked.powf(self.flow_of_speed);
         let towards_choke = T::from(1.0) - (-line).exp();
-        OnMap {
+        MapPoint {
             flow: spine + towards_choke * self.line_flow,
             pressure_rise: spine.powf(self.rise_of_flow) - choked * line * (2.0 * self.line_rise),
             efficiency: T::from(1.0 + self.losses.at(1.0, 0.0, 0.0))
@@ -115,9 +115,9 @@ pub(super) struct TurbineShape {
     pub flow_by_speed: f64,
     /// s: change of the relative efficiency with the relative corrected speed.
     pub efficiency_by_speed: f64,
-    /// q: its bend.
+    /// q: bend of the relative efficiency over the relative corrected speed.
     pub bend: f64,
-    /// r: its change with the relative pressure ratio.
+    /// r: change of the relative efficiency with the relative pressure ratio.
     pub efficiency_by_ratio: f64,
 }
 

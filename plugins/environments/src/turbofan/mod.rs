@@ -1,17 +1,17 @@
-//! A turbofan over a flight: what its sensors read for the health parameters that actions set.
+//! A turbofan over a flight: the sensor readings for the health parameters that actions set.
 //!
-//! Thesis, chapter 2. Its two case studies run on programs and data that are not public here, so the engines are
-//! models of our own: component maps and conservation laws, held against pyCycle's high-bypass example and its
-//! N+3 engine (O. J. Jasa et al., OpenMDAO/pyCycle) and NASA's AGTF30. Their parts are in the modules: the
-//! atmosphere, the gas, maps and components, the cycle, its design point, Newton's method.
+//! Thesis, chapter 2. Its two case studies run on programs and data that are not public, so the engines are
+//! models of this project: component maps and conservation laws, compared with pyCycle's high-bypass example
+//! and its N+3 engine (O. J. Jasa et al., OpenMDAO/pyCycle) and NASA's AGTF30. The modules hold the atmosphere,
+//! the gas, maps and components, the cycle, its design point, and Newton's method.
 //!
 //! One decision is one point of the flight: the action sets the calibrated health parameters, and the engine
-//! finds its operating point. Nothing is earned; the tracking problem of section 2.3 is another environment.
+//! finds its operating point. There is no reward; the tracking problem of section 2.3 is another environment.
 //!
 //! | thesis | here | unit |
 //! |---|---|---|
 //! | theta | the action, one entry per calibrated parameter, added to 1; 0 is healthy | - |
-//! | w | `altitude_m`, `mach`, `delta_t_k` and what is held | m, -, K |
+//! | w | `altitude_m`, `mach`, `delta_t_k` and the held quantity | m, -, K |
 //! | x | the trace: speeds, fuel flow, temperatures and pressures by station | SI |
 //!
 //! Stations: 2 behind the inlet, 21 behind the fan, 15 before the bypass nozzle, 24 behind the low-pressure
@@ -46,7 +46,7 @@ pub use engine::EngineName;
 pub use fleet::{Degradation, Fleet};
 pub use flight::{Flight, FlightClass};
 pub use model::{Distortion, FlightCondition, Model, SensorModel};
-pub use recorded::Recorded;
+pub use recorded::RecordedFlights;
 
 use crate::unit_box::check_seats;
 use config::LARGEST_WEAR;
@@ -56,7 +56,7 @@ use flight::{FlightPoint, Route};
 use serde::{Deserialize, Serialize};
 use solver::Operation;
 
-/// What a rollout writes of a point, with units.
+/// Names and units of a point's recorded outputs.
 const OUTPUTS: [(&str, &str); 25] = [
     ("n1_rpm", "rpm"),
     ("n2_rpm", "rpm"),
@@ -97,25 +97,25 @@ pub struct Turbofan {
     progress: Progress,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Progress {
     points: Vec<FlightPoint>,
-    /// Points that were flown.
+    /// Number of points flown so far.
     flown: usize,
-    /// The unknowns of the last point, from which the next one is searched.
+    /// The unknowns of the last point, from which the next search starts.
     unknowns: [f64; N],
     /// The operation of the last point.
     last: Option<Operation>,
-    /// What the last point has, in the order of [`OUTPUTS`]; empty before the first.
+    /// The outputs of the last point, in the order of [`OUTPUTS`]; empty before the first.
     outputs: Vec<f64>,
 }
 
 /// Builds the environment; registered as `turbofan`.
 ///
 /// # Errors
-/// [`Error::Config`] where keys contradict each other, [`Error::File`] and [`Error::Input`] where the file of a
-/// flight cannot be read or understood.
+/// [`Error::Config`] where keys contradict each other, [`Error::File`] and [`Error::Input`] for a file of a
+/// flight that cannot be read or is invalid.
 pub fn build(config: TurbofanConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(Turbofan::new(config)?))
 }
@@ -124,7 +124,7 @@ impl Turbofan {
     /// An engine on the ground; call `reset` before `step`.
     ///
     /// # Errors
-    /// As [`build`].
+    /// Errors of [`build`].
     pub fn new(config: TurbofanConfig) -> Result<Self, Error> {
         let engine = Engine::of(config.engine.design());
         let action = config
@@ -165,7 +165,7 @@ impl Turbofan {
         })
     }
 
-    /// The health with what an action sets.
+    /// The configured health with the parameters of an action.
     fn health(&self, action: &[f64]) -> Result<Health, Error> {
         let (given, wanted) = (action.len(), self.config.calibrated.len());
         if given != wanted {
@@ -221,7 +221,7 @@ impl Turbofan {
         Ok(())
     }
 
-    /// The flight condition of the coming point; that of the last where none comes.
+    /// The flight condition of the next point; of the last one where none follows.
     fn observe(&self) -> Vec<Vec<f64>> {
         let next = self
             .progress
@@ -234,7 +234,7 @@ impl Turbofan {
     }
 }
 
-/// What a rollout writes of a point, in the order of [`OUTPUTS`].
+/// The recorded outputs of a point, in the order of [`OUTPUTS`].
 fn outputs(engine: &Engine, point: &Point<f64>, unknowns: &[f64; N]) -> Vec<f64> {
     let design = &engine.design;
     let n1 = unknowns[0] * design.n1_rpm;

@@ -1,4 +1,4 @@
-//! An engine as estimators see it: what its sensors read for a flight condition and the calibrated health.
+//! An engine from the view of estimators: sensor readings for a flight condition and the calibrated health.
 
 use super::atmosphere::Air;
 use super::config::{HealthParameter, LARGEST_WEAR};
@@ -6,7 +6,7 @@ use super::cycle::{Engine, Health, N};
 use super::engine::EngineName;
 use super::flight::FlightPoint;
 use super::sensors::Correction;
-use super::solver::{Held, Operation};
+use super::solver::{HeldQuantity, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
 use contract::{Artifact, Channel, Error, Rng, artifact::Policy};
@@ -14,21 +14,21 @@ use rand_distr::{Distribution, StandardNormal};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What stands for an engine.
+/// The model of an engine.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Model {
     /// The engine itself.
     #[default]
     Engine,
-    /// A network that was fitted to it: what `network_regression` leaves after `turbofan_samples`.
+    /// A network fitted to the engine, which `network_regression` leaves after `turbofan_samples`.
     Surrogate(Artifact<Policy>),
 }
 
-/// How a model is wrong: its outputs are multiplied (thesis, table 2.4).
+/// The error of a model: random and constant factors of its outputs (thesis, table 2.4).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distortion {
-    /// The factor of all outputs; 1 for none.
+    /// Constant factor of all outputs; 1 for none.
     pub bias: f64,
     /// Standard deviation of a normal factor around 1, drawn for each output; 0 for none.
     pub noise: f64,
@@ -47,29 +47,29 @@ impl Distortion {
     }
 }
 
-/// A steady engine, or a surrogate of one, as its sensors show it.
+/// The sensors of a steady engine, or of a surrogate of one.
 #[derive(Debug, Clone)]
 pub struct SensorModel {
     engine: Engine,
     calibrated: Vec<HealthParameter>,
-    /// Places of the sensors among the outputs.
+    /// Positions of the sensors among the outputs.
     sensors: Vec<usize>,
-    /// Where the last point was, from which the next one is searched.
+    /// Unknowns of the last point, from which the next search starts.
     unknowns: [f64; N],
-    /// What reads in the engine's place.
+    /// The network that replaces the engine, if any.
     surrogate: Option<Surrogate>,
 }
 
 /// A flight condition.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlightCondition {
-    /// m.
+    /// Altitude, m.
     pub altitude_m: f64,
     /// Mach number.
     pub mach: f64,
-    /// How much warmer than a standard day it is, K.
+    /// Excess over the temperature of a standard day, K.
     pub delta_t_k: f64,
-    /// K.
+    /// Turbine inlet temperature, K.
     pub turbine_inlet_temperature_k: f64,
 }
 
@@ -77,8 +77,8 @@ impl SensorModel {
     /// An engine, or a model of it, whose sensors are outputs by name.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key `sensors` for a name that is no output, and where a surrogate is one of other
-    /// inputs or cannot be read.
+    /// [`Error::Config`] at the key `sensors` for a name that is not an output, and for a surrogate that has
+    /// other inputs or cannot be read.
     pub fn new(
         engine: EngineName,
         model: &Model,
@@ -102,7 +102,7 @@ impl SensorModel {
         })
     }
 
-    /// What the sensors read, SI, without noise.
+    /// Sensor readings, SI, without noise.
     ///
     /// # Errors
     /// [`Error::Model`] where the engine finds no operating point.
@@ -127,10 +127,10 @@ impl SensorModel {
         Ok(self.sensors.iter().map(|place| all[*place]).collect())
     }
 
-    /// What the sensors would read of corrected outputs.
+    /// Sensor readings for corrected outputs.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// The errors of [`read`](Self::read).
     pub(super) fn read_corrected(
         &mut self,
         condition: &FlightCondition,
@@ -149,7 +149,7 @@ impl SensorModel {
         self.engine.design_ratio()
     }
 
-    /// Forgets where the last point was.
+    /// Forgets the last point, so that the next search starts at the design point.
     pub fn restart(&mut self) {
         self.unknowns = self.engine.unknowns;
     }
@@ -163,10 +163,10 @@ impl SensorModel {
     }
 }
 
-/// The turbine inlet temperature on a standard day at sea level, as surrogates know it.
+/// Channel of the turbine inlet temperature on a standard day at sea level, an input of surrogates.
 const CORRECTED_TEMPERATURE: &str = "corrected_turbine_inlet_temperature_k";
 
-/// Place of a sensor among the outputs.
+/// Position of a sensor among the outputs.
 fn output(name: &String) -> Result<usize, Error> {
     let found = OUTPUTS.iter().position(|(output, _)| output == name);
     found.ok_or_else(|| {
@@ -177,10 +177,10 @@ fn output(name: &String) -> Result<usize, Error> {
 }
 
 impl FlightCondition {
-    /// Names of its numbers, in the order of observations.
+    /// Names of the numbers, in the order of observations.
     pub const NAMES: [&str; 4] = ["altitude_m", "mach", "delta_t_k", "turbine_inlet_temperature_k"];
 
-    /// Its channels in observations.
+    /// Channels of the numbers in observations.
     pub(super) fn channels() -> Vec<Channel> {
         vec![
             Channel::new(Self::NAMES[0], "m").typical(6500.0, 3500.0),
@@ -190,12 +190,12 @@ impl FlightCondition {
         ]
     }
 
-    /// The air that the engine flies in.
+    /// The air in which the engine flies.
     pub(super) fn air(&self) -> Air {
         Air::at(self.altitude_m, self.mach, self.delta_t_k)
     }
 
-    /// The channels of a flight condition whose turbine inlet temperature is corrected.
+    /// The channels of a flight condition with corrected turbine inlet temperature.
     pub(super) fn corrected_channels() -> Vec<Channel> {
         let mut channels = Self::channels();
         channels[3] = Channel::new(CORRECTED_TEMPERATURE, "K").typical(1600.0, 150.0);
@@ -207,7 +207,7 @@ impl FlightCondition {
             altitude_m: self.altitude_m,
             mach: self.mach,
             delta_t_k: self.delta_t_k,
-            held: Held::TurbineInletTemperature(self.turbine_inlet_temperature_k),
+            held: HeldQuantity::TurbineInletTemperature(self.turbine_inlet_temperature_k),
         }
     }
 
@@ -231,7 +231,7 @@ impl FlightCondition {
         ]
     }
 
-    /// From the four numbers.
+    /// A flight condition from the four numbers.
     #[must_use]
     pub fn from_array([altitude_m, mach, delta_t_k, turbine_inlet_temperature_k]: [f64; 4]) -> Self {
         Self {

@@ -1,14 +1,15 @@
-//! What an engine's sensors read, one sample at a time: the examples that a surrogate is fitted to (thesis, section
-//! 2.4, its surrogate of three hidden layers).
+//! Sensor readings of an engine, one sample at a time: the examples to which a surrogate is fitted (thesis,
+//! section 2.4, its surrogate of three hidden layers).
 //!
-//! An episode is one decision. A sample of a flight of the fleet and health parameters are drawn, evenly in their
-//! range, whatever the fleet's own health; both are observed. Of recorded flights a sample is drawn with the health
-//! that was recorded with it. The action is to say what the sensors read, in SI units; the environment's full state
-//! is what they do read. The reward is minus the mean squared error of the outputs, scaled by their ranges.
+//! An episode is one decision. A sample of a flight of the fleet and health parameters are drawn, the latter
+//! uniformly in their range, whatever the fleet's own health; both are observed. For recorded flights a sample
+//! is drawn with its recorded health. The action is a prediction of the sensor readings, in SI units; the
+//! environment's full state is the true readings. The reward is minus the mean squared error of the outputs,
+//! scaled by their ranges.
 //!
-//! With `corrected`, temperatures, pressures, speeds and flows are those of the same operating point in the air of a
-//! standard day at sea level, which leaves a network less to learn; the thesis' network is given the last outputs
-//! instead, which say the same of the air.
+//! With `corrected`, temperatures, pressures, speeds and flows are those of the same operating point in the air
+//! of a standard day at sea level, which makes the function simpler to learn; the thesis' network gets the last
+//! outputs instead, which hold the same information about the air.
 
 use super::config::HealthParameter;
 use super::course::Course;
@@ -16,8 +17,8 @@ use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
 use super::model::{FlightCondition, Model, SensorModel};
-use super::recorded::Recorded;
-use super::sensors::{Correction, SENSORS, Watched, sensor_channels};
+use super::recorded::RecordedFlights;
+use super::sensors::{Correction, SENSORS, SensorSetup, sensor_channels};
 use crate::unit_box::check_seats;
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -28,7 +29,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SamplesConfig {
-    /// The engine.
+    /// The engine whose sensors are read.
     pub engine: EngineName,
     /// The health parameters that are drawn.
     #[schemars(length(min = 1, max = 10))]
@@ -39,11 +40,11 @@ pub struct SamplesConfig {
     /// Smallest and largest health parameter.
     #[schemars(inner(range(min = -0.1, max = 0.1)))]
     pub theta_range: [f64; 2],
-    /// Whose flights are drawn from.
+    /// The fleet from whose flights samples are drawn.
     pub fleet: Fleet,
-    /// Recorded flights in their place, with the health that was recorded.
+    /// Recorded flights instead of the fleet, with the recorded health.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub recorded: Option<Recorded>,
+    pub recorded: Option<RecordedFlights>,
     /// Whether inputs and outputs are those of a standard day at sea level.
     pub corrected: bool,
 }
@@ -77,23 +78,23 @@ pub struct TurbofanSamples {
     sample: Sample,
 }
 
-/// What changes.
+/// State of an episode.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Sample {
     /// Flight condition and health, as observed.
     inputs: Vec<f64>,
-    /// What the sensors read.
+    /// True sensor readings.
     read: Vec<f64>,
-    /// What was said, once something was.
+    /// The action; `None` before the step.
     said: Option<Vec<f64>>,
-    /// From where the next operating point is searched.
+    /// Unknowns from which the next search for an operating point starts.
     unknowns: [f64; N],
 }
 
 /// Builds the environment; registered as `turbofan_samples`.
 ///
 /// # Errors
-/// [`Error::Config`] where keys contradict each other or a sensor is no output.
+/// [`Error::Config`] where keys contradict each other or a sensor is not an output.
 pub fn build(config: SamplesConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(TurbofanSamples::new(config)?))
 }
@@ -107,7 +108,7 @@ impl TurbofanSamples {
             corrected,
             ..
         } = &config;
-        let watched = Watched {
+        let watched = SensorSetup {
             sensors,
             calibrated,
             theta_range: *theta_range,
@@ -152,7 +153,7 @@ impl TurbofanSamples {
         })
     }
 
-    /// A flight condition, health and what the sensors read there.
+    /// Draws a flight condition and health, with the sensor readings there.
     fn drawn(&mut self, rng: &mut Rng) -> Result<(FlightCondition, Vec<f64>, Vec<f64>), Error> {
         let (unit, at) = self.course.draw(rng);
         let sample = self.course.sample(unit, at);
@@ -167,7 +168,7 @@ impl TurbofanSamples {
         Ok((sample.condition, theta, read))
     }
 
-    /// Errors of what is said, in parts of the half widths.
+    /// Errors of a prediction, in units of the half widths.
     fn errors<'a>(&'a self, said: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
         let pairs = said.iter().zip(&self.sample.read).zip(&self.channels);
         pairs.map(|((said, read), channel)| (said - read) / channel.spread)
@@ -252,7 +253,7 @@ impl Environment for TurbofanSamples {
         self.channels.clone()
     }
 
-    /// What the sensors read.
+    /// The true sensor readings.
     fn state(&self) -> Vec<f64> {
         self.sample.read.clone()
     }
@@ -309,7 +310,7 @@ mod tests {
         let mut engine = samples.engine.clone();
         for _ in 0..20 {
             let seen = samples.reset(&mut rng).unwrap().remove(0);
-            // Values of one state are one, from wherever they are searched.
+            // The values of one state are the same, wherever the search starts.
             engine.restart();
             let condition = FlightCondition::from_array(std::array::from_fn(|place| seen[place]));
             let read = engine.read(&condition, &seen[4..]).unwrap();
@@ -344,7 +345,7 @@ mod tests {
         };
         let (plain, corrected) = (apart(false), apart(true));
         for (sensor, (corrected, plain)) in SENSORS.iter().zip(corrected.iter().zip(&plain)) {
-            // What is left is that hot gas takes up more heat, and power that is taken off.
+            // The remaining difference: hot gas takes up more heat, and power is taken off.
             assert!(corrected < &(0.3 * plain), "{sensor}: {corrected} {plain}");
         }
     }

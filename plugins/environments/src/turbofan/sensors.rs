@@ -1,15 +1,15 @@
-//! Sensors of an engine: which there are, over which ranges they read, and what may be calibrated from them.
+//! Sensors of an engine: their names, their ranges, and the settings that environments with sensors share.
 
 use super::OUTPUTS;
 use super::atmosphere::SEA_LEVEL;
 use super::config::{HealthParameter, LARGEST_WEAR, check_calibrated};
-use super::course::{Course, MadeUp};
+use super::course::{Course, SyntheticCourse};
 use super::fleet::Fleet;
 use super::model::{FlightCondition, SensorModel};
-use super::recorded::{Asked, Recorded, Recording};
+use super::recorded::{RecordedFlights, Recording, RecordingRequest};
 use contract::{Channel, Error};
 
-/// What is measured by default: the sensors of N-CMAPSS that say something of health.
+/// Default sensors: those of N-CMAPSS that are informative about health.
 pub(super) const SENSORS: [&str; 14] = [
     "n1_rpm",
     "n2_rpm",
@@ -27,22 +27,22 @@ pub(super) const SENSORS: [&str; 14] = [
     "p50_pa",
 ];
 
-/// What is watched of which engines: the part of a config that the environments share.
+/// The part of a config that the environments with sensors share.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Watched<'a> {
+pub(super) struct SensorSetup<'a> {
     pub sensors: &'a [String],
     pub calibrated: &'a [HealthParameter],
     pub theta_range: [f64; 2],
     pub fleet: Fleet,
-    pub recorded: Option<&'a Recorded>,
+    pub recorded: Option<&'a RecordedFlights>,
 }
 
-impl Watched<'_> {
-    /// Refuses parameters that are named twice, a range of theta outside of what engines are made for, and a fleet
-    /// beside recorded flights.
+impl SensorSetup<'_> {
+    /// Refuses parameters that are named twice, a range of theta outside the engines' range of validity, and a
+    /// fleet beside recorded flights.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key.
+    /// [`Error::Config`] at the key.
     pub(super) fn check(&self) -> Result<(), Error> {
         check_calibrated(self.calibrated)?;
         let [low, high] = self.theta_range;
@@ -57,10 +57,10 @@ impl Watched<'_> {
         Ok(())
     }
 
-    /// The flights and their health.
+    /// The flights of the units, and their health.
     ///
     /// # Errors
-    /// As [`Recording::of`].
+    /// The errors of [`Recording::of`].
     pub(super) fn course(&self, design_ratio: f64) -> Result<Course, Error> {
         let Self {
             sensors,
@@ -69,13 +69,13 @@ impl Watched<'_> {
             ..
         } = *self;
         let Some(recorded) = self.recorded else {
-            return Ok(Course::MadeUp(MadeUp {
+            return Ok(Course::Synthetic(SyntheticCourse {
                 fleet: self.fleet,
                 calibrated: calibrated.to_vec(),
                 design_ratio,
             }));
         };
-        let asked = Asked {
+        let asked = RecordingRequest {
             sensors,
             calibrated,
             theta_range,
@@ -84,9 +84,9 @@ impl Watched<'_> {
     }
 
     /// Middle and half width of each sensor, as it is read or corrected: those of the whole recording, or over
-    /// some points of some flights of the default fleet, with the smallest and the largest health that flights
-    /// are seen with: what is trained with one fleet is measured with another. Environments are built often: few
-    /// points must do.
+    /// some points of some flights of the default fleet at the smallest and the largest health, since a policy
+    /// that is trained with one fleet is measured with another. Few points have to suffice, because
+    /// environments are built often.
     ///
     /// # Errors
     /// [`Error::Model`] where the engine finds no operating point.
@@ -119,7 +119,7 @@ impl Watched<'_> {
     }
 }
 
-/// Middle and half width of some values, which is never 0.
+/// Middle and half width of some values; the half width is never 0.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
         (low.min(value), high.max(value))
@@ -127,10 +127,10 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     ((low + high) / 2.0, ((high - low) / 2.0).max(1e-9 * high.abs()))
 }
 
-/// What outputs are multiplied by where an engine of the same corrected speeds and temperatures breathes other air: a
-/// factor for each unit, of theta = T / 288.15 K and delta = p / 101325 Pa of the air's total temperature and pressure
-/// (P. P. Walsh and P. Fletcher, "Gas turbine performance", chapter 4). A surrogate of corrected outputs need not learn
-/// what dimensions say.
+/// Factors of outputs for an engine with the same corrected speeds and temperatures in other air: one for each
+/// unit, from theta = T / 288.15 K and delta = p / 101325 Pa of the air's total temperature and pressure (P. P.
+/// Walsh and P. Fletcher, "Gas turbine performance", chapter 4). A surrogate of corrected outputs does not have
+/// to learn these dimensional relations.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Correction {
     theta: f64,
@@ -159,7 +159,7 @@ impl Correction {
         }
     }
 
-    /// Corrects what sensors read.
+    /// Corrects sensor readings.
     pub(super) fn correct(&self, sensors: &[String], read: &mut [f64]) {
         for (value, sensor) in read.iter_mut().zip(sensors) {
             *value /= self.factor(sensor);

@@ -8,60 +8,60 @@ use nalgebra::{SMatrix, SVector};
 use num_dual::{Derivative, DualSVec64};
 use serde::{Deserialize, Serialize};
 
-/// What is held at a point, besides the flight condition.
+/// The quantity that is held at a point, besides the flight condition.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Held {
-    /// K.
+pub(super) enum HeldQuantity {
+    /// Turbine inlet temperature, K.
     TurbineInletTemperature(f64),
     /// Net thrust, N.
     Thrust(f64),
-    /// kg/s.
+    /// Fuel flow, kg/s.
     FuelFlow(f64),
 }
 
-/// A problem: where an engine flies, how worn it is and what is held.
+/// A problem for the solver: flight condition, wear and the held quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Operation {
     pub air: Air,
     pub health: Health,
-    pub held: Held,
-    /// The relative speeds of the shafts where they are given, as in a transient; else they are such that no
-    /// shaft accelerates.
+    pub held: HeldQuantity,
+    /// The relative speeds of the shafts where they are given, as in a transient; `None` for speeds without
+    /// acceleration.
     pub speeds: Option<[f64; 2]>,
 }
 
-/// Why there is no point.
+/// Residuals of a search that found no operating point.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct NotConverged {
-    /// The largest relative disagreement of parts where the search ended.
+pub(super) struct ConvergenceFailure {
+    /// The largest relative residual at the end of the search.
     pub residual: f64,
-    /// All of them, in the order of [`super::cycle`].
+    /// All residuals, in the order of [`super::cycle`].
     pub residuals: [f64; N],
     pub iterations: usize,
 }
 
-/// Relative disagreement of parts that counts as none.
+/// Relative residual that counts as zero.
 const TOLERANCE: f64 = 1e-9;
 const MOST_ITERATIONS: usize = 40;
-/// How often a step that makes things worse is halved.
+/// Number of times that a step is halved if it increases the residuals.
 const MOST_HALVINGS: usize = 5;
-/// Largest change of an unknown in one step: in its own unit, from the fifth on in parts of it.
+/// Largest change of an unknown in one step: in its own unit, and relative from the fifth on.
 const LARGEST_STEP: [f64; N] = [0.05, 0.05, 0.3, 0.4, 0.4, 0.1, 0.1, 0.1, 0.15];
-/// Smallest part of the way that a search in steps takes at once.
+/// Smallest fraction of the way that a search in steps takes at once.
 const SMALLEST_PART: f64 = 1.0 / 256.0;
 
 impl Engine {
-    /// The point of an operation: from `start`, or where that leads nowhere from the design point in steps.
-    /// `start` is left at the unknowns of the point.
+    /// The point of an operation: from `start`, or if that fails from the design point in steps. `start`
+    /// becomes the unknowns of the point.
     ///
     /// # Errors
-    /// [`NotConverged`] where the parts do not come to agree; `start` is then unchanged.
+    /// [`ConvergenceFailure`] where the residuals do not vanish; `start` is then unchanged.
     pub(super) fn solve(
         &self,
         operation: &Operation,
         start: &mut [f64; N],
-    ) -> Result<Point<f64>, NotConverged> {
+    ) -> Result<Point<f64>, ConvergenceFailure> {
         let (point, unknowns) = self
             .search(operation, *start)
             .or_else(|failed| self.walk(operation).map_err(|_| failed))?;
@@ -69,16 +69,16 @@ impl Engine {
         Ok(point)
     }
 
-    /// The point of an operation whose shafts have given speeds, from one that is solved: directly or in steps.
+    /// The point of an operation whose shafts have given speeds, from a solved point: directly or in steps.
     ///
     /// # Errors
-    /// As [`Engine::solve`].
+    /// The errors of [`Engine::solve`].
     pub(super) fn solve_from(
         &self,
         from: &Operation,
         operation: &Operation,
         start: &mut [f64; N],
-    ) -> Result<Point<f64>, NotConverged> {
+    ) -> Result<Point<f64>, ConvergenceFailure> {
         let (point, unknowns) = self.search(operation, *start).or_else(|failed| {
             let path = |part| from.towards(operation, part);
             self.follow(*start, &path).map_err(|_| failed)
@@ -87,19 +87,19 @@ impl Engine {
         Ok(point)
     }
 
-    /// Newton's method from one place. A linearisation is kept as long as it makes the residuals a tenth of
-    /// what they were, since it costs twice what they do.
+    /// Newton's method from one start. A linearisation is kept as long as it reduces the residuals to a tenth,
+    /// since it costs twice as much as they do.
     fn search(
         &self,
         operation: &Operation,
         mut unknowns: [f64; N],
-    ) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+    ) -> Result<(Point<f64>, [f64; N]), ConvergenceFailure> {
         let (mut values, jacobian) = self.linearised(&unknowns, operation);
         let mut factors = jacobian.lu();
         for iterations in 1..=MOST_ITERATIONS {
             let step = factors.solve(&-values);
             let Some(step) = step.filter(|step| step.iter().all(|x| x.is_finite())) else {
-                return Err(NotConverged::of(&values, iterations));
+                return Err(ConvergenceFailure::of(&values, iterations));
             };
             let before = values.norm();
             let mut part = largest_part(&unknowns, &step);
@@ -110,7 +110,7 @@ impl Engine {
                 if values.amax() < TOLERANCE {
                     return Ok((point, there));
                 }
-                // A step may make things a little worse on the way around a bend of a map.
+                // A step may increase the residuals a little on the way around a bend of a map.
                 if values.norm() < 1.5 * before || halving == MOST_HALVINGS {
                     unknowns = there;
                     break;
@@ -122,18 +122,18 @@ impl Engine {
                 (values, factors) = (anew, jacobian.lu());
             }
         }
-        Err(NotConverged::of(&values, MOST_ITERATIONS))
+        Err(ConvergenceFailure::of(&values, MOST_ITERATIONS))
     }
 
     /// From the design point to an operation in steps: first the flight condition and the wear at a constant
-    /// ratio of turbine inlet and ambient total temperature, then what is held.
-    fn walk(&self, operation: &Operation) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+    /// ratio of turbine inlet and ambient total temperature, then the held quantity.
+    fn walk(&self, operation: &Operation) -> Result<(Point<f64>, [f64; N]), ConvergenceFailure> {
         let design = self.design_operation();
         let ratio = self.design_ratio();
         let (point, unknowns) = self.follow(self.unknowns, &|part| {
             let there = design.towards(operation, part);
             Operation {
-                held: Held::TurbineInletTemperature(ratio * there.air.total_temperature),
+                held: HeldQuantity::TurbineInletTemperature(ratio * there.air.total_temperature),
                 ..there
             }
         })?;
@@ -144,13 +144,13 @@ impl Engine {
         })
     }
 
-    /// Follows a path of operations, from 0, where `unknowns` solve it nearly, to 1, in steps as long as they
-    /// lead somewhere.
+    /// Follows a path of operations, from 0, where `unknowns` solve it nearly, to 1, in steps as long as the
+    /// search converges.
     fn follow(
         &self,
         mut unknowns: [f64; N],
         path: &dyn Fn(f64) -> Operation,
-    ) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+    ) -> Result<(Point<f64>, [f64; N]), ConvergenceFailure> {
         let (mut done, mut step) = (0.0, 0.25);
         loop {
             let next = f64::min(done + step, 1.0);
@@ -175,12 +175,12 @@ impl Engine {
         Operation {
             air: Air::at(self.design.altitude_m, self.design.mach, 0.0),
             health: Health::default(),
-            held: Held::TurbineInletTemperature(self.design.turbine_inlet_temperature_k),
+            held: HeldQuantity::TurbineInletTemperature(self.design.turbine_inlet_temperature_k),
             speeds: None,
         }
     }
 
-    /// The cycle at the unknowns, and by how much its parts disagree with each other and with what is held.
+    /// The cycle at the unknowns, and the residuals of its balances and of the held quantity.
     fn residuals<T: Number>(&self, unknowns: &[T; N], operation: &Operation) -> (Point<T>, [T; N]) {
         let point = self.at(unknowns, &operation.air, &operation.health);
         let mut residuals = point.residuals;
@@ -190,9 +190,9 @@ impl Engine {
             }
         }
         residuals[FUEL] = match operation.held {
-            Held::TurbineInletTemperature(kelvin) => point.burner.temperature / kelvin - 1.0,
-            Held::Thrust(newton) => (point.thrust - newton) / point.gross_thrust.re(),
-            Held::FuelFlow(flow) => point.fuel_flow / flow - 1.0,
+            HeldQuantity::TurbineInletTemperature(kelvin) => point.burner.temperature / kelvin - 1.0,
+            HeldQuantity::Thrust(newton) => (point.thrust - newton) / point.gross_thrust.re(),
+            HeldQuantity::FuelFlow(flow) => point.fuel_flow / flow - 1.0,
         };
         (point, residuals)
     }
@@ -214,7 +214,7 @@ impl Engine {
     }
 }
 
-/// How much of a step changes no unknown by more than its largest step.
+/// Largest fraction of a step that changes no unknown by more than its largest step.
 fn largest_part(unknowns: &[f64; N], step: &SVector<f64, N>) -> f64 {
     let largest = |place: usize| match place {
         5.. => LARGEST_STEP[place] * unknowns[place].abs(),
@@ -225,7 +225,7 @@ fn largest_part(unknowns: &[f64; N], step: &SVector<f64, N>) -> f64 {
     })
 }
 
-/// The unknowns after a part of a step; turbines stay turbines.
+/// The unknowns after a fraction of a step; turbines stay turbines.
 fn moved(unknowns: &[f64; N], step: &SVector<f64, N>, part: f64) -> [f64; N] {
     let mut moved: [f64; N] = std::array::from_fn(|place| unknowns[place] + part * step[place]);
     for ratio in &mut moved[6..8] {
@@ -234,11 +234,11 @@ fn moved(unknowns: &[f64; N], step: &SVector<f64, N>, part: f64) -> [f64; N] {
     moved
 }
 
-impl Held {
-    /// Names of what can be held, with units.
+impl HeldQuantity {
+    /// Names of the quantities that can be held, with units.
     pub(super) const NAMES: [&'static str; 3] = ["turbine_inlet_temperature_k", "thrust_n", "fuel_flow_kg_s"];
 
-    /// What is held under one of the names.
+    /// The held quantity of this name.
     pub(super) fn named(name: &str, value: f64) -> Self {
         match name {
             "thrust_n" => Self::Thrust(value),
@@ -261,7 +261,7 @@ impl Held {
         }
     }
 
-    /// What a point has of the same kind.
+    /// The value of the same quantity at a point.
     fn like(self, point: &Point<f64>) -> f64 {
         match self {
             Self::TurbineInletTemperature(_) => point.burner.temperature,
@@ -270,12 +270,12 @@ impl Held {
         }
     }
 
-    /// The same kind with another value.
+    /// The same quantity with another value.
     fn with(self, value: f64) -> Self {
         Self::named(self.name(), value)
     }
 
-    /// On the way from here to `other`; at once there where that is of another kind.
+    /// Interpolates between this value and `other`; jumps to `other` where that is another quantity.
     fn towards(self, other: Self, part: f64) -> Self {
         if self.name() == other.name() {
             self.with(self.value() + part * (other.value() - self.value()))
@@ -296,7 +296,7 @@ impl Operation {
         }
     }
 
-    /// On the way from here to `other`, whose speeds it has.
+    /// Interpolates between this operation and `other`, whose speeds it takes.
     fn towards(&self, other: &Self, part: f64) -> Self {
         Self {
             air: self.air.towards(&other.air, part),
@@ -307,8 +307,8 @@ impl Operation {
     }
 }
 
-impl NotConverged {
-    /// Which parts disagree by more than a hundredth of the worst.
+impl ConvergenceFailure {
+    /// Names the balances whose residual exceeds a hundredth of the worst.
     pub(super) fn in_words(&self) -> String {
         const PARTS: [&str; N] = [
             "low-pressure shaft",

@@ -1,9 +1,9 @@
-//! A surrogate of an engine: a network that was fitted to it by a trial of its own, read from the file that the trial
-//! left, and evaluated in plain double precision.
+//! A surrogate of an engine: a network that was fitted to it by another trial, read from the file that the
+//! trial left, and evaluated in plain double precision.
 //!
-//! The file is a policy of the agent `network_regression` in the environment `turbofan_samples`: observations are the
-//! flight condition and the health parameters, actions are the sensors, both in SI units and corrected where the
-//! environment says so.
+//! The file is a policy of the agent `network_regression` in the environment `turbofan_samples`: observations
+//! are the flight condition and the health parameters, actions are the sensors, both in SI units and corrected
+//! where the environment's config says so.
 //!
 //! `y = action_center + action_spread h`, with the output h of the network ([`policy_network`](crate::policy_network)).
 
@@ -17,9 +17,9 @@ use std::path::Path;
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
     network: PolicyNetwork,
-    /// Where the output of each wanted sensor stands.
+    /// Position of each requested sensor among the outputs.
     sensors: Vec<usize>,
-    /// True where it was fitted to corrected outputs.
+    /// Whether it was fitted to corrected outputs.
     is_corrected: bool,
 }
 
@@ -33,8 +33,8 @@ impl Surrogate {
     /// The network that a trial left, for these health parameters in this order and these sensors.
     ///
     /// # Errors
-    /// [`Error::Source`] outside a trial, [`Error::File`] where the file is not there and [`Error::Config`] where it
-    /// is no such network or one of other inputs.
+    /// [`Error::Source`] outside a trial, [`Error::File`] for a missing file and [`Error::Config`] for another
+    /// kind of network or other inputs.
     pub(super) fn read(
         product: &Artifact<Policy>,
         health: &[&str],
@@ -54,7 +54,7 @@ impl Surrogate {
         })
     }
 
-    /// What the sensors read, SI.
+    /// Sensor readings, SI.
     pub(super) fn read_sensors(&self, condition: &FlightCondition, theta: &[f64]) -> Vec<f64> {
         if !self.is_corrected {
             return self.outputs(condition, theta);
@@ -79,7 +79,7 @@ impl Surrogate {
     }
 }
 
-/// Whether it was fitted to corrected outputs, of these health parameters.
+/// Whether the network was fitted to corrected outputs; checks that its health parameters are these.
 fn is_corrected(header: &Header, health: &[&str]) -> Result<bool, Error> {
     let inputs = |channels: Vec<Channel>| -> Vec<String> {
         let names = channels.into_iter().map(|channel| channel.name);
@@ -98,7 +98,7 @@ fn is_corrected(header: &Header, health: &[&str]) -> Result<bool, Error> {
     }
 }
 
-/// Places of the wanted sensors.
+/// Positions of the requested sensors among the outputs.
 fn places(header: &Header, sensors: &[String]) -> Result<Vec<usize>, Error> {
     let n = header.outputs.len();
     let is_one = header.head == "identity"
@@ -144,7 +144,7 @@ mod tests {
         })
     }
 
-    /// Three units see Mach number and health alone.
+    /// Three hidden units with only Mach number and health as inputs.
     fn written(header: &Value) -> tempfile::TempDir {
         let tensors: [(&str, Vec<usize>, &[f32]); 4] = [
             (
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_surrogate_of_these_inputs_is_refused() {
+    fn a_surrogate_with_other_inputs_is_refused() {
         let of = |header: &Value, health: &[&str], sensors: &[&str]| {
             open(header, health, sensors).unwrap_err().to_string()
         };

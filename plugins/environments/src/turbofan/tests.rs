@@ -1,10 +1,11 @@
-//! The engines against other programs, their balances over the whole envelope, and their exact derivatives.
+//! The engines compared with other programs, their balances over the whole envelope, and their exact
+//! derivatives.
 
 use super::atmosphere::Air;
 use super::cycle::{Engine, Health, N, Point, Wear};
 use super::engine::EngineName;
 use super::flight::FlightPoint;
-use super::solver::{Held, Operation};
+use super::solver::{HeldQuantity, Operation};
 use super::*;
 use contract::random::stream;
 use rand::Rng as _;
@@ -41,7 +42,7 @@ fn the_atmosphere_is_the_standard_one() {
     }
 }
 
-/// What is compared with pyCycle: `OUTPUTS` that the fixture has.
+/// The outputs that are compared with pyCycle: those of `OUTPUTS` in the fixture.
 const COMPARED: [&str; 15] = [
     "n1_rpm",
     "n2_rpm",
@@ -60,16 +61,16 @@ const COMPARED: [&str; 15] = [
     "mass_flow_kg_s",
 ];
 
-/// Our outputs for a row of the fixture, by name.
+/// This engine's outputs for a row of the fixture, by name.
 fn ours(engine: &Turbofan, row: &Row) -> BTreeMap<&'static str, f64> {
     let wear = |part: &str| Wear {
         efficiency: number(row, &format!("{part}_efficiency")),
         flow: number(row, &format!("{part}_flow")),
     };
     let held = if row["held"] == "thrust_n" {
-        Held::Thrust(number(row, "thrust_n"))
+        HeldQuantity::Thrust(number(row, "thrust_n"))
     } else {
-        Held::TurbineInletTemperature(number(row, "t40_k"))
+        HeldQuantity::TurbineInletTemperature(number(row, "t40_k"))
     };
     let operation = Operation {
         air: Air::at(number(row, "altitude_m"), number(row, "mach"), 0.0),
@@ -125,7 +126,7 @@ fn wear_changes_what_it_changes_in_pycycle() {
             let same = ["held", "altitude_m", "mach"]
                 .iter()
                 .all(|column| other[*column] == row[*column]);
-            // Part power is 90 % of the own full thrust.
+            // Part power is 90 % of the engine's own full thrust.
             is_healthy(other) && same && (row["held"] != "thrust_n" || is_ninety_percent(other, &rows))
         };
         rows.iter().find(alike).unwrap()
@@ -155,7 +156,8 @@ fn is_ninety_percent(row: &Row, rows: &[Row]) -> bool {
     (number(row, "thrust_n") / number(&rows[0], "thrust_n") - 0.9).abs() < 1e-3
 }
 
-/// Rows of NASA's AGTF30 at cruise and at take-off: the engine meets what is published within these parts.
+/// Rows of NASA's AGTF30 at cruise and at take-off: the engine agrees with the published values within these
+/// fractions.
 #[test]
 #[expect(clippy::print_stdout, reason = "what differs is shown, not hidden")]
 fn the_geared_engine_is_near_that_of_nasa() {
@@ -195,7 +197,7 @@ fn the_geared_engine_is_near_that_of_nasa() {
         let operation = Operation {
             air,
             health: Health::default(),
-            held: Held::FuelFlow(fuel),
+            held: HeldQuantity::FuelFlow(fuel),
             speeds: None,
         };
         let (point, unknowns) = solved(&engine.engine, &operation);
@@ -209,8 +211,9 @@ fn the_geared_engine_is_near_that_of_nasa() {
     }
 }
 
-/// C-MAPSS at sea level with full throttle (the first healthy row of its data set FD001) is an engine of the same kind,
-/// of a higher pressure and bypass ratio. With its fuel-air ratio ours differs as shown: nothing is fitted to it.
+/// C-MAPSS at sea level with full throttle (the first healthy row of its data set FD001) is an engine of the
+/// same kind, with a higher pressure ratio and bypass ratio. At its fuel-air ratio this engine differs as
+/// shown: it is not fitted to C-MAPSS.
 #[test]
 #[expect(clippy::print_stdout, reason = "what differs is shown, not hidden")]
 fn how_far_the_first_engine_is_from_c_mapss() {
@@ -219,7 +222,7 @@ fn how_far_the_first_engine_is_from_c_mapss() {
         let operation = Operation {
             air: Air::at(0.0, 0.0, 0.0),
             health: Health::default(),
-            held: Held::TurbineInletTemperature(held),
+            held: HeldQuantity::TurbineInletTemperature(held),
             speeds: None,
         };
         let (point, unknowns) = solved(&engine.engine, &operation);
@@ -254,8 +257,8 @@ fn how_far_the_first_engine_is_from_c_mapss() {
     }
 }
 
-/// An operation drawn from the envelope and the box of health. The throttle is a part of the design point's ratio
-/// of turbine inlet and ambient temperature, as long as that is not hotter than the turbine may be.
+/// An operation drawn from the envelope and the box of health. The throttle is a fraction of the design point's
+/// ratio of turbine inlet and ambient temperature, as long as that is not hotter than the turbine may be.
 fn drawn(engine: &Engine, worst: f64, rng: &mut Rng) -> Operation {
     let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
     let mach = between(0.0, 0.9);
@@ -281,14 +284,15 @@ fn drawn(engine: &Engine, worst: f64, rng: &mut Rng) -> Operation {
         altitude_m,
         mach,
         delta_t_k,
-        held: Held::TurbineInletTemperature(hot),
+        held: HeldQuantity::TurbineInletTemperature(hot),
     };
     assert_eq!(point.outside(), None);
     Operation::at(&point, health)
 }
 
-/// All parts worn by up to 5 %: nearly every operation has a point. By up to 10 %, which is the whole box of
-/// actions and more than any part of N-CMAPSS loses but the fan, some engines cannot sustain themselves at low power.
+/// All components worn by up to 5 %: nearly every operation has a point. With up to 10 %, which is the whole
+/// box of actions and more than any component of N-CMAPSS loses but the fan, some engines cannot sustain
+/// themselves at low power.
 #[test]
 #[expect(clippy::print_stdout, reason = "what does not converge is shown, not hidden")]
 fn the_whole_envelope_converges_and_balances() {
@@ -319,8 +323,8 @@ fn the_whole_envelope_converges_and_balances() {
     }
 }
 
-/// Mass, energy and shafts of a point, from what crosses the boundary of the engine: air and fuel come in; what
-/// the nozzles, the bleeds and the shafts take goes out.
+/// Mass, energy and shafts of a point, from the flows across the boundary of the engine: air and fuel enter;
+/// the flows of the nozzles and bleeds and the power of the shafts leave.
 fn balanced(engine: &Engine, operation: &Operation, point: &Point<f64>) {
     let (design, bleeds) = (&engine.design, &engine.design.bleeds);
     let (inlet, fan, lpc, hpc) = (&point.inlet, &point.fan, &point.lpc, &point.hpc);
@@ -401,7 +405,7 @@ fn a_transient_settles_at_the_steady_point() {
         let at = |fuel: f64| Operation {
             air: Air::at(8000.0, 0.7, 0.0),
             health: Health::default(),
-            held: Held::FuelFlow(fuel),
+            held: HeldQuantity::FuelFlow(fuel),
             speeds: None,
         };
         let fuel = engine.unknowns[8] * 10.0;
@@ -433,7 +437,7 @@ fn flown(config: serde_json::Value, theta: &[f64]) -> Result<Turbofan, String> {
 }
 
 #[test]
-fn what_cannot_be_flown_is_refused_with_its_place() {
+fn an_impossible_flight_is_refused_with_its_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("points.csv");
     let refused = |text: &str| {

@@ -1,26 +1,26 @@
-//! The shafts' motion: power that is left accelerates them.
+//! The shafts' motion: surplus power accelerates them.
 //!
 //! `J omega domega/dt = P`, with J the moment of inertia of a shaft, omega its speed and P the power of its
-//! turbine less all that it drives. Within a step the gas is in equilibrium with the speeds, since it follows them
-//! a hundred times faster.
+//! turbine less that of its loads. Within a step the gas is in equilibrium with the speeds, since it follows
+//! them a hundred times faster.
 
 use super::cycle::{Engine, N, Point, SPEEDS};
-use super::solver::{NotConverged, Operation};
+use super::solver::{ConvergenceFailure, Operation};
 use std::f64::consts::PI;
 
 impl Engine {
-    /// Lets the shafts accelerate for a time from the speeds in `unknowns`, by Heun's method in steps of at most
-    /// `step_s`. `from` is the operation that `unknowns` solve. Returns the point at the end.
+    /// Lets the shafts accelerate for a time from the speeds in `unknowns`, by Heun's method in steps of at
+    /// most `step_s`. `from` is the operation that `unknowns` solve. Returns the final point.
     ///
     /// # Errors
-    /// [`NotConverged`] where the gas finds no equilibrium on the way.
+    /// [`ConvergenceFailure`] where the gas finds no equilibrium on the way.
     pub(super) fn accelerate(
         &self,
         from: &Operation,
         to: &Operation,
         unknowns: &mut [f64; N],
         (time_s, step_s): (f64, f64),
-    ) -> Result<Point<f64>, NotConverged> {
+    ) -> Result<Point<f64>, ConvergenceFailure> {
         let n_steps = (time_s / step_s).ceil().max(1.0);
         let step = time_s / n_steps;
         let mut speeds = SPEEDS.map(|place| unknowns[place]);
@@ -53,7 +53,7 @@ impl Engine {
         [n1 * self.design.n1_rpm, n2 * self.design.n2_rpm]
     }
 
-    /// Acceleration of the shafts in parts of their design speeds per second.
+    /// Acceleration of the shafts relative to their design speeds, 1/s.
     fn relative_acceleration(&self, point: &Point<f64>, unknowns: &[f64; N]) -> [f64; 2] {
         let design = &self.design;
         let inertia = [design.inertia.0, design.inertia.1];

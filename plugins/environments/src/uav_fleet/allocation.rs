@@ -1,15 +1,16 @@
-//! How a UAV shares its load among the four strings of its pack.
+//! The allocation of a UAV's load to the four strings of its pack.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
-//! | e_i | `source_v`: what drives a current through the resistance | V |
+//! | e_i | `source_v`: voltage that drives a current through the resistance | V |
 //! | R_i | `resistance_ohm` | ohm |
-//! | P | `power_w`, of one cell of each string together | W |
+//! | P | `power_w`, power of one cell of each string together | W |
 //! | v | the common voltage | V |
 //!
-//! Water filling loads the strings so that all loaded ones come to one voltage v: `sum_i v max(e_i - v, 0) / R_i = P`,
-//! the higher one of two such voltages. It is the rule of the agents `water_filling` and `water_filling_true_state`;
-//! environments import no agents, so it is found here in a way of its own, by halving an interval.
+//! Water filling loads the strings so that all loaded ones have one voltage v: `sum_i v max(e_i - v, 0) / R_i =
+//! P`, the higher one of two such voltages. It is the rule of the agents `water_filling` and
+//! `water_filling_true_state`; environments import no agents, so it is computed here in another way, by
+//! bisection.
 
 use super::config::Allocator;
 use super::string::STRINGS;
@@ -19,7 +20,7 @@ use crate::{
 };
 use contract::Error;
 
-/// What can be measured of a pack.
+/// Measured quantities of a pack.
 #[derive(Debug, Clone, Copy)]
 pub struct Readings {
     /// Voltage of a cell of each string, V.
@@ -30,12 +31,12 @@ pub struct Readings {
     pub power_w: f64,
 }
 
-/// A way to share.
+/// A rule of allocation.
 #[derive(Debug, Clone)]
-pub enum Sharing {
+pub enum SharingRule {
     /// Equally.
     Equal,
-    /// Water filling on what is measured and known.
+    /// Water filling on measured voltages and known resistances.
     Known,
     /// Water filling on the true states.
     True,
@@ -50,7 +51,7 @@ pub struct LearnedPolicy {
     head: Head,
 }
 
-/// How outputs become shares: those of `numerics::policy_file` that lie on a simplex.
+/// Conversion of outputs to shares: the heads of `numerics::policy_file` whose actions lie on a simplex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Head {
     DirichletMean,
@@ -58,11 +59,12 @@ enum Head {
     SoftmaxMean,
 }
 
-impl Sharing {
-    /// What an allocation module does.
+impl SharingRule {
+    /// The rule of an allocation module.
     ///
     /// # Errors
-    /// [`Error::Source`] outside a trial, [`Error::File`] and [`Error::Config`] for a policy that cannot be taken up.
+    /// [`Error::Source`] outside a trial, [`Error::File`] and [`Error::Config`] for a policy that cannot be
+    /// read.
     pub fn of(allocator: &Allocator) -> Result<Self, Error> {
         match allocator {
             Allocator::WaterFilling => Ok(Self::Known),
@@ -73,7 +75,7 @@ impl Sharing {
         }
     }
 
-    /// Shares of the strings, which sum to 1. `resistance_ohm` is what is known.
+    /// Shares of the strings, which sum to 1. `resistance_ohm` holds the known resistances.
     #[must_use]
     pub fn shares(
         &self,
@@ -139,8 +141,8 @@ impl LearnedPolicy {
     }
 }
 
-/// Shares that bring all loaded strings to one voltage; where no voltage meets the demand, those of the voltage of the
-/// greatest power.
+/// Shares that bring all loaded strings to one voltage; where no voltage meets the demand, those at the voltage
+/// of the greatest power.
 #[must_use]
 pub fn filled(source_v: &[f64; STRINGS], resistance_ohm: &[f64; STRINGS], power_w: f64) -> [f64; STRINGS] {
     let currents = |v: f64| -> [f64; STRINGS] {
@@ -148,8 +150,8 @@ pub fn filled(source_v: &[f64; STRINGS], resistance_ohm: &[f64; STRINGS], power_
     };
     let delivered_w = |v: f64| v * currents(v).iter().sum::<f64>();
     let highest_v = source_v.iter().copied().fold(0.0, f64::max);
-    // The power falls with the voltage from its greatest value on, which is never below half the highest source of
-    // those that are loaded there.
+    // The power falls with the voltage above its maximum, which is never below half the highest source of the
+    // strings loaded there.
     let (mut low_v, mut high_v) = (greatest_at(source_v, resistance_ohm), highest_v);
     for _ in 0..48 {
         let middle_v = 0.5 * (low_v + high_v);
@@ -168,8 +170,8 @@ pub fn filled(source_v: &[f64; STRINGS], resistance_ohm: &[f64; STRINGS], power_
     }
 }
 
-/// The voltage of the greatest power: of the parabolas `v (S - G v)` of the strings with the k highest sources, the
-/// highest peak within the range of voltages that loads those k.
+/// The voltage of the greatest power: of the parabolas `v (S - G v)` of the strings with the k highest sources,
+/// the highest peak within the range of voltages that loads those k.
 fn greatest_at(source_v: &[f64; STRINGS], resistance_ohm: &[f64; STRINGS]) -> f64 {
     let mut order: [usize; STRINGS] = std::array::from_fn(|i| i);
     order.sort_by(|a, b| source_v[*b].total_cmp(&source_v[*a]));
@@ -211,7 +213,7 @@ mod tests {
         assert!(close(shares, [0.1, 0.2, 0.3, 0.4]), "{shares:?}");
     }
 
-    /// Alike, each gives e^2 / (4 R) at most, 8 W; the shares stay equal however much is asked for.
+    /// Equal strings deliver e^2 / (4 R) each at most, 8 W; the shares stay equal at any demand.
     #[test]
     fn too_much_power_is_shared_at_the_voltage_of_the_greatest() {
         assert!(close(filled(&[4.0; 4], &[0.5; 4], 100.0), [0.25; 4]));
@@ -264,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_policy_of_a_pack_is_refused() {
+    fn a_policy_of_another_environment_is_refused() {
         let text = policy("dirichlet_mean", "temperature").unwrap_err().to_string();
         assert!(
             text.contains("it is no policy of `battery` with 4 cells: it sees [temperature"),

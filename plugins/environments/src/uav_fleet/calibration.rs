@@ -1,17 +1,17 @@
-//! The known health of a string: counted wear, and the extended Kalman filter that corrects it after a
-//! flight.
+//! The known health of a string: counted wear, and the extended Kalman filter that corrects it after a flight.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
 //! | theta = (q, r) | `q_mobile_c`, `r_ohm`: capacity and resistance | C, ohm |
-//! | P | `covariance`: of q, of both, of r | |
+//! | P | `covariance`: variance of q, covariance, variance of r | |
 //! | c | charge that has passed | C |
 //! | kappa | wear per charge of an average string, `(q_mobile_rate, r_rate)` | |
 //! | s | standard deviation of the factors of wear ([`UavFleetConfig::wear_variance`]) | |
-//! | y, h(theta) | voltages read at the decisions of a flight, and computed for the currents of the flight | V |
+//! | y, h(theta) | voltages read at the decisions of a flight, and computed from the currents of the flight | V
+//! |
 //!
-//! *Counting*: theta' = theta + kappa c, P' = P + s^2 c^2 kappa kappa'. That is all where the module is left out: every
-//! string is taken for an average one, though its charge is known.
+//! *Counting*: theta' = theta + kappa c, P' = P + s^2 c^2 kappa kappa'. Without the module nothing else is
+//! done: every string is treated as an average one, though its charge is known.
 //!
 //! *Calibration* after a flight: one measurement of all voltages,
 //! `A = P^-1 + H' H / rho^2`, `theta = theta_0 + A^-1 H' (y - h(theta_k) + H (theta_k - theta_0)) / rho^2`, with the
@@ -19,20 +19,20 @@
 //! more where it lies far away (the iterated filter). rho^2 is the variance of the sensors' noise and that of the
 //! model: (2 mV)^2, for wear within the flight that is not average.
 //!
-//! The filter computes the cell of [`battery`](crate::battery) with the currents and steps of the flight, from full,
-//! with the diffusion of a new cell, and wears it as an average one. It knows neither the factor of a string nor
-//! how much two of them differ when new, only their spreads. An estimate is of the time before the flight.
+//! The filter computes the cell of [`battery`](crate::battery) with the currents and steps of the flight, from
+//! full, with the diffusion of a new cell, and with average wear. It knows neither the factor of a string nor
+//! the differences of new strings, only their spreads. An estimate is of the time before the flight.
 
 use super::config::UavFleetConfig;
 use super::string::STRINGS;
-use crate::battery::{Ageing, Cell, CellParameters, Physics, State};
+use crate::battery::{AgeingRates, Cell, CellParameters, Physics, State};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of what the model of a flight leaves out, V.
+/// Standard deviation of the model error of a flight, V.
 const MODEL_V: f64 = 2e-3;
-/// Differences of capacity and resistance for the Jacobian.
+/// Finite differences of capacity, C, and resistance, ohm, for the Jacobian.
 const DIFFERENCES: [f64; 2] = [20.0, 1e-3];
-/// A correction beyond these is computed once more where it led.
+/// Largest correction, C and ohm, that is not repeated from its result.
 const FAR: [f64; 2] = [200.0, 5e-3];
 
 /// The physics of all cells: those of the `battery` environment's defaults.
@@ -41,29 +41,29 @@ pub const PHYSICS: Physics = Physics {
     mole_fraction_margin: 1e-3,
 };
 
-/// What is known of a string.
+/// Estimated health of a string.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Capacity, C.
     pub q_mobile_c: f64,
     /// Resistance, ohm.
     pub r_ohm: f64,
-    /// Of the capacity, of both, of the resistance.
+    /// Variance of the capacity, covariance, variance of the resistance.
     covariance: [f64; 3],
 }
 
-/// What was recorded of a pack in a flight.
+/// Record of a pack in a flight.
 #[derive(Debug, Clone, Default)]
-pub struct Log {
+pub struct FlightLog {
     /// Length of each step, s, and the currents in it, A.
     pub steps: Vec<(f64, [f64; STRINGS])>,
-    /// After how many steps voltages were read, and these, V.
+    /// Number of steps before each reading of the voltages, and these, V.
     pub readings: Vec<(usize, [f64; STRINGS])>,
 }
 
 /// The normal equations of a fit.
 #[derive(Debug, Clone, Copy, Default)]
-struct Normal {
+struct NormalEquations {
     /// H' H.
     square: [f64; 3],
     /// H' (y - h).
@@ -71,7 +71,7 @@ struct Normal {
 }
 
 impl Estimate {
-    /// Of a new string: the average one.
+    /// The estimate of a new string: that of an average one.
     #[must_use]
     pub fn of_new(config: &UavFleetConfig) -> Self {
         let fresh = CellParameters::FRESH;
@@ -84,14 +84,14 @@ impl Estimate {
         }
     }
 
-    /// Counts the wear of a charge.
+    /// Counts the wear by a charge.
     pub fn wear(&mut self, config: &UavFleetConfig, charge_c: f64) {
         let (dq, dr) = (
             config.ageing.q_mobile_rate * charge_c,
             config.ageing.r_rate * charge_c,
         );
         let variance = config.wear_variance();
-        // What stays of a capacity that is counted down past the range of the model would be no cell any more.
+        // A capacity that is counted down past the range of the model is no longer that of a cell.
         self.q_mobile_c = (self.q_mobile_c + dq).max(500.0);
         self.r_ohm += dr;
         let [qq, qr, rr] = self.covariance;
@@ -102,8 +102,8 @@ impl Estimate {
         ];
     }
 
-    /// Corrects what is known of string `string` by what was read in a flight.
-    pub fn correct(&mut self, config: &UavFleetConfig, log: &Log, string: usize) {
+    /// Corrects the estimate of string `string` by the readings of a flight.
+    pub fn correct(&mut self, config: &UavFleetConfig, log: &FlightLog, string: usize) {
         if log.readings.is_empty() {
             return;
         }
@@ -118,8 +118,8 @@ impl Estimate {
     }
 
     /// The correction with the Jacobian at `at`.
-    fn corrected(&self, config: &UavFleetConfig, log: &Log, string: usize, at: Self) -> Self {
-        let normal = Normal::at(config, &at, log, string);
+    fn corrected(&self, config: &UavFleetConfig, log: &FlightLog, string: usize, at: Self) -> Self {
+        let normal = NormalEquations::at(config, &at, log, string);
         let weight = 1.0 / (config.sensor_noise_v.powi(2) / 3.0 + MODEL_V * MODEL_V);
         let [qq, qr, rr] = self.covariance;
         let prior = 1.0 / (qq * rr - qr * qr);
@@ -151,7 +151,7 @@ impl Estimate {
     }
 }
 
-/// Holds a correction within what a cell can be.
+/// Clamps a correction to possible values of a cell.
 fn within_limits(q_mobile_c: f64, r_ohm: f64) -> [f64; 2] {
     let fresh = CellParameters::FRESH;
     [
@@ -160,8 +160,8 @@ fn within_limits(q_mobile_c: f64, r_ohm: f64) -> [f64; 2] {
     ]
 }
 
-impl Normal {
-    fn at(config: &UavFleetConfig, estimate: &Estimate, log: &Log, string: usize) -> Self {
+impl NormalEquations {
+    fn at(config: &UavFleetConfig, estimate: &Estimate, log: &FlightLog, string: usize) -> Self {
         let parameters = estimate.parameters();
         let of = |parameters| voltages(&config.ageing, parameters, log, string);
         let middle = of(parameters);
@@ -189,8 +189,8 @@ impl Normal {
     }
 }
 
-/// Voltages at the readings of a flight for a cell that begins with these parameters, V.
-fn voltages(ageing: &Ageing, parameters: CellParameters, log: &Log, string: usize) -> Vec<f64> {
+/// Voltages at the readings of a flight for a cell with these initial parameters, V.
+fn voltages(ageing: &AgeingRates, parameters: CellParameters, log: &FlightLog, string: usize) -> Vec<f64> {
     let mut cell = Cell::new(parameters, PHYSICS);
     cell.place(State::rested(&parameters, 1.0), 0.0);
     let mut done = 0;

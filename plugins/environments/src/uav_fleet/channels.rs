@@ -1,11 +1,11 @@
-//! Names, units and typical values of what a fleet shows.
+//! Names, units and typical values of a fleet's observed and recorded quantities.
 
 use super::UavFleetConfig;
 use super::string::STRINGS;
 use super::uav::Uav;
 use contract::{Channel, Metric, PerEpisode, Seat, Space};
 
-/// What is done to a UAV on a day, by its position.
+/// Maintenance of a UAV on a day, by its position.
 pub const CHOICES: [&str; 3] = ["nothing", "replace_worst", "replace_all"];
 
 pub fn name(uav: usize) -> String {
@@ -30,7 +30,7 @@ fn grounded(name: impl Into<String>) -> Channel {
     Channel::new(name, "").within(0.0, 1.0).typical(0.0, 0.3)
 }
 
-/// What every seat sees of one UAV: resistances and capacities that are known, the worst first, and the largest charge.
+/// Channels of a seat's own UAV: known resistances and capacities, the worst first, and the largest charge.
 fn of_own() -> Vec<Channel> {
     let each = |of: fn(String) -> Channel, what: &'static str| {
         (1..=STRINGS).map(move |rank| of(format!("{what}_{rank}")))
@@ -41,7 +41,7 @@ fn of_own() -> Vec<Channel> {
         .collect()
 }
 
-/// What a seat sees of another UAV, and the full state and rules of each.
+/// Channels of another UAV, which are also part of the full state, where rules read them.
 fn summary(prefix: &str) -> Vec<Channel> {
     let named = |name: &str| format!("{prefix}{name}");
     vec![
@@ -52,7 +52,7 @@ fn summary(prefix: &str) -> Vec<Channel> {
     ]
 }
 
-/// The seats: own UAV, the others in turn, the part of the episode that is over.
+/// The seats: their own UAV, the others in turn, the elapsed fraction of the episode.
 pub fn seats(config: &UavFleetConfig) -> Vec<Seat> {
     let others = (1..config.uavs).flat_map(|next| summary(&format!("next_{next}.")));
     let time = Channel::new("time", "").within(0.0, 1.0).typical(0.5, 0.3);
@@ -65,7 +65,7 @@ pub fn seats(config: &UavFleetConfig) -> Vec<Seat> {
     (0..config.uavs).map(seat).collect()
 }
 
-/// One vector per seat.
+/// Observations, one vector per seat.
 pub fn observe(uavs: &[Uav], time: f64) -> Vec<Vec<f64>> {
     let one = |at: usize| {
         let own = &uavs[at];
@@ -93,7 +93,7 @@ fn summarised(uav: &Uav) -> [f64; 4] {
     ]
 }
 
-/// The full state: of every UAV what is known in short, then the true health of its strings; the day.
+/// The full state: the known summary of every UAV, then the true health of its strings; the day.
 pub fn state_channels(config: &UavFleetConfig) -> Vec<Channel> {
     let of = |uav: usize| {
         let prefix = format!("{}.", name(uav));
@@ -124,7 +124,7 @@ pub fn state(uavs: &[Uav], day: usize) -> Vec<f64> {
     uavs.iter().flat_map(of).chain([day as f64]).collect()
 }
 
-/// What each day reports.
+/// Metrics of each day.
 pub fn metrics() -> Vec<Metric> {
     let cost = |name, unit, about| Metric::new(name, unit, about).lower_is_better();
     vec![

@@ -1,22 +1,22 @@
-//! What a study may say of the `uav_fleet` environment.
+//! Config of the `uav_fleet` environment.
 
-use crate::{battery::Ageing, flight_planning::mission::Mission};
+use crate::{battery::AgeingRates, flight_planning::mission::Mission};
 use contract::{Artifact, Error, Preset, artifact};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// The wind of a day is at most this many times the mean wind, at least the rest to two.
+/// Largest factor of a day's wind relative to the mean wind; the smallest is two less this.
 pub const STRONGEST_WIND: f64 = 1.5;
 
-/// Which of the three modules of a UAV are at work; in the place of the others stand their simple counterparts.
+/// The active modules of a UAV; inactive ones are replaced by their simple counterparts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Modules {
     /// Calibration, allocation and flight planning.
     #[default]
     Full,
-    /// Cells are taken to be worn as an average cell is by the charge that was counted.
+    /// Cells are assumed to wear like an average cell with the counted charge.
     WithoutCalibration,
     /// The load is split equally.
     WithoutAllocation,
@@ -24,23 +24,24 @@ pub enum Modules {
     WithoutPlanning,
     /// None of the three.
     Without,
-    /// Full information in the place of all three: the true health is known, the load is shared by the true states of
-    /// the cells, and the plan is the best one. The reference from above.
+    /// Full information instead of all three: the true health is known, the load is shared by the true states
+    /// of the cells, and the plan is the best one. This is the upper reference.
     Informed,
 }
 
-/// How the allocation module shares the load.
+/// Method by which the allocation module shares the load.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Allocator {
     /// Water filling: equal terminal voltages, from voltages, currents and the known resistances.
     #[default]
     WaterFilling,
-    /// A policy that a trial learned in `battery` with four cells; it sees voltages, currents and the demand.
+    /// A policy that a trial learned in `battery` with four cells; it observes voltages, currents and the
+    /// demand.
     Policy(Artifact<artifact::Policy>),
 }
 
-/// What the planning module flies.
+/// The plan of the planning module.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Planner {
@@ -58,60 +59,62 @@ pub struct UavFleetConfig {
     /// UAVs of the fleet; each has a seat.
     #[schemars(range(min = 1, max = 20))]
     pub uavs: usize,
-    /// UAVs that must fly on a day to fly all of its missions; more of them share the way evenly.
+    /// Number of UAVs that can fly all missions of a day; a larger number shares the way evenly.
     #[schemars(range(min = 1, max = 20))]
     pub required: usize,
     /// Days of an episode.
     #[schemars(range(min = 1, max = 1000), extend("x-unit" = "d"))]
     pub horizon: usize,
-    /// What one UAV flies on a day on which `required` fly, and the mean wind.
+    /// The mission of one UAV on a day on which `required` fly, and the mean wind.
     pub mission: Mission,
-    /// Which modules of the UAVs are at work. What is drawn at random does not depend on it, so that all of them meet
-    /// the same cells and the same winds.
+    /// The active modules of the UAVs. Random draws do not depend on it, so that all of them get the same cells
+    /// and the same winds.
     #[schemars(extend("x-looks" = true))]
     pub modules: Modules,
-    /// How the allocation module shares the load.
+    /// Method by which the allocation module shares the load.
     #[schemars(extend("x-looks" = true))]
     pub allocation: Allocator,
-    /// What the planning module flies.
+    /// The plan of the planning module.
     #[schemars(extend("x-looks" = true))]
     pub planning: Planner,
-    /// Cells in series in each of the four strings of a pack; alike, so that one cell stands for all of them.
+    /// Number of cells in series in each of the four strings of a pack; they are alike, so that one cell stands
+    /// for all of them.
     #[schemars(range(min = 1, max = 20))]
     pub cells_in_series: usize,
-    /// Mean wear of the cells, and nothing of its end of life: cells are replaced by choice.
-    pub ageing: Ageing,
+    /// Mean wear of the cells; its end of life has no effect, since cells are replaced by choice.
+    pub ageing: AgeingRates,
     /// Every UAV wears its strings by a factor of its own, uniform within 1 plus or minus this.
     #[schemars(range(min = 0.0, max = 0.95), extend("x-source" = "own choice"))]
     pub uav_spread: f64,
-    /// Every string wears by another factor besides, uniform within 1 plus or minus this.
+    /// Every string wears by a further factor, uniform within 1 plus or minus this.
     #[schemars(range(min = 0.0, max = 0.95), extend("x-source" = "own choice"))]
     pub wear_spread: f64,
-    /// Strings differ by so much when they are new, uniform within plus or minus this part of capacity and resistance.
+    /// Relative differences of new strings in capacity and resistance, uniform within plus or minus this.
     #[schemars(range(min = 0.0, max = 0.5), extend("x-source" = "own choice"))]
     pub new_spread: f64,
     /// The first strings have passed a charge that is uniform between 0 and this.
     #[schemars(range(min = 0.0, max = 2e5), extend("x-unit" = "C", "x-source" = "own choice, about 15 flights"))]
     pub first_charge_c: f64,
-    /// Readings of the voltages are off by at most this.
+    /// Largest error of a voltage reading.
     #[schemars(range(min = 0.0, max = 0.5), extend("x-unit" = "V", "x-source" = "own choice"))]
     pub sensor_noise_v: f64,
     /// A UAV is empty when any cell's voltage is at or below this.
     #[schemars(range(min = 2.0, max = 4.0), extend("x-unit" = "V", "x-source" = "thesis, section 3.4"))]
     pub end_of_discharge_v: f64,
-    /// How long an allocation is held.
+    /// Duration of an allocation.
     #[schemars(range(min = 1.0, max = 1000.0), extend("x-unit" = "s"))]
     pub decision_interval_s: f64,
-    /// Largest step of the simulation of the cells. Against 1 s, 5 s move the voltages of a flight by less than 5 mV.
+    /// Largest step of the simulation of the cells. Compared with 1 s, 5 s move the voltages of a flight by
+    /// less than 5 mV.
     #[schemars(range(min = 0.1, max = 6.0), extend("x-unit" = "s"))]
     pub step_s: f64,
     /// Cost of a new string of cells, where all missions of a day earn 1.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "own choice"))]
     pub string_cost: f64,
-    /// Cost of a day on which anything is replaced by choice, whatever it is.
+    /// Cost of a day with any replacement by choice.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "own choice"))]
     pub call_out_cost: f64,
-    /// Cost of a UAV that runs empty in flight, new strings not counted.
+    /// Cost of a UAV that runs empty in flight, without its new strings.
     #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "own choice"))]
     pub failure_cost: f64,
 }
@@ -127,7 +130,7 @@ impl Default for UavFleetConfig {
             allocation: Allocator::default(),
             planning: Planner::default(),
             cells_in_series: 4,
-            ageing: Ageing::default(),
+            ageing: AgeingRates::default(),
             uav_spread: 0.5,
             wear_spread: 0.5,
             new_spread: 0.03,
@@ -161,6 +164,8 @@ impl contract::Config for UavFleetConfig {
 }
 
 impl UavFleetConfig {
+    /// Checks the numbers and the mission.
+    ///
     /// # Errors
     /// [`Error::Config`] for a number outside its range and for a wind in which a leg cannot be flown.
     pub fn check(&self) -> Result<(), Error> {
@@ -186,7 +191,7 @@ impl UavFleetConfig {
         self.mission.check("mission.", STRONGEST_WIND)
     }
 
-    /// Variance of the factor by which a string wears: a product of two uniform ones.
+    /// Variance of the factor by which a string wears: a product of two uniform factors.
     #[must_use]
     pub fn wear_variance(&self) -> f64 {
         let square = |half_width: f64| 1.0 + half_width * half_width / 3.0;

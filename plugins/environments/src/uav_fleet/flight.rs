@@ -1,12 +1,13 @@
-//! A flight: the four strings of a pack carry the power of a plan, wear, and are read.
+//! A flight: the four strings of a pack deliver the power of a plan, wear, and are measured.
 //!
-//! Every string is one cell of [`battery`](crate::battery), as in its environment: the current follows from the voltage
-//! at the start of a step (explicit Euler), and the parameters wear with the charge. A flight begins full and
-//! rested. Of each segment of the plan the steps are equally long and no longer than `step_s`. An allocation is
-//! held for `decision_interval_s`, and voltages are read, with noise, where it is made.
+//! Every string is one cell of [`battery`](crate::battery), as in its environment: the current follows from the
+//! voltage at the start of a step (explicit Euler), and the parameters wear with the charge. A flight begins
+//! full and rested. The steps within a segment of the plan are equally long and no longer than `step_s`. An
+//! allocation is held for `decision_interval_s`, and voltages are read, with noise, at the time of an
+//! allocation.
 
-use super::allocation::{Readings, Sharing};
-use super::calibration::{Log, PHYSICS};
+use super::allocation::{Readings, SharingRule};
+use super::calibration::{FlightLog, PHYSICS};
 use super::config::UavFleetConfig;
 use super::string::{CellString, STRINGS};
 use crate::{
@@ -16,25 +17,25 @@ use crate::{
 use contract::Rng;
 use rand::Rng as _;
 
-/// What became of a flight.
+/// Result of a flight.
 #[derive(Debug, Clone)]
 pub struct Flight {
-    /// False where the UAV ran empty on the way.
+    /// Whether the UAV finished the flight; false where it ran empty on the way.
     pub is_whole: bool,
     /// Lowest voltage of any cell at the end, V.
     pub lowest_v: f64,
     /// Energy that the pack delivered, J.
     pub energy_j: f64,
-    /// What was recorded.
-    pub log: Log,
+    /// Currents and readings for the calibration.
+    pub log: FlightLog,
     /// Charge that each string passed, C.
     pub charge_c: [f64; STRINGS],
 }
 
-/// A flight under way.
-struct UnderWay<'a> {
+/// State of a flight between two steps.
+struct FlightState<'a> {
     config: &'a UavFleetConfig,
-    sharing: &'a Sharing,
+    sharing: &'a SharingRule,
     strings: &'a mut [CellString; STRINGS],
     cells: [Cell; STRINGS],
     shares: [f64; STRINGS],
@@ -42,15 +43,15 @@ struct UnderWay<'a> {
     flight: Flight,
 }
 
-/// Flies a plan with a pack, whose strings are worn by it.
+/// Flies a plan with a pack and wears its strings.
 pub fn fly(
     config: &UavFleetConfig,
-    sharing: &Sharing,
+    sharing: &SharingRule,
     strings: &mut [CellString; STRINGS],
     segments: &[Segment],
     rng: &mut Rng,
 ) -> Flight {
-    let mut under_way = UnderWay::new(config, sharing, strings);
+    let mut under_way = FlightState::new(config, sharing, strings);
     for segment in segments {
         under_way.fly(segment, rng);
         if !under_way.flight.is_whole {
@@ -60,8 +61,12 @@ pub fn fly(
     under_way.land(rng)
 }
 
-impl<'a> UnderWay<'a> {
-    fn new(config: &'a UavFleetConfig, sharing: &'a Sharing, strings: &'a mut [CellString; STRINGS]) -> Self {
+impl<'a> FlightState<'a> {
+    fn new(
+        config: &'a UavFleetConfig,
+        sharing: &'a SharingRule,
+        strings: &'a mut [CellString; STRINGS],
+    ) -> Self {
         let cells = strings.each_ref().map(|string| {
             let mut cell = Cell::new(string.parameters, PHYSICS);
             cell.place(State::rested(&string.parameters, 1.0), 0.0);
@@ -78,7 +83,7 @@ impl<'a> UnderWay<'a> {
                 is_whole: true,
                 lowest_v: f64::INFINITY,
                 energy_j: 0.0,
-                log: Log::default(),
+                log: FlightLog::default(),
                 charge_c: [0.0; STRINGS],
             },
         }
@@ -139,7 +144,7 @@ impl<'a> UnderWay<'a> {
         self.since_decision_s += step_s;
     }
 
-    /// Reads once more, and gives the strings their wear.
+    /// Reads the voltages once more, and wears the strings.
     fn land(mut self, rng: &mut Rng) -> Flight {
         self.read(rng);
         for (string, cell) in self.strings.iter_mut().zip(&self.cells) {

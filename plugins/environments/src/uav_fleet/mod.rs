@@ -7,16 +7,17 @@
 //! Here the environments of its chapters are joined. Everything about the fleet itself (costs, tolerances,
 //! missions) is this project's own choice.
 //!
-//! A seat is a UAV, a step a day. On each day a fleet of n UAVs has the missions of `required` of them to fly. A seat
-//! chooses to do nothing, to replace the worst string of its pack, or all four; a UAV that is worked on stays on the
-//! ground for the day. Those that fly share the way evenly, at most one whole mission each. So who stays on the ground
-//! makes the others carry more, and who flies on with worn cells may run empty: the mission is lost, the pack is lost,
-//! and the UAV is repaired on the next day.
+//! A seat is a UAV, a step a day. On each day a fleet of n UAVs has the missions of `required` of them to fly.
+//! A seat chooses to do nothing, to replace the worst string of its pack, or all four; a UAV under maintenance
+//! stays on the ground for the day. The flying UAVs share the way evenly, at most one whole mission each. So a
+//! UAV on the ground increases the load of the others, and one that flies on with worn cells may run empty: the
+//! mission is lost, the pack is lost, and the UAV is repaired on the next day.
 //!
 //! | module of the thesis | here | its simple counterpart |
 //! |---|---|---|
 //! | calibration (ch. 2) | an extended Kalman filter on the voltages of each flight ([`calibration`]) | the wear of an average string by the counted charge |
-//! | allocation (ch. 3) | water filling on what is known, or a Dirichlet policy learned in `battery` ([`allocation`]) | an equal split |
+//! | allocation (ch. 3) | water filling on the known health, or a Dirichlet policy learned in `battery`
+//! ([`allocation`]) | an equal split |
 //! | coordination (ch. 4) | the agent: learners of joint values on these seats | learners on their own, or a rule per UAV |
 //! | trajectory (ch. 5) | the plan that a search found in `flight_planning`, or the best one | 15 m/s over ground, as autopilots hold it |
 //!
@@ -28,21 +29,24 @@
 //! | r = x (m - f) / required - c_s N_s - c_o O - c_f f | reward, the same for all seats | |
 //! | N_s, O | strings replaced (also after f), 1 on a day with a replacement by choice | |
 //!
-//! The counterpart of calibration is no guess of new cells: the charge that a string has passed is counted on every
-//! UAV, and a rule that ignored it would be a straw man. Calibration adds the differences between strings: each
-//! UAV wears its strings by a factor (`uav_spread`), each string by another one (`wear_spread`), and new ones
-//! differ (`new_spread`), which nobody is told.
+//! The counterpart of calibration does not assume new cells: the charge that a string has passed is counted on
+//! every UAV, and a rule that ignored it would be a straw man. Calibration adds the differences between
+//! strings: each UAV wears its strings by a factor (`uav_spread`), each string by another one (`wear_spread`),
+//! and new ones differ (`new_spread`), all of which are hidden.
 //!
-//! The wind of a day is a factor, uniform between 0.5 and 1.5, times the mean wind, for which plans are made; airspeeds
-//! and heights stay as planned. Flights begin full. A pack has four strings of `cells_in_series` cells that are alike
-//! within a string; each is simulated as one cell of [`battery`](crate::battery), with its wear ([`flight`]).
+//! The wind of a day is a factor, uniform between 0.5 and 1.5, times the mean wind, for which plans are made;
+//! airspeeds and heights stay as planned. Flights begin full. A pack has four strings of `cells_in_series`
+//! cells that are alike within a string; each is simulated as one cell of [`battery`](crate::battery), with its
+//! wear ([`flight`]).
 //!
-//! A seat sees what is known of its own strings, in short what is known of the other UAVs, and the time. The full state
-//! has the true health besides. Rules read `<seat>.worst_resistance_ohm`, `<seat>.mean_resistance_ohm` and
-//! `<seat>.most_charge_c` of the full state, which are what is known. All draws of a day are made whatever is done, so
-//! that all policies and all modules meet the same winds, new strings and (flight by flight) noise.
+//! A seat observes the known health of its own strings, a summary of that of the other UAVs, and the time. The
+//! full state also has the true health. Rules read `<seat>.worst_resistance_ohm`, `<seat>.mean_resistance_ohm`
+//! and `<seat>.most_charge_c` of the full state, which are known values. All random numbers of a day are drawn
+//! whatever the choices, so that all policies and all modules have the same winds, new strings and (flight by
+//! flight) noise.
 //!
-//! `bound`: a day's missions earn 1 and nothing else earns, so that no policy returns more than the number of days.
+//! `bound`: all missions of a day earn 1 and there is no other reward, so that no return exceeds the number of
+//! days.
 
 pub mod allocation;
 pub mod calibration;
@@ -60,7 +64,7 @@ use crate::{
     choices,
     flight_planning::{self, mission::Course, optimum::optimum},
 };
-use allocation::Sharing;
+use allocation::SharingRule;
 use config::{Modules, Planner};
 use contract::{Channel, Designs, End, Environment, Error, Metric, Rng, Seat, Step};
 use rand::{Rng as _, RngCore, SeedableRng};
@@ -73,31 +77,31 @@ use uav::Uav;
 #[derive(Debug)]
 pub struct UavFleet {
     config: UavFleetConfig,
-    sharing: Sharing,
+    sharing: SharingRule,
     plan: Arc<[Course]>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     progress: Progress,
 }
 
-/// What changes during an episode.
+/// State of an episode.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Progress {
     day: usize,
     uavs: Vec<Uav>,
 }
 
-/// What is done to a UAV.
+/// Maintenance of a UAV on a day.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Work {
+enum Maintenance {
     Nothing,
     ReplaceWorst,
     ReplaceAll,
 }
 
-/// What came of a day.
+/// Results of a day.
 #[derive(Debug, Clone, Copy, Default)]
-struct Day {
+struct DayResult {
     missions: f64,
     failures: f64,
     replaced: f64,
@@ -109,7 +113,7 @@ struct Day {
 /// Builds the environment; registered as `uav_fleet`.
 ///
 /// # Errors
-/// [`Error::Config`] as [`UavFleetConfig::check`], and what reading a policy or a plan of another trial says.
+/// Errors of [`UavFleetConfig::check`], and of reading a policy or a plan of another trial.
 pub fn build(config: UavFleetConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(UavFleet::new(config)?))
 }
@@ -118,10 +122,10 @@ impl UavFleet {
     fn new(config: UavFleetConfig) -> Result<Self, Error> {
         config.check()?;
         let sharing = match config.modules {
-            Modules::WithoutAllocation | Modules::Without => Sharing::Equal,
-            Modules::Informed => Sharing::True,
+            Modules::WithoutAllocation | Modules::Without => SharingRule::Equal,
+            Modules::Informed => SharingRule::True,
             Modules::Full | Modules::WithoutCalibration | Modules::WithoutPlanning => {
-                Sharing::of(&config.allocation)?
+                SharingRule::of(&config.allocation)?
             }
         };
         Ok(Self {
@@ -139,14 +143,14 @@ impl UavFleet {
         channels::observe(&self.progress.uavs, time)
     }
 
-    /// A day: what was decided is done, the others fly.
-    fn pass(&mut self, works: &[Work], strength: f64, draws: &mut [Rng]) -> Day {
+    /// Runs a day: the chosen maintenance is carried out, and the other UAVs fly.
+    fn pass(&mut self, works: &[Maintenance], strength: f64, draws: &mut [Rng]) -> DayResult {
         let new: Vec<[CellString; STRINGS]> = draws
             .iter_mut()
             .zip(&self.progress.uavs)
             .map(|(rng, uav)| self.new_strings(uav.wear_factor, rng))
             .collect();
-        let mut day = Day::default();
+        let mut day = DayResult::default();
         let flying: Vec<bool> = (0..works.len())
             .map(|uav| !self.keep_on_ground(uav, works[uav], &new[uav], &mut day))
             .collect();
@@ -178,17 +182,23 @@ impl UavFleet {
         }
     }
 
-    /// True for a UAV that does not fly: it is repaired after it ran empty, or worked on by choice.
-    fn keep_on_ground(&mut self, uav: usize, work: Work, new: &[CellString; STRINGS], day: &mut Day) -> bool {
+    /// Whether a UAV stays on the ground: it is repaired after it ran empty, or under maintenance by choice.
+    fn keep_on_ground(
+        &mut self,
+        uav: usize,
+        work: Maintenance,
+        new: &[CellString; STRINGS],
+        day: &mut DayResult,
+    ) -> bool {
         let one = &mut self.progress.uavs[uav];
         if one.grounded {
             one.grounded = false;
         } else {
             let order = one.by_resistance();
             let which = match work {
-                Work::Nothing => return false,
-                Work::ReplaceWorst => &order[..1],
-                Work::ReplaceAll => &order[..],
+                Maintenance::Nothing => return false,
+                Maintenance::ReplaceWorst => &order[..1],
+                Maintenance::ReplaceAll => &order[..],
             };
             one.replace(which, new);
             day.replaced += which.len() as f64;
@@ -198,7 +208,7 @@ impl UavFleet {
         true
     }
 
-    /// What a UAV knows of its strings after a flight.
+    /// Updates a UAV's knowledge of its strings after a flight.
     fn learn(&mut self, uav: usize, flight: &flight::Flight) {
         let (config, uav) = (&self.config, &mut self.progress.uavs[uav]);
         let counts_only = matches!(config.modules, Modules::WithoutCalibration | Modules::Without);
@@ -213,15 +223,15 @@ impl UavFleet {
         }
     }
 
-    /// A UAV that ran empty gets a new pack and stays on the ground for the next day.
-    fn recover(&mut self, uav: usize, new: &[CellString; STRINGS], day: &mut Day) {
+    /// Gives a UAV that ran empty a new pack and grounds it for the next day.
+    fn recover(&mut self, uav: usize, new: &[CellString; STRINGS], day: &mut DayResult) {
         let uav = &mut self.progress.uavs[uav];
         uav.replace(&[0, 1, 2, 3], new);
         uav.grounded = true;
         day.replaced += STRINGS as f64;
     }
 
-    fn cost(&self, day: &Day) -> f64 {
+    fn cost(&self, day: &DayResult) -> f64 {
         let UavFleetConfig {
             string_cost,
             call_out_cost,
@@ -232,7 +242,7 @@ impl UavFleet {
     }
 
     /// One value per metric.
-    fn recorded(&self, day: &Day) -> [(&'static str, f64); 9] {
+    fn recorded(&self, day: &DayResult) -> [(&'static str, f64); 9] {
         let uavs = &self.progress.uavs;
         let squares: f64 = uavs.iter().map(Uav::squared_error).sum();
         let error = (squares / (uavs.len() * STRINGS) as f64).sqrt();
@@ -258,7 +268,7 @@ fn plan(config: &UavFleetConfig) -> Result<Vec<Course>, Error> {
         (_, Planner::Found(product)) => {
             let designs = Designs::read(product.folder()?)?.designs;
             let Some(best) = designs.first() else {
-                // As a search leaves it before it ran.
+                // In a rehearsal the search has left no plan yet.
                 return Ok(config.mission.constant_plan());
             };
             if best.actions.len() != config.mission.legs.len() {
@@ -274,7 +284,7 @@ fn plan(config: &UavFleetConfig) -> Result<Vec<Course>, Error> {
     }
 }
 
-/// The string with its true health as what is known of it.
+/// The string with its true health as the known one.
 fn informed(string: CellString) -> CellString {
     let mut string = string;
     string.known.q_mobile_c = string.parameters.q_mobile_c;
@@ -282,7 +292,7 @@ fn informed(string: CellString) -> CellString {
     string
 }
 
-impl Work {
+impl Maintenance {
     const ALL: [Self; 3] = [Self::Nothing, Self::ReplaceWorst, Self::ReplaceAll];
 }
 
@@ -310,7 +320,10 @@ impl Environment for UavFleet {
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = choices::taken(&self.seats, actions)?;
-        let works: Vec<Work> = chosen.into_iter().map(|choice| Work::ALL[choice]).collect();
+        let works: Vec<Maintenance> = chosen
+            .into_iter()
+            .map(|choice| Maintenance::ALL[choice])
+            .collect();
         let strength =
             2.0 - config::STRONGEST_WIND + 2.0 * (config::STRONGEST_WIND - 1.0) * rng.random::<f64>();
         let mut draws: Vec<Rng> = works.iter().map(|_| Rng::seed_from_u64(rng.next_u64())).collect();

@@ -1,8 +1,8 @@
-//! A string of cells of a pack: its true health, how it wears, and what is known of it.
+//! A string of cells of a pack: its true health, its wear, and its known health.
 
 use super::calibration::Estimate;
 use super::config::UavFleetConfig;
-use crate::battery::{Ageing, CellParameters};
+use crate::battery::{AgeingRates, CellParameters};
 use contract::Rng;
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
@@ -10,16 +10,16 @@ use serde::{Deserialize, Serialize};
 /// Strings of a pack, in parallel.
 pub const STRINGS: usize = 4;
 
-/// A string; its cells are alike, so that it is told as one cell.
+/// A string of equal cells, described by one of them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CellString {
     /// True health.
     pub parameters: CellParameters,
-    /// How much faster it wears than an average one.
+    /// Rate of wear relative to an average string.
     pub wear_factor: f64,
-    /// Charge that it has passed, C; it is counted.
+    /// Counted charge that the string has passed, C.
     pub passed_c: f64,
-    /// What is known of its health.
+    /// Known health.
     pub known: Estimate,
 }
 
@@ -42,7 +42,7 @@ impl CellString {
         }
     }
 
-    /// A string that is in use when an episode begins.
+    /// A used string at the beginning of an episode.
     #[must_use]
     pub fn used(config: &UavFleetConfig, uav_factor: f64, rng: &mut Rng) -> Self {
         let mut string = Self::new(config, uav_factor, rng);
@@ -54,10 +54,10 @@ impl CellString {
         string
     }
 
-    /// How this string wears.
+    /// The rates of wear of this string.
     #[must_use]
-    pub fn ageing(&self, mean: &Ageing) -> Ageing {
-        Ageing {
+    pub fn ageing(&self, mean: &AgeingRates) -> AgeingRates {
+        AgeingRates {
             q_mobile_rate: self.wear_factor * mean.q_mobile_rate,
             r_rate: self.wear_factor * mean.r_rate,
             t_diffusion_rate: self.wear_factor * mean.t_diffusion_rate,
@@ -65,7 +65,7 @@ impl CellString {
         }
     }
 
-    /// Counts a charge, and takes what is known of the health on by the wear of an average string.
+    /// Counts a charge, and updates the known health by the wear of an average string.
     pub fn pass(&mut self, config: &UavFleetConfig, charge_c: f64) {
         self.passed_c += charge_c;
         self.known.wear(config, charge_c);

@@ -1,6 +1,6 @@
-//! The fleet's own promises: flights like those of `battery`, a filter that finds the health, days by hand.
+//! Properties of the fleet: flights like those of `battery`, a filter that finds the health, days by hand.
 
-use super::calibration::{Estimate, Log};
+use super::calibration::{Estimate, FlightLog};
 use super::*;
 use crate::{
     battery::{Battery, BatteryConfig, CellParameters, Cells, Load, Start},
@@ -19,7 +19,7 @@ fn fleet(values: serde_json::Value) -> UavFleet {
     UavFleet::new(config(values)).unwrap()
 }
 
-/// Strings with these capacities and resistances and nothing drawn.
+/// Strings with these capacities and resistances, without random factors.
 fn strings(config: &UavFleetConfig, health: [(f64, f64); 4]) -> [CellString; 4] {
     health.map(|(q_mobile_c, r_ohm)| CellString {
         parameters: CellParameters::aged(q_mobile_c, r_ohm),
@@ -37,7 +37,8 @@ fn act(environment: &mut UavFleet, choices: [f64; 3], rng: &mut Rng) -> Step {
         .unwrap()
 }
 
-/// A flight at a constant load under an equal split is the trajectory of the `battery` environment, wear included.
+/// A flight at a constant load under an equal split is the trajectory of the `battery` environment, wear
+/// included.
 #[test]
 fn a_flight_is_the_trajectory_of_the_battery() {
     let config = config(json!({ "step_s": 1.0, "decision_interval_s": 10.0, "cells_in_series": 4 }));
@@ -47,7 +48,7 @@ fn a_flight_is_the_trajectory_of_the_battery() {
         duration_s: 900.0,
     };
     let mut rng = stream(&["flight"]);
-    let flown = flight::fly(&config, &Sharing::Equal, &mut pack, &[segment], &mut rng);
+    let flown = flight::fly(&config, &SharingRule::Equal, &mut pack, &[segment], &mut rng);
     let mut battery = Battery::new(BatteryConfig {
         cells: Cells::Each(WORN.map(|(q, r)| CellParameters::aged(q, r)).to_vec()),
         load: Load::Constant { power_w: 40.0 },
@@ -90,7 +91,7 @@ fn a_flight_is_the_trajectory_of_the_battery() {
     );
 }
 
-/// What steps of 5 s in the place of 1 s do to the voltages and the wear of a whole flight of worn strings.
+/// Effect of steps of 5 s instead of 1 s on the voltages and the wear of a whole flight of worn strings.
 #[test]
 fn long_steps_of_the_simulation_change_little() {
     let fly = |step_s: f64| {
@@ -100,7 +101,7 @@ fn long_steps_of_the_simulation_change_little() {
         let segments = mission.segments(&mission.constant_plan(), 1.0, 1.0);
         let flown = flight::fly(
             &config,
-            &Sharing::Equal,
+            &SharingRule::Equal,
             &mut pack,
             &segments,
             &mut stream(&["step"]),
@@ -119,9 +120,9 @@ fn long_steps_of_the_simulation_change_little() {
     }
 }
 
-/// Strings that were counted as average ones, and are not: after three flights with noise of 10 mV the filter is within
-/// 4 mOhm, where counting is off by 24. The capacity, which moves voltages little before a pack is nearly empty,
-/// is found to 300 C at best.
+/// Strings that were counted as average ones, but are not: after three flights with noise of 10 mV the filter
+/// is within 4 mOhm, where counting is off by 24. The capacity, which moves voltages little before a pack is
+/// nearly empty, is found to 300 C at best.
 #[test]
 fn the_filter_finds_the_health() {
     let config = config(json!({}));
@@ -154,7 +155,7 @@ fn the_filter_finds_the_health() {
     let mut rng = stream(&["filter"]);
     let segments = config.mission.segments(&config.mission.constant_plan(), 1.0, 1.0);
     for _ in 0..3 {
-        let flown = flight::fly(&config, &Sharing::Known, &mut pack, &segments, &mut rng);
+        let flown = flight::fly(&config, &SharingRule::Known, &mut pack, &segments, &mut rng);
         assert!(flown.is_whole);
         for (at, string) in pack.iter_mut().enumerate() {
             string.known.correct(&config, &flown.log, at);
@@ -169,7 +170,7 @@ fn the_filter_finds_the_health() {
 fn nothing_read_corrects_nothing() {
     let config = config(json!({}));
     let mut known = Estimate::of_new(&config);
-    known.correct(&config, &Log::default(), 0);
+    known.correct(&config, &FlightLog::default(), 0);
     assert_eq!(known, Estimate::of_new(&config));
 }
 
@@ -188,7 +189,7 @@ fn days_by_hand() {
         fleet(json!({ "first_charge_c": 0.0, "new_spread": 0.0, "wear_spread": 0.0, "uav_spread": 0.0 }));
     let mut rng = stream(&["days"]);
     environment.reset(&mut rng).unwrap();
-    // All fly: everything is flown, and nothing is spent.
+    // All UAVs fly: all missions are flown, without any cost.
     let step = act(&mut environment, NOTHING, &mut rng);
     assert!(
         (step.rewards[0] - 1.0).abs() < 1e-12 && step.rewards == [step.rewards[0]; 3],
@@ -202,7 +203,7 @@ fn days_by_hand() {
         ),
         (0.0, 0.0, 1.0)
     );
-    // One pack is replaced: two still fly everything, for four strings at 0.2 and a call-out at 0.5.
+    // One pack is replaced: two UAVs still fly all missions, for four strings at 0.2 and a call-out at 0.5.
     let step = act(&mut environment, [2.0, 0.0, 0.0], &mut rng);
     assert!((step.rewards[0] - (1.0 - 0.8 - 0.5)).abs() < 1e-12, "{step:?}");
     assert_eq!(
@@ -214,10 +215,10 @@ fn days_by_hand() {
         (4.0, 1.0, 1.0)
     );
     assert_eq!(environment.progress.uavs[0].most_charge_c(), 0.0);
-    // Two are worked on under one call-out: half of the missions are flown.
+    // Two UAVs are under maintenance with one call-out: half of the missions are flown.
     let step = act(&mut environment, [0.0, 1.0, 1.0], &mut rng);
     assert!((step.rewards[0] - (0.5 - 0.4 - 0.5)).abs() < 1e-12, "{step:?}");
-    // Nobody flies.
+    // No UAV flies.
     let step = act(&mut environment, [1.0; 3], &mut rng);
     assert_eq!(
         (
@@ -229,7 +230,7 @@ fn days_by_hand() {
     );
 }
 
-/// Packs at the end of their life: those that fly run empty, are repaired for a day, and come back with new cells.
+/// Packs at the end of their life: UAVs that fly run empty, are repaired for a day, and return with new cells.
 #[test]
 fn a_uav_that_runs_empty_is_lost_for_the_day_and_grounded_for_the_next() {
     let mut environment = fleet(json!({ "uavs": 3 }));
@@ -251,7 +252,7 @@ fn a_uav_that_runs_empty_is_lost_for_the_day_and_grounded_for_the_next() {
     assert!((step.metric("missions").unwrap() - 1.0 / 3.0).abs() < 1e-12);
     assert!((step.rewards[0] - (1.0 / 3.0 - 8.0 * 0.2 - 2.0 * 5.0)).abs() < 1e-12);
     assert_eq!(step.observations[0][9], 1.0, "it sees that it is grounded");
-    // What is chosen for a grounded UAV is not done and not paid.
+    // A choice for a grounded UAV is neither carried out nor paid.
     let step = act(&mut environment, [2.0, 0.0, 0.0], &mut rng);
     assert_eq!(
         (
@@ -266,7 +267,7 @@ fn a_uav_that_runs_empty_is_lost_for_the_day_and_grounded_for_the_next() {
     assert_eq!(step.metric("days_on_ground").unwrap(), 0.0);
 }
 
-/// Whatever is chosen at random, no day earns more than its bound, and what is flown and spent adds up to the reward.
+/// For random choices no day earns more than its bound, and missions and costs add up to the reward.
 #[test]
 fn no_day_earns_more_than_its_bound() {
     let mut environment = fleet(json!({ "uavs": 3, "required": 2 }));
@@ -302,7 +303,7 @@ fn the_worst_string_is_the_one_of_the_largest_known_resistance() {
     assert_eq!(after[2].passed_c, 0.0);
 }
 
-/// All modules meet the same cells, winds and new strings.
+/// All modules get the same cells, winds and new strings.
 #[test]
 fn modules_change_nothing_of_what_is_drawn() {
     let drawn = |modules: &str| {
@@ -326,7 +327,7 @@ fn modules_change_nothing_of_what_is_drawn() {
 
 #[test]
 fn each_module_does_what_it_is_there_for() {
-    // What the fleet consumes, and how wrong what it knows is, over ten days on which nothing is replaced.
+    // Consumption of the fleet, and error of the known health, over ten days without replacements.
     let ten_days = |modules: &str| {
         let mut environment = fleet(json!({ "modules": modules, "first_charge_c": 20_000.0 }));
         let mut rng = stream(&["modules"]);
@@ -369,7 +370,7 @@ fn equal_streams_give_equal_episodes_and_a_snapshot_goes_on() {
     assert!(text.contains("3 UAVs stored, 2 configured"), "{text}");
 }
 
-/// The plan of a search is flown; one of another number of legs is refused.
+/// The plan of a search is flown; one with another number of legs is refused.
 #[test]
 fn a_plan_that_a_search_found_is_flown() {
     let folder = tempfile::tempdir().unwrap();

@@ -6,19 +6,19 @@ use contract::Rng;
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 
-/// A UAV; between two flights its pack is full and rested, so that its strings say all.
+/// A UAV between two flights; its pack is full and rested, so that the strings are its whole state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Uav {
     /// The strings of its pack.
     pub strings: [CellString; STRINGS],
-    /// How much faster it wears its strings than an average UAV.
+    /// Rate at which it wears its strings, relative to an average UAV.
     pub wear_factor: f64,
-    /// True on the day after it ran empty: it is repaired.
+    /// Whether it is repaired on this day, after it ran empty on the day before.
     pub grounded: bool,
 }
 
 impl Uav {
-    /// A UAV when an episode begins.
+    /// A UAV at the beginning of an episode.
     #[must_use]
     pub fn used(config: &UavFleetConfig, rng: &mut Rng) -> Self {
         let wear_factor = 1.0 + config.uav_spread * (2.0 * rng.random::<f64>() - 1.0);
@@ -29,7 +29,7 @@ impl Uav {
         }
     }
 
-    /// Strings by falling known resistance, the first of equals first.
+    /// Positions of the strings by falling known resistance, the first of equals first.
     #[must_use]
     pub fn by_resistance(&self) -> [usize; STRINGS] {
         let mut order: [usize; STRINGS] = std::array::from_fn(|string| string);
@@ -59,7 +59,7 @@ impl Uav {
             .fold(0.0, f64::max)
     }
 
-    /// Puts new strings in the place of these.
+    /// Replaces these strings by new ones.
     pub fn replace(&mut self, which: &[usize], new: &[CellString; STRINGS]) {
         for string in which {
             self.strings[*string] = new[*string];

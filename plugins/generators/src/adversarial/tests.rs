@@ -1,4 +1,4 @@
-//! Training against PyTorch (`tests/fixtures/images`), and continuing from a file to the same bits.
+//! Training compared with PyTorch (`tests/fixtures/images`), and continuation from a file to the same bits.
 
 use super::*;
 use crate::architecture::{AUTOGAN, CellArchitecture, E2GAN};
@@ -23,22 +23,22 @@ fn adversaries(training: Training) -> Adversaries {
     )
 }
 
-/// The vectors that a discriminator remembers.
+/// The singular vectors and running statistics of a discriminator.
 fn memory(discriminator: &Discriminator) -> Vec<Vec<f32>> {
     let mut copy = discriminator.clone();
-    copy.remembered()
+    copy.state_vectors()
         .into_iter()
         .map(|numbers| numbers.clone())
         .collect()
 }
 
-/// Gives parameters from number `known` of each network on, and vectors that are not in `old`, the values of
-/// `networks.py`.
+/// Sets the parameters from number `known` of each network on, and the vectors that are not in `old`, to the
+/// values of `networks.py`.
 fn set_new(trained: &mut Adversaries, known: [usize; 2], old: &[Vec<f32>]) {
     trained.generator = by_formula(trained.generator.clone(), 20, known[0]);
     trained.average = by_formula(trained.average.clone(), 20, known[0]);
     trained.discriminator = by_formula(trained.discriminator.clone(), 90, known[1]);
-    let vectors = trained.discriminator.remembered().into_iter();
+    let vectors = trained.discriminator.state_vectors().into_iter();
     for vector in vectors.filter(|vector| !old.contains(vector)) {
         let length = (vector.len() as f32).sqrt();
         vector.iter_mut().for_each(|x| *x = 1.0 / length);
@@ -61,7 +61,8 @@ fn three_stages_of_training_agree_with_pytorch() {
     assert_close(&of_average, &expected["averaged"], (0.0, 5e-3), what);
 }
 
-/// Three steps of both networks after each cell of the published architecture, every loss held against its own.
+/// Three steps of both networks after each cell of the published architecture, each loss compared with
+/// PyTorch's.
 fn trained_in_stages(expected: &Value) -> Adversaries {
     let number = |key: &str| expected[key].as_f64().unwrap();
     let mut trained = adversaries(Training {
@@ -85,7 +86,7 @@ fn trained_in_stages(expected: &Value) -> Adversaries {
     trained
 }
 
-/// Adds a cell whose numbers are those of `networks.py`; what is there keeps its own.
+/// Adds a cell with the numbers of `networks.py`; the other parts keep theirs.
 fn grow(trained: &mut Adversaries, cell: &CellArchitecture) {
     let known = [
         parameters(&trained.generator).len(),
@@ -104,8 +105,8 @@ fn step_both(trained: &mut Adversaries, at: usize) -> [f32; 2] {
 }
 
 fn assert_parameters(found: &[Parameter], expected: &Value) {
-    // A bias that batch normalisation takes away again (but for the borders of a map) has hardly any gradient
-    // but rounding errors, whose signs Adam follows.
+    // A bias in front of batch normalisation has almost no gradient (except at the borders of a map) but
+    // rounding errors, whose signs Adam follows.
     let has_gradient =
         |name: &str| !name.starts_with("cells") || !name.ends_with("bias") || name.ends_with("norm.bias");
     let pairs = found.iter().zip(expected.as_array().unwrap());
@@ -126,7 +127,7 @@ fn two_steps(trained: &mut Adversaries, rng: &mut ChaCha8Rng) -> Vec<f32> {
 }
 
 #[test]
-fn what_was_stored_goes_on_to_the_same_bits() {
+fn a_stored_training_continues_to_the_same_bits() {
     let grown = || {
         let mut trained = adversaries(Training::default());
         AUTOGAN.cells[..2]

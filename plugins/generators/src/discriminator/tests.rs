@@ -14,17 +14,17 @@ fn discriminator(n_blocks: usize) -> Discriminator {
 fn the_largest_singular_value_of_every_weight_comes_to_one() {
     let mut trained = discriminator(3);
     (0..100).for_each(|_| {
-        let _ = trained.forward(tensor([1, 16, 16, 3], 1), Pass::Training);
+        let _ = trained.forward(tensor([1, 16, 16, 3], 1), PassMode::Training);
     });
     let weights = numerics::parameters::parameters(&trained);
     let weights: Vec<_> = weights
         .iter()
         .filter(|parameter| parameter.name.ends_with("weight"))
         .collect();
-    // Parameters begin with the ending, memory ends with it: two convolutions and the linear layer.
+    // Parameters begin with the last block, the vectors end with it: two convolutions and the linear layer.
     let mut memory = trained.clone();
     let pairs: Vec<Vec<f32>> = memory
-        .remembered()
+        .state_vectors()
         .into_iter()
         .map(|numbers| numbers.clone())
         .collect();
@@ -45,9 +45,9 @@ fn the_largest_singular_value_of_every_weight_comes_to_one() {
 fn scores_of_one_image_do_not_depend_on_the_others() {
     let mut trained = discriminator(2);
     let images = tensor([3, 8, 8, 3], 1);
-    let all = values(trained.forward(images.clone(), Pass::Evaluation));
+    let all = values(trained.forward(images.clone(), PassMode::Evaluation));
     for (row, expected) in all.into_iter().enumerate() {
-        let alone = values(trained.forward(images.clone().narrow(0, row, 1), Pass::Evaluation));
+        let alone = values(trained.forward(images.clone().narrow(0, row, 1), PassMode::Evaluation));
         assert!((alone[0] - expected).abs() <= 1e-6 * expected.abs());
     }
 }
@@ -57,8 +57,8 @@ fn evaluation_takes_no_step_of_the_power_iteration() {
     let mut trained = discriminator(1);
     let images = tensor([2, 4, 4, 3], 1);
     let scores = |trained: &mut Discriminator, pass| values(trained.forward(images.clone(), pass));
-    let before = scores(&mut trained, Pass::Evaluation);
-    assert_eq!(scores(&mut trained, Pass::Evaluation), before);
-    let _ = scores(&mut trained, Pass::Training);
-    assert_ne!(scores(&mut trained, Pass::Evaluation), before);
+    let before = scores(&mut trained, PassMode::Evaluation);
+    assert_eq!(scores(&mut trained, PassMode::Evaluation), before);
+    let _ = scores(&mut trained, PassMode::Training);
+    assert_ne!(scores(&mut trained, PassMode::Evaluation), before);
 }

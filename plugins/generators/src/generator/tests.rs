@@ -1,4 +1,5 @@
-//! Blocks and whole generators against PyTorch (`tests/fixtures/images`), and what growing keeps.
+//! Blocks and whole generators compared with PyTorch (`tests/fixtures/images`), and the parts that growth
+//! keeps.
 
 use super::*;
 use crate::architecture::{AUTOGAN, Architecture, E2GAN, Upsampling};
@@ -31,8 +32,8 @@ fn generator(architecture: &Architecture) -> Generator {
     generator
 }
 
-/// Gradients of all parameters against their list; a parameter without one counts as zeros. Where the exact
-/// gradient is zero, rounding errors of the others' size are left.
+/// Compares the gradients of all parameters with a list; a parameter without gradient counts as zeros. Where
+/// the exact gradient is zero, rounding errors in proportion to the other gradients remain.
 fn assert_gradients<M: Module>(module: &M, mut found: Gradients, expected: &Value, what: &str) {
     let (found, all) = (gradients(module, &mut found), parameters(module));
     let expected = expected.as_array().unwrap();
@@ -57,7 +58,7 @@ fn assert_gradients<M: Module>(module: &M, mut found: Gradients, expected: &Valu
     }
 }
 
-/// From an upstream gradient by the formula.
+/// Gradients for an upstream gradient given by the formula.
 fn backward(output: Tensor<4>) -> Gradients {
     let upstream = tensor(output.dims(), 7);
     (output * Tensor::from_inner(upstream)).sum().backward()
@@ -76,7 +77,7 @@ fn every_kind_of_block_agrees_with_pytorch() {
         let block = Block::new(&cell, !case["up"].is_null(), 3, &mut rng(), &device().autodiff());
         let mut block = by_formula(block, 20, 0);
         let image = Tensor::from_inner(tensor([2, 2, 2, 3], 1)).require_grad();
-        let output = block.forward(image.clone(), Pass::Training);
+        let output = block.forward(image.clone(), PassMode::Training);
         assert_close(&values(output.clone()), &case["output"], TOLERANCE, &what);
         let found = backward(output);
         assert_close(
@@ -94,7 +95,7 @@ fn whole_generators_agree_with_pytorch() {
     for case in networks()["generators"].as_array().unwrap() {
         let genotype = case["genotype"].as_str().unwrap();
         let mut generator = by_formula(generator(&genotype.parse().unwrap()), 77, 0);
-        let made = generator.forward(tensor([3, 4], 1), Pass::Training);
+        let made = generator.forward(tensor([3, 4], 1), PassMode::Training);
         assert_close(&values(made.images.clone()), &case["images"], TOLERANCE, genotype);
         assert_close(&values(made.map.clone()), &case["map"], TOLERANCE, genotype);
         for (found, expected) in made
@@ -116,7 +117,7 @@ fn whole_generators_agree_with_pytorch() {
 #[test]
 fn central_features_are_the_mean_of_four_pixels() {
     let map = tensor([2, 6, 6, 3], 1);
-    let made = Generated {
+    let made = GeneratedBatch {
         images: map.clone(),
         map: map.clone(),
     };
@@ -160,7 +161,7 @@ fn evaluation_remembers_nothing_and_a_copy_has_its_own_memory() {
     let memory = |generator: &Generator| -> Vec<Vec<f32>> {
         generator
             .clone()
-            .remembered()
+            .state_vectors()
             .into_iter()
             .map(|numbers| numbers.clone())
             .collect()
@@ -169,7 +170,7 @@ fn evaluation_remembers_nothing_and_a_copy_has_its_own_memory() {
     let _ = original.evaluate(tensor([2, 4], 1));
     assert_eq!(memory(&original), before);
     let mut copy = original.clone();
-    copy.forward(tensor([2, 4], 1), Pass::Training);
+    copy.forward(tensor([2, 4], 1), PassMode::Training);
     assert_eq!(memory(&original), before);
     assert_ne!(memory(&copy), before);
     original.adopt(copy.clone());

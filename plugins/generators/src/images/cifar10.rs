@@ -27,7 +27,7 @@ pub const CLASS_NAMES: &[&str] = &[
 const PLANE: usize = SIZE * SIZE;
 const RECORD: usize = 1 + CHANNELS * PLANE;
 
-/// The images of one file; several files are put together by [`Images::followed_by`]. `path` is for messages alone.
+/// The images of one file; [`Images::followed_by`] joins several files. `path` is used in messages only.
 ///
 /// # Errors
 /// [`ImageFileError::Size`] where the file is empty or cut off, [`ImageFileError::Label`] for a label above 9.

@@ -1,8 +1,8 @@
 //! Sets of square colour images: the embedded shapes, and files of CIFAR-10 and STL-10.
 //!
-//! A pixel is a byte in a set and a number of [-1, 1] where a network sees it: `x = byte / 127.5 - 1`. Back it
-//! is the nearest byte of `(x + 1) 127.5`, so that every byte comes back as itself; the public code of E2GAN
-//! and AutoGAN cuts the fraction off instead, which makes generated images half a step darker.
+//! A pixel is a byte in a set and a number of [-1, 1] in a network: `x = byte / 127.5 - 1`. The inverse takes
+//! the nearest byte of `(x + 1) 127.5`, so that every byte is recovered; the public code of E2GAN and AutoGAN
+//! truncates instead, which makes generated images half a step darker.
 
 pub mod cifar10;
 pub mod shapes;
@@ -23,32 +23,32 @@ pub struct Images {
     class_names: &'static [&'static str],
 }
 
-/// Why a file is not the images that it should hold.
+/// Reason why a file does not hold the expected images.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ImageFileError {
-    /// It does not hold a whole number of images or labels, or none.
+    /// The file does not hold a whole number of images or labels, or holds none.
     #[error("`{}` has {found} bytes; expected {expected}", path.display())]
     Size {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its size in bytes.
+        /// Size of the file, bytes.
         found: usize,
-        /// Which sizes there are.
+        /// Description of the possible sizes.
         expected: &'static str,
     },
-    /// A label that is no class.
+    /// A label that is not a class.
     #[error("`{}` has the label {found} at image {image} (the first is 0); expected {expected}", path.display())]
     Label {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The first image with such a label, from 0.
+        /// Position of the first image with such a label, from 0.
         image: usize,
-        /// The label.
+        /// Value of the label.
         found: u8,
-        /// Which labels there are.
+        /// Description of the possible labels.
         expected: &'static str,
     },
-    /// Another number of labels than of images.
+    /// The number of labels differs from the number of images.
     #[error(
         "labels in `{}`: {found}; expected {expected}, one for each image of `{}`",
         path.display(),
@@ -57,11 +57,11 @@ pub enum ImageFileError {
     Labels {
         /// The file of labels.
         path: PathBuf,
-        /// How many it has.
+        /// Number of labels.
         found: usize,
         /// The file of images.
         images: PathBuf,
-        /// How many that has.
+        /// Number of images.
         expected: usize,
     },
 }
@@ -98,7 +98,7 @@ impl Images {
         }
     }
 
-    /// How many images there are.
+    /// Number of images.
     #[must_use]
     pub fn count(&self) -> usize {
         self.pixels.len() / self.per_image()
@@ -116,7 +116,7 @@ impl Images {
         &self.pixels
     }
 
-    /// Of each image the index of its class, where classes are known.
+    /// The class of each image as an index, where classes are known.
     #[must_use]
     pub fn labels(&self) -> Option<&[u8]> {
         self.labels.as_deref()
@@ -137,7 +137,7 @@ impl Images {
         &self.pixels[index * self.per_image()..][..self.per_image()]
     }
 
-    /// Some images as a network sees them, `[indices, height, width, 3]` in [-1, 1].
+    /// Images in the numbers of a network, `[indices, height, width, 3]` in [-1, 1].
     ///
     /// # Panics
     /// Where there are not so many images.
@@ -201,7 +201,7 @@ pub fn from_byte(byte: u8) -> f32 {
     f32::from(byte) / 127.5 - 1.0
 }
 
-/// The nearest byte of `(x + 1) 127.5`: 0 below -1, 255 above 1, and 0 for what is no number.
+/// The nearest byte of `(x + 1) 127.5`: 0 below -1, 255 above 1, and 0 for NaN.
 #[must_use]
 pub fn to_byte(x: f32) -> u8 {
     // The cast clamps.
@@ -248,8 +248,8 @@ pub fn resized(image: &[u8], from: usize, to: usize) -> Vec<u8> {
     pixels
 }
 
-/// Where an output row or column is read: `above_low / steps` of the way from `low` to `high`. Whole numbers, so
-/// that no rounding decides a byte.
+/// Position at which an output row or column is read: `above_low / steps` of the way from `low` to `high`.
+/// Integers, so that no rounding decides a byte.
 struct Position {
     low: usize,
     high: usize,
@@ -282,7 +282,7 @@ fn nearest(sum: usize, parts: usize) -> u8 {
     u8::try_from((2 * sum + parts) / (2 * parts)).unwrap_or(u8::MAX)
 }
 
-/// How many images of `per_image` bytes a file has.
+/// Number of images of `per_image` bytes in a file.
 fn whole_images(
     path: &Path,
     bytes: &[u8],

@@ -1,10 +1,10 @@
-//! `shapes`: made-up images of ten classes, so that a study needs no file.
+//! `shapes`: synthetic images of ten classes, so that a study needs no file.
 //!
 //! Image `i` of seed `s` is a pure function of `(s, i)`: it is drawn from stream `i` of the `ChaCha8` generator of
 //! seed `s`. Its class is `i mod 10`, so any run of images is balanced within one. An image shows one figure on a
 //! ground, and these vary within a class:
 //!
-//! | what | how, in units of the image's side |
+//! | quantity | distribution, in units of the image's side |
 //! |---|---|
 //! | centre | uniform in 0.36 to 0.64 |
 //! | radius | uniform in 0.22 to 0.36; the period of bars is 1.2 radii, the side of a check 0.8 |
@@ -50,7 +50,7 @@ pub fn images(seed: u64, indices: Range<u64>, size: usize) -> Images {
     Images::new(size, pixels, Some(labels), CLASS_NAMES)
 }
 
-/// The class of image `index`, whatever the seed.
+/// The class of image `index`, which does not depend on the seed.
 #[must_use]
 pub fn label(index: u64) -> u8 {
     // Smaller than the number of classes.
@@ -96,7 +96,7 @@ enum Figure {
     TwoDots,
 }
 
-/// In the order of their labels.
+/// The figures in the order of their labels.
 const FIGURES: [Figure; 10] = [
     Figure::Disc,
     Figure::Ring,
@@ -111,7 +111,7 @@ const FIGURES: [Figure; 10] = [
 ];
 
 impl Figure {
-    /// Whether the figure covers a point of its own axes, in which it has about radius 1.
+    /// Whether the figure covers a point in its own coordinates, in which its radius is about 1.
     fn covers(self, x: f64, y: f64) -> bool {
         let (across, along) = (x.abs(), y.abs());
         match self {
@@ -141,7 +141,7 @@ fn first_half(turns: f64) -> bool {
     turns - turns.floor() < 0.5
 }
 
-/// What an image shows. Lengths are in units of its side, colours from 0 to 1.
+/// Figure and ground of an image. Lengths are in units of its side, colours from 0 to 1.
 struct Scene {
     figure: Figure,
     centre: [f64; 2],
@@ -150,7 +150,7 @@ struct Scene {
     direction: [f64; 2],
     colour: [f64; CHANNELS],
     ground: [f64; CHANNELS],
-    /// How much brighter it becomes per side, to the right and down.
+    /// Increase in brightness per side, to the right and down.
     shading: [f64; 2],
 }
 
@@ -188,7 +188,7 @@ impl Scene {
         })
     }
 
-    /// Which part of a pixel the figure covers.
+    /// Fraction of a pixel that the figure covers.
     fn covered(&self, row: usize, column: usize, size: usize) -> f64 {
         let per_pixel = POINTS / size;
         let points = |index: usize| index * per_pixel..(index + 1) * per_pixel;

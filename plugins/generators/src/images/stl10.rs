@@ -22,12 +22,12 @@ pub const CLASS_NAMES: &[&str] = &[
 const PLANE: usize = SIZE * SIZE;
 const RECORD: usize = CHANNELS * PLANE;
 
-/// A file and where it lies, which is for messages alone.
+/// A file with its path, which is used in messages only.
 #[derive(Debug, Clone, Copy)]
 pub struct File<'a> {
-    /// Where it lies.
+    /// Path of the file.
     pub path: &'a Path,
-    /// What it holds.
+    /// Content of the file.
     pub bytes: &'a [u8],
 }
 

@@ -1,11 +1,11 @@
-//! Which convolutions there are: names, channels, kernels, and what each sees.
+//! The convolutions of the network: names, channels, kernels, and inputs.
 //!
-//! Input channels follow from what comes before, so a plan with other output channels is a network too.
+//! Input channels follow from the layers before, so a plan with other output channels is a network too.
 
 /// One convolution.
 #[derive(Debug, Clone)]
 pub(super) struct LayerPlan {
-    /// In its block.
+    /// Name within the block.
     pub(super) name: &'static str,
     pub(super) outputs: usize,
     /// Height and width.
@@ -15,18 +15,18 @@ pub(super) struct LayerPlan {
     pub(super) padding: [usize; 2],
 }
 
-/// What a branch may begin with, over squares of 3x3 pixels.
+/// Pooling at the beginning of a branch, over squares of 3x3 pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Pool {
-    /// The mean around each pixel, of those that are inside of the image.
+    /// The mean around each pixel, over the pixels inside the image.
     Mean,
-    /// The largest around each pixel.
+    /// The largest value around each pixel.
     Largest,
-    /// The largest of squares inside of the image, in steps of 2.
+    /// The largest value of squares inside the image, in steps of 2.
     LargestOfEverySecond,
 }
 
-/// See [`Branch`](super::Branch).
+/// Plan of a [`Branch`](super::Branch).
 #[derive(Debug, Clone)]
 pub(super) struct BranchPlan {
     pub(super) pool: Option<Pool>,
@@ -34,10 +34,10 @@ pub(super) struct BranchPlan {
     pub(super) fork: Vec<LayerPlan>,
 }
 
-/// See [`Block`](super::Block).
+/// Plan of a [`Block`](super::Block).
 #[derive(Debug, Clone)]
 pub(super) struct BlockPlan {
-    /// First part of the names of its tensors; nothing in the stem.
+    /// Beginning of the names of its tensors; empty in the stem.
     pub(super) name: &'static str,
     pub(super) branches: Vec<BranchPlan>,
 }
@@ -167,7 +167,7 @@ fn block_e(name: &'static str, pool: Pool) -> BlockPlan {
     BlockPlan { name, branches }
 }
 
-/// A convolution that keeps height and width: what is outside of the image counts as 0.
+/// A convolution that keeps height and width: pixels outside the image count as 0.
 fn same(name: &'static str, outputs: usize, kernel: [usize; 2]) -> LayerPlan {
     LayerPlan {
         name,
@@ -178,7 +178,7 @@ fn same(name: &'static str, outputs: usize, kernel: [usize; 2]) -> LayerPlan {
     }
 }
 
-/// A convolution of 3x3 whose squares are all inside of the image.
+/// A convolution of 3x3 whose squares lie inside the image.
 fn inside(name: &'static str, outputs: usize, stride: usize) -> LayerPlan {
     LayerPlan {
         name,
@@ -197,7 +197,7 @@ fn chain(chain: Vec<LayerPlan>) -> BranchPlan {
     }
 }
 
-/// A pooling that keeps height and width, and one convolution of what it says.
+/// A pooling that keeps height and width, followed by one convolution.
 fn around(pool: Pool, outputs: usize) -> BranchPlan {
     BranchPlan {
         pool: Some(pool),
@@ -213,7 +213,7 @@ fn halved(layers: Vec<LayerPlan>) -> BranchPlan {
 }
 
 impl LayerPlan {
-    /// The first part of the names of its tensors.
+    /// Beginning of the names of the layer's tensors.
     pub(super) fn name_in(&self, block: &str) -> String {
         if block.is_empty() {
             self.name.into()
@@ -224,7 +224,7 @@ impl LayerPlan {
 }
 
 impl BlockPlan {
-    /// Channels out, for so many in.
+    /// Number of output channels for `inputs` input channels.
     pub(super) fn outputs(&self, inputs: usize) -> usize {
         self.branches.iter().map(|branch| branch.outputs(inputs)).sum()
     }

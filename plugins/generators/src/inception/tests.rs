@@ -1,4 +1,4 @@
-//! Blocks and the network against pytorch-fid, and files that are not its weights.
+//! Blocks and the network compared with pytorch-fid, and files that are not its weights.
 
 use super::*;
 use numerics::network::values;
@@ -8,7 +8,7 @@ use serde::Deserialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-/// The share of the published channels that blocks of the fixtures have.
+/// The divisor of the published channels in the blocks of the fixtures.
 const SHARE: usize = 16;
 
 #[derive(Deserialize)]
@@ -17,8 +17,8 @@ struct Fixture {
     tensors: BTreeMap<String, Vec<usize>>,
     parameters: usize,
     blocks: Vec<BlockCase>,
-    features: Thinned,
-    logits: Thinned,
+    features: ThinnedTensor,
+    logits: ThinnedTensor,
 }
 
 #[derive(Deserialize)]
@@ -27,12 +27,12 @@ struct BlockCase {
     input: [usize; 4],
     output: [usize; 4],
     #[serde(flatten)]
-    expected: Thinned,
+    expected: ThinnedTensor,
 }
 
-/// Every so many numbers of a tensor.
+/// Evenly spaced numbers of a tensor.
 #[derive(Deserialize)]
-struct Thinned {
+struct ThinnedTensor {
     step: usize,
     values: Vec<f32>,
 }
@@ -42,7 +42,7 @@ fn fixture() -> Fixture {
     serde_json::from_str(text).unwrap()
 }
 
-impl Thinned {
+impl ThinnedTensor {
     #[track_caller]
     fn assert_close<const D: usize>(&self, name: &str, found: Tensor<D>, tolerance: f32) {
         let found: Vec<f32> = values(found).into_iter().step_by(self.step).collect();
@@ -56,7 +56,7 @@ impl Thinned {
     }
 }
 
-/// In [-1, 1), of a hash of name and place.
+/// Numbers in [-1, 1) from a hash of name and position.
 fn uniform(name: &str, shape: &[usize]) -> Vec<f32> {
     let key = name.bytes().fold(0x811C_9DC5_u32, |key, byte| {
         (key ^ u32::from(byte)).wrapping_mul(0x0100_0193)
@@ -71,7 +71,7 @@ fn uniform(name: &str, shape: &[usize]) -> Vec<f32> {
     (1..=u32::try_from(count).unwrap()).map(number).collect()
 }
 
-/// As the fixtures' `drawn`.
+/// Like `drawn` of the fixtures.
 fn drawn(name: &str, shape: &[usize]) -> Vec<f32> {
     let inputs: usize = shape[1..].iter().product();
     let (size, centre) = if shape.len() > 1 {
@@ -91,7 +91,7 @@ fn input(name: &str, shape: [usize; 4]) -> Tensor<4> {
     Tensor::from_data(TensorData::new(uniform(name, &shape), shape), &device())
 }
 
-/// All tensors that reading asks for, in its order.
+/// All tensors that are read, in order.
 fn wanted() -> Vec<(String, Vec<usize>)> {
     let asked = RefCell::new(Vec::new());
     Inception::from_weights(&|name, shape| {
@@ -102,7 +102,7 @@ fn wanted() -> Vec<(String, Vec<usize>)> {
     asked.into_inner()
 }
 
-/// A file with these tensors, its numbers drawn.
+/// Writes a file with these tensors, whose numbers are drawn.
 fn write(path: &Path, tensors: &[(String, Vec<usize>)]) {
     let numbers = |(name, shape): &(String, Vec<usize>)| -> Vec<u8> {
         drawn(name, shape)
@@ -130,7 +130,7 @@ fn narrow(mut block: BlockPlan) -> BlockPlan {
     block
 }
 
-/// What plans of a case are: one block, or those of the stem.
+/// The plans of a case: one block, or those of the stem.
 fn plans(name: &str) -> Vec<BlockPlan> {
     let network = plan::network().into_iter();
     let wanted = if name == "stem" { "" } else { name };
@@ -179,8 +179,9 @@ fn tensors_are_those_of_the_published_state_dict() {
     assert_eq!(published.remove("fc.bias"), Some(vec![CLASSES]));
     assert_eq!(wanted().into_iter().collect::<BTreeMap<_, _>>(), published);
 
-    // The documentation of torchvision 0.29 gives 27 161 264 parameters, with 1000 classes and the branch that only
-    // helps training: 1x1 from 768 to 128, 5x5 to 768, each with two numbers a channel to normalise, and its classes.
+    // The documentation of torchvision 0.29 gives 27 161 264 parameters, with 1000 classes and the branch that
+    // only helps training: 1x1 from 768 to 128, 5x5 to 768, each with two numbers per channel for
+    // normalisation, and its classes.
     let helper = 768 * 128 + 2 * 128 + 128 * 25 * 768 + 2 * 768 + (768 + 1) * 1000;
     assert_eq!(parameters, 27_161_264 - helper + 8 * (FEATURES + 1));
     let learnt = published.iter().filter(|(name, _)| !name.contains("running"));
@@ -245,7 +246,7 @@ fn a_file_that_is_cut_off_is_refused_wherever_it_ends() {
 }
 
 #[test]
-fn whatever_bit_of_a_tensor_was_changed_it_is_refused_or_has_its_shape() {
+fn a_tensor_with_a_changed_bit_is_refused_or_has_its_shape() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     let view = TensorView::new(Dtype::F32, vec![2, 3], &[0; 24]).unwrap();

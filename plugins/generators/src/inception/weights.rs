@@ -1,98 +1,98 @@
-//! Numbers of the network, from a file that somebody else wrote.
+//! Weights of the network, from a published file.
 
 use burn::tensor::f16;
 use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 use std::path::{Path, PathBuf};
 
-/// The addend of a variance under its root.
+/// Term that is added to a variance under its root.
 const EPSILON: f64 = 1e-3;
-/// The bytes before the header, which say how long that is.
+/// Bytes before the header, which hold its length.
 const LENGTH: usize = 8;
 
-/// Why a file is not the weights of the network.
+/// Reason why a file does not hold the weights of the network.
 #[derive(Debug, thiserror::Error)]
 pub enum InceptionError {
-    /// The system refused.
+    /// The file cannot be read.
     #[error("cannot read `{}`: {source}", path.display())]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// It is no safetensors file.
+    /// The file is not a safetensors file.
     #[error("`{}` is no safetensors file: {problem}", path.display())]
     Format {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Description of the problem.
         problem: String,
     },
     /// A tensor is missing.
     #[error("there is no tensor `{name}`")]
     Missing {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
     },
-    /// A tensor has another shape.
+    /// A tensor has a wrong shape.
     #[error("the tensor `{name}` is {found:?}; expected {expected:?}")]
     Shape {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// Which shape it should have.
+        /// Required shape.
         expected: Vec<usize>,
-        /// Which it has.
+        /// Shape in the file.
         found: Vec<usize>,
     },
-    /// A tensor of numbers that are not read.
+    /// A tensor has numbers of an unsupported type.
     #[error("the tensor `{name}` holds {found}; expected F32 or F16")]
     Type {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// What it holds, as the file says it.
+        /// Type in the file's notation.
         found: String,
     },
-    /// The bytes of a tensor are not as many as its shape needs.
+    /// The number of bytes of a tensor does not match its shape.
     #[error("the tensor `{name}` has {found} bytes; its shape needs {expected}")]
     Length {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// How many bytes its shape needs.
+        /// Number of bytes for its shape.
         expected: usize,
-        /// How many it has.
+        /// Number of bytes in the file.
         found: usize,
     },
-    /// The file ends before or inside of a tensor.
+    /// The file ends before or inside a tensor.
     #[error("the file ends before the end of the tensor `{name}`")]
     CutOff {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
     },
-    /// Infinity, no number, or a variance below 0.
+    /// A number is infinite or NaN, or a variance is negative.
     #[error("the tensor `{name}` has {found} at entry {at} (the first is 0)")]
     Value {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// The first such entry, from 0.
+        /// Position of the first such number, from 0.
         at: usize,
-        /// What it is.
+        /// The number.
         found: f32,
     },
 }
 
-/// The numbers of a tensor of this name and shape.
+/// Returns the numbers of a tensor with this name and shape.
 pub(super) type Lookup<'a> = &'a dyn Fn(&str, &[usize]) -> Result<Vec<f32>, InceptionError>;
 
-/// Tensors in memory, as they lie in the file.
+/// The content of a file of tensors.
 pub(super) struct WeightFile {
     tensors: Metadata,
-    /// Without the header.
+    /// Bytes behind the header.
     data: Vec<u8>,
 }
 
 impl WeightFile {
-    /// Reads the file; a cut one too, since it is better to say which tensor is the first to be incomplete.
+    /// Reads the file; also an incomplete one, for which the error then names the first incomplete tensor.
     pub(super) fn read(path: &Path) -> Result<Self, InceptionError> {
         let mut bytes = std::fs::read(path).map_err(|source| InceptionError::File {
             path: path.into(),
@@ -137,7 +137,7 @@ impl WeightFile {
         }
     }
 
-    /// The bytes of a tensor whose entries have `width` bytes; its shape is one that was asked for.
+    /// The bytes of a tensor whose entries have `width` bytes; its shape was checked before.
     fn bytes(&self, name: &str, info: &TensorInfo, width: usize) -> Result<&[u8], InceptionError> {
         let (start, end) = info.data_offsets;
         let (expected, found) = (
@@ -156,7 +156,7 @@ impl WeightFile {
     }
 }
 
-/// The bytes of the header, where they are all there.
+/// The bytes of the header; `None` where the file ends before.
 fn header(bytes: &[u8]) -> Option<&[u8]> {
     let (length, rest) = bytes.split_first_chunk::<LENGTH>()?;
     rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?)
@@ -179,8 +179,8 @@ fn finite(name: &str, values: Vec<f32>) -> Result<Vec<f32>, InceptionError> {
     }
 }
 
-/// Weight and bias of a convolution that also does what the normalisation after it does: with the gain `g`, the shift
-/// `b`, the mean `m` and the variance `v` of an output, `w g / sqrt(v + 0.001)` and `b - m g / sqrt(v + 0.001)`.
+/// Weight and bias of a convolution that includes the normalisation after it: with the gain `g`, the shift `b`,
+/// the mean `m` and the variance `v` of an output, `w g / sqrt(v + 0.001)` and `b - m g / sqrt(v + 0.001)`.
 #[allow(clippy::cast_possible_truncation, reason = "rounded to f32 once")]
 pub(super) fn folded(
     layer: &str,

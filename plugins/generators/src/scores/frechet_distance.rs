@@ -1,8 +1,8 @@
 //! The Fréchet distance between normal distributions that are fitted to features of two sets of images.
 //!
 //! M. Heusel et al. 2017, "GANs trained by a two time-scale update rule converge to a local Nash equilibrium",
-//! arXiv:1706.08500, equation 6: `d^2 = |m1 - m2|^2 + Tr(C1 + C2 - 2 (C1 C2)^(1/2))`. It is d^2 that is reported as
-//! the distance, there and here.
+//! arXiv:1706.08500, equation 6: `d^2 = |m1 - m2|^2 + Tr(C1 + C2 - 2 (C1 C2)^(1/2))`. The reported distance is
+//! d^2, there and here.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -11,11 +11,12 @@
 //! | A, with A A^T = C | `Factor::matrix`: eigenvectors times roots of the eigenvalues | `[features, rank]` |
 //!
 //! `Tr (C1 C2)^(1/2)` is the sum of the roots of the eigenvalues of `C1^(1/2) C2 C1^(1/2)`, and those roots are
-//! the singular values of `B = A2^T A1`. They are taken from `B` itself, as the positive eigenvalues of the symmetric
-//! `[0, B; B^T, 0]`: no product of covariances is formed, whose small eigenvalues would drown, no general square root
-//! of a matrix is needed, no part is imaginary, and nothing is ever added to a diagonal, so a covariance of fewer
-//! images than features is as good as another. Eigenvalues of a covariance below `features x 2^-52` of its largest
-//! are rounding, negative ones above all, and count as 0; how negative the lowest was is part of the result.
+//! the singular values of `B = A2^T A1`. They are taken from `B` itself, as the positive eigenvalues of the
+//! symmetric `[0, B; B^T, 0]`: no product of covariances is formed, whose small eigenvalues would drown, no
+//! general square root of a matrix is needed, no part is imaginary, and nothing is added to a diagonal, so a
+//! covariance of fewer images than features is handled like any other. Eigenvalues of a covariance below
+//! `features x 2^-52` of its largest are rounding errors, negative ones above all, and count as 0; the lowest
+//! one is part of the result.
 
 use super::ScoreError;
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -25,7 +26,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Moments {
-    /// How many images there are.
+    /// Number of images.
     pub count: usize,
     /// `[features]`.
     pub mean: Vec<f64>,
@@ -33,7 +34,7 @@ pub struct Moments {
     pub covariance: Vec<f64>,
 }
 
-/// Distance between two sets and how it comes about.
+/// Distance between two sets, with its parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrechetDistance {
     /// `d^2`; 0 where rounding made it negative.
@@ -42,13 +43,13 @@ pub struct FrechetDistance {
     pub of_means: f64,
     /// `Tr(C1 + C2 - 2 (C1 C2)^(1/2))`, as it was computed.
     pub of_covariances: f64,
-    /// The lowest eigenvalue in units of the largest of its matrix, where negative, else 0. Some 1e-15 is rounding;
-    /// much more means that a covariance is none.
+    /// The lowest eigenvalue in units of the largest of its matrix, where negative, else 0. About 1e-15 is
+    /// rounding; much more means that a matrix is not a covariance.
     pub lowest_eigenvalue: f64,
 }
 
-/// Running moments of images that come in batches. Each image is added by itself (Welford 1962), so the bits depend on
-/// the order of the images and not on where one batch ends.
+/// Running moments of images that come in batches. Each image is added by itself (Welford 1962), so the bits
+/// depend on the order of the images and not on the sizes of batches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MomentSums {
     count: usize,
@@ -81,7 +82,7 @@ impl Moments {
 }
 
 impl MomentSums {
-    /// Of no images yet.
+    /// Sums over no images yet.
     ///
     /// # Panics
     /// Where there are no features.
@@ -186,11 +187,11 @@ pub fn frechet_distance(first: &Moments, second: &Moments) -> Result<FrechetDist
     })
 }
 
-/// What a covariance is the square of.
+/// A factor `A` of a covariance `C = A A^T`, from its eigenvalues.
 struct Factor {
     /// `A`: a column for each eigenvalue that is not 0.
     matrix: DMatrix<f64>,
-    /// In units of the largest, at most 0.
+    /// The lowest eigenvalue in units of the largest, at most 0.
     lowest_eigenvalue: f64,
 }
 
@@ -200,7 +201,7 @@ impl Factor {
         const STEPS_PER_FEATURE: usize = 100;
         let n = moments.mean.len();
         let missing = ScoreError::Moments { features: n };
-        // The search for eigenvalues would go on for ever with what is no number.
+        // The search for eigenvalues would not end for NaN.
         if !moments.covariance.iter().all(|entry| entry.is_finite()) {
             return Err(missing);
         }
@@ -224,7 +225,8 @@ impl Factor {
     }
 }
 
-/// Of `B = A2^T A1`: half the sum of the sizes of the eigenvalues of `[0, B; B^T, 0]`, which are both signs of each.
+/// The singular values of `B = A2^T A1`: half the sum of the sizes of the eigenvalues of `[0, B; B^T, 0]`,
+/// which are both signs of each.
 fn sum_of_singular_values(a1: &DMatrix<f64>, a2: &DMatrix<f64>) -> f64 {
     let (columns, rows) = (a1.ncols(), a2.ncols());
     if columns == 0 || rows == 0 {
@@ -233,7 +235,7 @@ fn sum_of_singular_values(a1: &DMatrix<f64>, a2: &DMatrix<f64>) -> f64 {
     let mut both = DMatrix::zeros(rows + columns, rows + columns);
     for row in 0..rows {
         for column in 0..columns {
-            // Written out: for a product of matrices the library picks a kernel by the processor, and bits with it.
+            // Written out: for a matrix product the library picks a kernel by the processor, and bits with it.
             let entry = a2.column(row).dot(&a1.column(column));
             both[(row, rows + column)] = entry;
             both[(rows + column, row)] = entry;

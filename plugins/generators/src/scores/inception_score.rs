@@ -1,4 +1,4 @@
-//! The inception score: are images of one class each, and of all classes together?
+//! The inception score: whether each image is of one class, and all images together of all classes.
 //!
 //! T. Salimans et al. 2016, "Improved techniques for training GANs", arXiv:1606.03498, section 4, with the splits of
 //! the code that was published with it.
@@ -20,7 +20,7 @@ pub struct InceptionScore {
     pub sd: f64,
 }
 
-/// The score of images in `n_splits` runs of neighbours, split `k` from `k images / n_splits` on, rounded down.
+/// The score of images in `n_splits` consecutive runs; split `k` begins at `k images / n_splits`, rounded down.
 ///
 /// `probabilities` is `[images, classes]`, rows adding up to 1 within 1e-4. Classes of probability 0 add nothing to
 /// a divergence.
@@ -80,7 +80,7 @@ pub fn class_probabilities(logits: &[f32], n_classes: usize) -> Vec<f64> {
 
 fn softmax(logits: &[f32]) -> Vec<f64> {
     let greatest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    // Without the greatest, large logits would overflow.
+    // The greatest is subtracted first, since large logits would overflow.
     let above = logits.iter().map(|logit| f64::from(*logit) - f64::from(greatest));
     let mut parts: Vec<f64> = above.map(f64::exp).collect();
     let sum: f64 = parts.iter().sum();
@@ -92,7 +92,7 @@ fn check(probabilities: &[f64], n_classes: usize) -> Result<(), ScoreError> {
     for (image, row) in probabilities.chunks_exact(n_classes).enumerate() {
         let sum: f64 = row.iter().sum();
         let negative = row.iter().any(|probability| *probability < 0.0);
-        // Written so that a sum that is no number is refused.
+        // Written so that NaN is refused.
         let is_one = (sum - 1.0).abs() <= 1e-4;
         if negative || !is_one {
             return Err(ScoreError::NoProbabilities { image, sum });
@@ -156,7 +156,7 @@ mod tests {
         let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let score = inception_score(&identity, 3, 1).unwrap();
         assert!((score.mean - 3.0).abs() < 1e-12 && score.sd == 0.0, "{score:?}");
-        // One image a split: each split knows one class alone.
+        // With one image per split, each split has one class only.
         assert_eq!(inception_score(&identity, 3, 3).unwrap().mean, 1.0);
     }
 
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_are_no_probabilities_is_refused_with_its_image() {
+    fn invalid_probabilities_are_refused_with_their_image() {
         let score = |row: [f64; 2]| inception_score(&[0.5, 0.5, row[0], row[1]], 2, 1);
         assert!(score([0.25, 0.75]).is_ok());
         for row in [[1.1, -0.1], [0.5, 0.4], [f64::NAN, 0.5], [f64::INFINITY, 0.0]] {

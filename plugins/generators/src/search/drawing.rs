@@ -1,16 +1,16 @@
-//! A generator as a graph: its operations one after the other, shortcuts and skips beside them.
+//! Drawing of a generator as a graph: its operations one after the other, shortcuts and skips beside them.
 
 use crate::architecture::{CellArchitecture, N_CELLS, Normalisation, Order, Upsampling};
 use contract::drawing::{Edge, Graph, Node};
 
-/// What the boxes of a generator are, those first that an architecture decides; the others stay grey.
+/// Kinds of boxes in the drawing. Those that an architecture decides come first; the others stay grey.
 const OPERATIONS: [&str; 9] = [
     "conv", "BN", "IN", "bilinear", "nearest", "deconv", "ReLU", "linear", "tanh",
 ];
 
 /// The graph of a generator with these cells.
 pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
-    let mut drawn = Drawn::default();
+    let mut drawn = GraphBuilder::default();
     drawn.graph.operations = OPERATIONS.map(String::from).to_vec();
     let mut end = drawn.node("linear", "");
     let mut skip_outputs = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
     drawn.graph
 }
 
-/// What a block does, in its order; the first block of a cell enlarges.
+/// The operations of a block, in order; the first block of a cell enlarges.
 fn block(cell: &CellArchitecture, enlarges: bool) -> Vec<&'static str> {
     let upsampling = match cell.upsampling {
         Upsampling::Bilinear => "bilinear 2×",
@@ -56,11 +56,11 @@ fn block(cell: &CellArchitecture, enlarges: bool) -> Vec<&'static str> {
 }
 
 #[derive(Default)]
-struct Drawn {
+struct GraphBuilder {
     graph: Graph,
 }
 
-impl Drawn {
+impl GraphBuilder {
     fn node(&mut self, label: &str, group: &str) -> usize {
         let at = self.graph.nodes.len();
         #[allow(
@@ -76,7 +76,7 @@ impl Drawn {
         at
     }
 
-    /// Operations one after the other, after a node; the last of them.
+    /// Adds operations one after the other, after a node; returns the last of them.
     fn chain(&mut self, from: usize, labels: &[&str], group: &str) -> usize {
         labels.iter().fold(from, |before, label| {
             let node = self.node(label, group);

@@ -1,4 +1,5 @@
-//! Environment `generator_search`: a generator is designed cell by cell, and trained and scored after each of them.
+//! Environment `generator_search`: a generator is designed cell by cell, and trained and scored after each
+//! cell.
 //!
 //! Chapter 5 of the thesis; Tian et al. 2020, "Off-policy reinforcement learning for efficient and effective GAN
 //! architecture search", ECCV, and its released code.
@@ -10,18 +11,18 @@
 //! | R_t, eq. 5.4 | `IS_t - IS_{t-1} + w (FID_{t-1} - FID_t)` with `w` = `frechet_weight` |
 //! | proxy task | `critic_steps` steps of the critic after each cell, all cells so far trained together |
 //!
-//! An episode begins with a generator of a stem alone, whose scores are those that the first reward is measured
-//! against, and networks of new random weights; it has three steps. Scores are made at the resolution of the stage, of
-//! `scored_images` images of latent vectors that are the same for every generator, against `reference_images` real
-//! ones. With `schedule: whole_design` nothing is trained or scored before the third cell: that is how a design is
-//! trained for good.
+//! An episode begins with a generator of a stem alone and networks with new random weights; the first reward is
+//! relative to the scores of that generator. It has three steps. Scores are computed at the resolution of the
+//! stage, from `scored_images` images of latent vectors that are the same for every generator, relative to
+//! `reference_images` real ones. With `schedule: whole_design` no training and no scoring happens before the
+//! third cell: that is how a final design is trained.
 //!
 //! Departures
 //! - Features of the state are the mean of the four central pixels of the map, as the released code computes them (a
 //!   bilinear resize to one pixel); the text says "average output".
 //! - The released code ends the training of a cell early where losses stop moving; here every cell gets its steps.
 //! - A generator whose numbers are no longer finite is scored as one whose images are all grey.
-//! - The latent vectors that designs are looked at with come from streams of this project, not from NumPy's.
+//! - The latent vectors for scoring come from streams of this project, not from NumPy's.
 
 mod drawing;
 mod proxy;
@@ -40,7 +41,7 @@ use contract::{
     Channel, End, Environment, Error, Metric, PerEpisode, Preset, Registry, Rng, Seat, Space, Step, choice,
     drawing::{Graph, Image},
 };
-use proxy::{Look, Losses, Proxy};
+use proxy::{GeneratorEvaluation, Losses, Proxy};
 use rand::RngCore as _;
 use rand_chacha::rand_core::SeedableRng as _;
 use schemars::JsonSchema;
@@ -49,23 +50,23 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-pub use scoring::Sight;
+pub use scoring::ScoringNetwork;
 
 const NAME: &str = "generator_search";
-/// Images of a finished design that are left for figures.
+/// Number of images of a finished design that are left for figures.
 const N_SAMPLES: usize = 64;
 
-/// Settings.
+/// Settings of the `generator_search` environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Where real images come from.
+    /// Source of the real images.
     pub images: Source,
-    /// Pixels a side of the finished images, a multiple of 8.
+    /// Height and width of the finished images, pixels, a multiple of 8.
     #[schemars(range(min = 8, max = 64))]
     pub size: usize,
-    /// By what network images are seen.
-    pub sight: Sight,
+    /// The network by which images are scored.
+    pub sight: ScoringNetwork,
     /// When a design is trained and scored.
     pub schedule: Schedule,
     /// Steps of the critic after each cell, or for the whole design.
@@ -74,10 +75,10 @@ pub struct Config {
     /// Steps of the critic for each step of the generator.
     #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code: 5"))]
     pub critic_steps_per_generator_step: u64,
-    /// Real images, and as many generated ones, of a step of the critic.
+    /// Real images in a step of the critic, and as many generated ones.
     #[schemars(range(min = 2, max = 4096), extend("x-source" = "released code: 64"))]
     pub batch: usize,
-    /// Generated images of a step of the generator.
+    /// Generated images in a step of the generator.
     #[schemars(range(min = 2, max = 4096), extend("x-source" = "released code: 128"))]
     pub generator_batch: usize,
     /// Channels of the generator's maps.
@@ -86,26 +87,28 @@ pub struct Config {
     /// Channels of the discriminator's maps.
     #[schemars(range(min = 1, max = 1024), extend("x-source" = "released code: 64"))]
     pub discriminator_channels: usize,
-    /// Numbers of a latent vector.
+    /// Length of a latent vector.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "released code: 128"))]
     pub latent: usize,
-    /// Step size of Adam for both networks.
+    /// Learning rate of Adam for both networks.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code: 2e-4"))]
     pub learning_rate: f64,
-    /// Where given, images are made by an average of the generator's parameters that keeps this share of itself in
-    /// every step.
+    /// Where given, images are made by an average of the generator's parameters, which keeps this fraction of
+    /// itself in every step.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code, for the final training: 0.999"))]
     pub average_decay: Option<f64>,
-    /// Generated images that are scored. Settings that differ in it alone train on the same random numbers.
+    /// Generated images that are scored. Settings that differ only in this number train on the same random
+    /// numbers.
     #[schemars(range(min = 10, max = 1_000_000), extend("x-source" = "released code: 5000", "x-looks" = true))]
     pub scored_images: usize,
-    /// Real images that they are compared with, from the first one.
+    /// Real images with which they are compared, from the first one.
     #[schemars(range(min = 2, max = 10_000_000), extend("x-source" = "released code: 50 000"))]
     pub reference_images: usize,
-    /// Parts in which the inception score is computed; it is their mean.
+    /// Number of parts for which the inception score is computed; the score is their mean.
     #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code: 10"))]
     pub splits: usize,
-    /// How much a Frechet distance of 1 takes from the score; 0 for the inception score alone.
+    /// Weight of the Frechet distance in the score, which is the inception score less the weighted distance; 0
+    /// for the inception score alone.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "thesis, section 5.5.1: 0.01"))]
     pub frechet_weight: f64,
 }
@@ -117,7 +120,7 @@ pub enum Schedule {
     /// After each cell, with all cells so far.
     #[default]
     EachCell,
-    /// When it is whole, from new random weights.
+    /// Once it is complete, from new random weights.
     WholeDesign,
 }
 
@@ -126,7 +129,7 @@ impl Default for Config {
         Self {
             images: Source::default(),
             size: 16,
-            sight: Sight::default(),
+            sight: ScoringNetwork::default(),
             schedule: Schedule::default(),
             critic_steps: 200,
             critic_steps_per_generator_step: 5,
@@ -176,17 +179,17 @@ impl contract::Config for Config {
 }
 
 impl Config {
-    /// Pixels a side of the map that the stem makes.
+    /// Height and width of the stem's map, pixels.
     fn bottom(&self) -> usize {
         self.size >> N_CELLS
     }
 
-    /// Pixels a side of the images before the first cell and after each.
+    /// Height and width of the images before the first cell and after each, pixels.
     fn stages(&self) -> Vec<usize> {
         (0..=N_CELLS).map(|n_cells| self.bottom() << n_cells).collect()
     }
 
-    /// Refuses what would be found only when the first design begins.
+    /// Refuses settings that would otherwise fail when the first design begins.
     fn check(&self) -> Result<(), Error> {
         let there = self.images.count()?;
         if self.reference_images > there {
@@ -219,21 +222,21 @@ pub struct GeneratorSearch {
     proxy: Option<Proxy>,
 }
 
-/// What designs are trained on and scored with.
+/// Real images and scoring, which all designs share.
 struct Bench {
     scoring: Arc<Scoring>,
     /// Real images of each stage, from the one after the first cell.
     real: Vec<Images>,
 }
 
-/// The design under way: all that determines it.
+/// The design under way, with everything that determines it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Design {
-    /// Names the stream of all that is random in it.
+    /// Names the stream of all random numbers of the design.
     seed: u64,
     cells: Vec<CellOptions>,
     #[serde(skip)]
-    seen: Vec<Look>,
+    seen: Vec<GeneratorEvaluation>,
     #[serde(skip)]
     losses: Losses,
 }
@@ -342,7 +345,7 @@ impl GeneratorSearch {
         Ok(Arc::clone(self.bench.insert(bench)))
     }
 
-    /// Begins a design whose random numbers are those of `seed`.
+    /// Begins a design with the random numbers of `seed`.
     fn begin(&mut self, seed: u64) -> Result<(), Error> {
         let bench = self.bench()?;
         let proxy = Proxy::new(&self.config, Rng::seed_from_u64(seed));
@@ -355,7 +358,7 @@ impl GeneratorSearch {
         Ok(())
     }
 
-    /// Adds a cell, and trains and looks where it is time to.
+    /// Adds a cell, and trains and scores where the schedule says so.
     fn add(&mut self, cell: CellOptions) -> Result<(), Error> {
         self.design.cells.push(cell);
         let n_cells = self.design.cells.len();
@@ -371,7 +374,7 @@ impl GeneratorSearch {
             self.design.losses = proxy.train(&self.config, real, self.config.critic_steps);
             self.design.seen.push(proxy.look(&self.config, &bench.scoring)?);
         } else {
-            // Nothing was trained, so there is nothing new to see.
+            // Nothing was trained, so the observation stays.
             let before = self.design.seen.last().cloned();
             self.design.seen.extend(before);
         }
@@ -395,7 +398,7 @@ impl GeneratorSearch {
     }
 }
 
-/// The cells of a design, whose missing ones are filled up.
+/// The cells of a design, with missing ones filled up by first options.
 fn forms(cells: &[CellOptions]) -> [CellArchitecture; N_CELLS] {
     let mut all = cells.to_vec();
     all.resize(N_CELLS, [0; 6]);
@@ -480,7 +483,7 @@ impl Environment for GeneratorSearch {
         Ok(bytes.chunks_exact(side * side * 3).map(image).collect())
     }
 
-    /// The seed and the cells: what was trained is trained again to the same bits.
+    /// The seed and the cells: the same training gives the same bits again.
     fn snapshot(&self) -> Value {
         let begun = !self.design.seen.is_empty();
         json!({ "design": self.design, "begun": begun })

@@ -1,4 +1,4 @@
-//! A generator under construction: what it is made of, how it is trained and how it is looked at.
+//! A generator under construction: its networks, its training and its scores.
 
 use super::Config;
 use super::scoring::{Scores, Scoring};
@@ -18,25 +18,25 @@ use numerics::network::{device, values};
 use rand::Rng as _;
 use std::sync::Arc;
 
-/// Images that are generated at once to be looked at.
+/// Images that are generated at once for scoring.
 const ROWS: usize = 100;
 
-/// A generator with its adversary, as far as it was built.
+/// A generator with its discriminator and the cells so far.
 #[derive(Debug, Clone)]
 pub(super) struct Proxy {
     networks: Adversaries,
     rng: Rng,
-    /// Real images of each stage so far.
+    /// Number of cells so far.
     n_cells: usize,
 }
 
-/// What is seen of it.
+/// Scores and state features of a generator.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Look {
+pub(super) struct GeneratorEvaluation {
     pub(super) scores: Scores,
     /// Mean over the images of the last map's central pixels, `[channels]`.
     pub(super) features: Vec<f64>,
-    /// False where a number is not finite: the scores are then the worst ones.
+    /// Whether all numbers are finite; otherwise the scores are the worst ones.
     pub(super) finite: bool,
 }
 
@@ -109,7 +109,7 @@ impl Proxy {
         )
     }
 
-    /// The generator that is looked at: the averaged one where an average is kept.
+    /// The generator that is scored: the averaged one where an average is kept.
     fn shown(&self, config: &Config) -> Generator {
         if config.average_decay.is_some() && self.n_cells > 0 {
             self.networks.averaged_generator()
@@ -118,11 +118,11 @@ impl Proxy {
         }
     }
 
-    /// Looks at images of latent vectors that are the same for every generator.
+    /// Scores images of latent vectors that are the same for every generator.
     ///
     /// # Errors
-    /// Where scores cannot be made.
-    pub(super) fn look(&self, config: &Config, scoring: &Arc<Scoring>) -> Result<Look, Error> {
+    /// Errors of the scoring.
+    pub(super) fn look(&self, config: &Config, scoring: &Arc<Scoring>) -> Result<GeneratorEvaluation, Error> {
         let generator = self.shown(config);
         let stage = generator.side();
         let mut seen = scoring.begin(stage);
@@ -147,20 +147,20 @@ impl Proxy {
             seen.add(scoring, generated.images)?;
         }
         if !finite {
-            return Ok(Look {
+            return Ok(GeneratorEvaluation {
                 scores: scoring.worst(stage),
                 features: vec![0.0; config.generator_channels],
                 finite,
             });
         }
-        Ok(Look {
+        Ok(GeneratorEvaluation {
             scores: seen.scores(scoring)?,
             features: sums,
             finite,
         })
     }
 
-    /// The first images that are looked at, as bytes, one after the other.
+    /// The first scored images, as consecutive bytes.
     pub(super) fn samples(&self, config: &Config, count: usize) -> (usize, Vec<u8>) {
         let generator = self.shown(config);
         let images = generator.evaluate(fixed_latents(0, count, config.latent)).images;
@@ -168,7 +168,7 @@ impl Proxy {
     }
 }
 
-/// Latent vectors number `batch` of those that every generator is looked at with.
+/// Latent vectors number `batch` of those for scoring, which are the same for every generator.
 fn fixed_latents(batch: usize, count: usize, length: usize) -> Tensor<2> {
     let mut rng = contract::random::stream(&["latent vectors to look at", &batch.to_string()]);
     latents(count, length, &mut rng)

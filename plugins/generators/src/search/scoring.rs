@@ -1,10 +1,10 @@
-//! How generated images are scored: by what network, against which real images.
+//! Scoring of generated images: the network, and the real images with which they are compared.
 
 use crate::{
+    cache::Cache,
     feature_network::{FeatureNetwork, Form},
     images::Images,
     inception::{self, Inception},
-    kept::Kept,
     scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score},
     source::{ImageFile, Source, n_numbers, shrunk},
 };
@@ -18,28 +18,29 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// Images that are seen at once.
+/// Images that pass the network at once.
 const ROWS: usize = 100;
 
-/// By what network images are seen.
+/// The network by which images are scored.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Sight {
+pub enum ScoringNetwork {
     /// The classifier that a trial with the agent `image_classifier` left.
     Classifier(Artifact<artifact::Policy>),
-    /// Inception-v3 as pytorch-fid uses it, with the weights of a safetensors file: the network of published scores.
-    /// Its bits differ between processors.
+    /// Inception-v3 as pytorch-fid uses it, with the weights of a safetensors file: the network of published
+    /// scores. Its bits differ between processors.
     InceptionV3(ImageFile),
-    /// A network of that form with random weights: its features tell images apart, its classes mean nothing.
+    /// The same form of network with random weights: its features distinguish images, its classes have no
+    /// meaning.
     #[default]
     Untrained,
 }
 
-impl Sight {
-    /// Refuses a network that is not there or something else; large files are only looked for.
+impl ScoringNetwork {
+    /// Refuses a missing or wrong network; large files are only checked for existence.
     ///
     /// # Errors
-    /// [`Error::Config`] for a trial that left no classifier, [`Error::File`] for a file that is not there.
+    /// [`Error::Config`] for a trial that left no classifier, [`Error::File`] for a missing file.
     pub(super) fn check(&self) -> Result<(), Error> {
         match self {
             Self::Untrained => Ok(()),
@@ -64,51 +65,51 @@ fn classifier(product: &Artifact<artifact::Policy>) -> Result<(FeatureNetwork, F
 /// Both scores of generated images.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
-    /// Of the classes, 1 at least.
+    /// Inception score, at least 1.
     pub inception: f64,
-    /// To the real images, 0 at least.
+    /// Fréchet distance to the real images, at least 0.
     pub frechet: f64,
 }
 
 /// Scores generated images of each size that generators of the search have.
 #[derive(Debug)]
 pub struct Scoring {
-    network: Network,
+    network: LoadedNetwork,
     /// Moments of real images by their size.
     real: BTreeMap<usize, Moments>,
     n_splits: usize,
-    /// The scores of images that are grey all over, for generators whose numbers are none.
+    /// Frechet distances of grey images by their size, for generators whose numbers are not finite.
     grey: BTreeMap<usize, f64>,
 }
 
-/// What a scoring is made of.
+/// The inputs from which a scoring is made.
 #[derive(Debug, Clone, Copy)]
 pub struct Reference<'a> {
-    /// Where real images come from.
+    /// Source of the real images.
     pub source: &'a Source,
-    /// By what network they are seen.
-    pub sight: &'a Sight,
-    /// Pixels a side of the last stage.
+    /// The network by which images are scored.
+    pub sight: &'a ScoringNetwork,
+    /// Height and width of the images of the last stage, pixels.
     pub size: usize,
-    /// Pixels a side of all stages.
+    /// Height and width of the images of all stages, pixels.
     pub stages: &'a [usize],
-    /// How many real images, from the first.
+    /// Number of real images, from the first.
     pub count: usize,
-    /// Parts of the generated images that are scored apart.
+    /// Number of parts for which the inception score is computed.
     pub n_splits: usize,
 }
 
 impl Scoring {
-    /// The scoring of a reference, made once as long as not many others are asked for.
+    /// The scoring of a reference, from the cache if it is there.
     ///
     /// # Errors
-    /// What reading images and the network say, [`Error::Config`] where there are too few images.
+    /// Errors of reading images and network, and [`Error::Config`] where there are too few images.
     pub fn of(reference: &Reference<'_>) -> Result<Arc<Self>, Error> {
-        static KEPT: Kept<Scoring> = Kept::new();
+        static KEPT: Cache<Scoring> = Cache::new();
         let sight = match reference.sight {
-            Sight::Untrained => "untrained".to_owned(),
-            Sight::InceptionV3(weights) => weights.file.digest()?.into_owned(),
-            Sight::Classifier(product) => product.folder()?.display().to_string(),
+            ScoringNetwork::Untrained => "untrained".to_owned(),
+            ScoringNetwork::InceptionV3(weights) => weights.file.digest()?.into_owned(),
+            ScoringNetwork::Classifier(product) => product.folder()?.display().to_string(),
         };
         let Reference {
             source,
@@ -122,7 +123,7 @@ impl Scoring {
             "{} {sight} {size} {stages:?} {count} {n_splits}",
             source.identity()?
         );
-        KEPT.or_made(key, || Self::made(reference))
+        KEPT.get_or_make(key, || Self::made(reference))
     }
 
     fn made(reference: &Reference<'_>) -> Result<Self, Error> {
@@ -136,7 +137,7 @@ impl Scoring {
             return Err(Error::config("reference_images", problem));
         }
         let mut scoring = Self {
-            network: Network::of(reference.sight, reference.size, images.class_names().len())?,
+            network: LoadedNetwork::of(reference.sight, reference.size, images.class_names().len())?,
             real: BTreeMap::new(),
             grey: BTreeMap::new(),
             n_splits: reference.n_splits,
@@ -144,7 +145,7 @@ impl Scoring {
         for stage in reference.stages {
             let moments = scoring.moments_of(&images, reference.count, *stage)?;
             let grey = vec![0.0; ROWS * n_numbers(*stage)];
-            let mut seen = Seen::new(&scoring, *stage);
+            let mut seen = ScoringSums::new(&scoring, *stage);
             seen.add(
                 &scoring,
                 Tensor::from_data(TensorData::new(grey, [ROWS, *stage, *stage, 3]), &device()),
@@ -159,7 +160,7 @@ impl Scoring {
 
     fn moments_of(&self, images: &Images, count: usize, stage: usize) -> Result<Moments, Error> {
         let small = shrunk(images.first(count), stage)?;
-        let mut seen = Seen::new(self, stage);
+        let mut seen = ScoringSums::new(self, stage);
         let all: Vec<usize> = (0..count).collect();
         for rows in all.chunks(ROWS) {
             let numbers = small.batch(rows);
@@ -169,13 +170,13 @@ impl Scoring {
         seen.moments.moments().map_err(score_error)
     }
 
-    /// Begins to score generated images with this many pixels a side.
+    /// Begins to score generated images of this height and width in pixels.
     #[must_use]
-    pub fn begin(&self, stage: usize) -> Seen {
-        Seen::new(self, stage)
+    pub fn begin(&self, stage: usize) -> ScoringSums {
+        ScoringSums::new(self, stage)
     }
 
-    /// The worst that images of this size are scored: all alike and grey, as a generator makes them whose numbers are
+    /// The worst scores of images of this size: those of uniform grey images, for a generator whose numbers are
     /// no longer finite.
     #[must_use]
     pub fn worst(&self, stage: usize) -> Scores {
@@ -186,18 +187,18 @@ impl Scoring {
     }
 }
 
-/// What sees.
+/// The network of a scoring.
 #[derive(Debug)]
-enum Network {
+enum LoadedNetwork {
     /// Boxed, since both are large.
     Classifier(Box<FeatureNetwork>, Form),
     InceptionV3(Box<Inception>),
 }
 
-impl Network {
-    fn of(sight: &Sight, size: usize, classes: usize) -> Result<Self, Error> {
+impl LoadedNetwork {
+    fn of(sight: &ScoringNetwork, size: usize, classes: usize) -> Result<Self, Error> {
         match sight {
-            Sight::Untrained => {
+            ScoringNetwork::Untrained => {
                 let form = Form {
                     size: size.next_multiple_of(4),
                     channels: 16,
@@ -209,11 +210,11 @@ impl Network {
                     form,
                 ))
             }
-            Sight::Classifier(product) => {
+            ScoringNetwork::Classifier(product) => {
                 let (network, form) = classifier(product)?;
                 Ok(Self::Classifier(Box::new(network), form))
             }
-            Sight::InceptionV3(weights) => {
+            ScoringNetwork::InceptionV3(weights) => {
                 let path = weights.file.path();
                 let network = Inception::read(path).map_err(|error| Error::Damaged {
                     path: path.into(),
@@ -251,15 +252,15 @@ impl Network {
     }
 }
 
-/// Generated images as far as they were seen.
+/// Sums over the generated images so far.
 #[derive(Debug)]
-pub struct Seen {
+pub struct ScoringSums {
     stage: usize,
     probabilities: Vec<f64>,
     moments: MomentSums,
 }
 
-impl Seen {
+impl ScoringSums {
     fn new(scoring: &Scoring, stage: usize) -> Self {
         Self {
             stage,
@@ -268,7 +269,7 @@ impl Seen {
         }
     }
 
-    /// Takes in images `[batch, stage, stage, 3]`, as the bytes that they are shown as.
+    /// Adds images `[batch, stage, stage, 3]`, rounded to the bytes in which they are shown.
     ///
     /// # Errors
     /// [`Error::Model`] where a feature is not finite.
@@ -283,7 +284,7 @@ impl Seen {
         self.moments.add(&values(features)).map_err(score_error)
     }
 
-    /// Both scores of all that was seen.
+    /// Both scores of all images so far.
     ///
     /// # Errors
     /// [`Error::Model`] where there are too few images.
@@ -315,7 +316,7 @@ mod tests {
         let source: Source = serde_json::from_value(json!({ "shapes": { "count": 300 } })).unwrap();
         Scoring::of(&Reference {
             source: &source,
-            sight: &Sight::Untrained,
+            sight: &ScoringNetwork::Untrained,
             size: 8,
             stages: &[4, 8],
             count,
@@ -371,8 +372,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("inception.safetensors");
         std::fs::write(&path, b"no weights").unwrap();
-        let sight: Sight = serde_json::from_value(json!({ "inception_v3": { "file": path } })).unwrap();
-        let text = Network::of(&sight, 8, 10).unwrap_err().to_string();
+        let sight: ScoringNetwork =
+            serde_json::from_value(json!({ "inception_v3": { "file": path } })).unwrap();
+        let text = LoadedNetwork::of(&sight, 8, 10).unwrap_err().to_string();
         assert!(text.contains("inception.safetensors` is damaged"), "{text}");
     }
 

@@ -24,7 +24,7 @@ fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
     vec![choice::vector(&choices(), &taken)]
 }
 
-/// Steps of a whole design.
+/// Builds a whole design; its first observation and its steps.
 fn built(search: &mut GeneratorSearch, cells: [[usize; 6]; 3], rng: &mut Rng) -> (Vec<f64>, Vec<Step>) {
     let start = search.reset(rng).unwrap().remove(0);
     let steps = cells.map(|cell| search.step(&action(cell), rng).unwrap());
@@ -130,7 +130,7 @@ fn sizes_that_three_cells_cannot_make_are_refused() {
 }
 
 #[test]
-fn what_a_design_needs_is_asked_for_before_it_begins() {
+fn missing_images_and_networks_are_refused_before_a_design_begins() {
     let problem = |config: Config| GeneratorSearch::new(config).err().unwrap().to_string();
     let text = problem(Config {
         reference_images: 61,

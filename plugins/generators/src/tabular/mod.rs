@@ -1,23 +1,23 @@
-//! Environment `tabular_search`: the search for an architecture, where what a design is worth is looked up.
+//! Environment `tabular_search`: the search for an architecture, with scores from a table instead of training.
 //!
-//! It looks and pays like `generator_search`, and costs nothing: both scores and the features of the state come from a
-//! fit to architectures that searches really trained (`measured`), or from a landscape that is drawn from a seed
-//! (`drawn`), which stands for no generator and is there to try searches with. All 373 248 architectures are known, so
-//! that the best one is, and what a search misses of it.
+//! Observations and rewards are those of `generator_search`, without its cost: both scores and the features of
+//! the state come from a fit to architectures that searches really trained (`measured`), or from a landscape
+//! that is drawn from a seed (`drawn`), which stands for no generator and serves to try searches. The scores of
+//! all 373 248 architectures are known, so the best one is known, and with it the regret of a search.
 //!
 //! | | |
 //! |---|---|
 //! | score of a design | `IS - w FID`, with `w` = `frechet_weight` |
-//! | reward | what a cell adds to the score as it is observed |
+//! | reward | gain of the observed score by a cell |
 //! | `regret` | the score of the best architecture less that of the design, both without noise |
 //!
-//! With `noise`, scores are observed as they scatter around the fit, so that a search meets the noise of training.
+//! With `noise`, observed scores scatter around the fit, so that a search meets the noise of training.
 
 mod ridge;
 mod surrogate;
 
 use crate::{
-    kept::Kept,
+    cache::Cache,
     search_space::{CellOptions, N_CELLS, choices, effective},
 };
 use contract::{
@@ -30,37 +30,38 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::{Arc, OnceLock};
-use surrogate::{Measured, Quality, Surrogate, quality};
+use surrogate::{MeasuredArchitecture, Quality, Surrogate, quality};
 
 const NAME: &str = "tabular_search";
-/// Architectures of a drawn landscape that the fit is made of.
+/// Architectures of a drawn landscape to which the fit is made.
 const N_DRAWN: usize = 1_000;
 
-/// Settings.
+/// Settings of the `tabular_search` environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// What architectures are worth.
+    /// Scores of the architectures.
     pub landscape: Landscape,
-    /// How much a Frechet distance of 1 takes from the score; 0 for the inception score alone.
+    /// Weight of the Frechet distance in the score, which is the inception score less the weighted distance; 0
+    /// for the inception score alone.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "thesis, section 5.5.1"))]
     pub frechet_weight: f64,
     /// Whether scores are observed with noise.
     pub noise: bool,
 }
 
-/// What architectures are worth.
+/// Scores of the architectures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Landscape {
-    /// As those that searches with `generator_search` tried.
+    /// Fitted to the architectures that searches with `generator_search` tried.
     Measured {
-        /// What searches left, which is joined.
+        /// Datasets that searches left, which are joined.
         datasets: Vec<Artifact<artifact::Dataset>>,
     },
-    /// As effects of options and of pairs of options that are drawn.
+    /// Sums of drawn effects of options and of pairs of options.
     Drawn {
-        /// Names the stream that they are drawn from.
+        /// Names the random stream of the effects.
         #[serde(default)]
         seed: u64,
     },
@@ -88,19 +89,19 @@ pub struct TabularSearch {
     design: Design,
 }
 
-/// What is known of all architectures: what was measured of some, and a fit to it that is made when the first
-/// design begins, so that a check is quick.
+/// Scores of all architectures: the measured ones, and a fit to them that is made when the first design begins,
+/// so that a check is quick.
 #[derive(Debug)]
 struct Table {
-    measured: Vec<Measured>,
+    measured: Vec<MeasuredArchitecture>,
     weight: f64,
     n_features: usize,
-    fitted: OnceLock<Fitted>,
+    fitted: OnceLock<FittedTable>,
 }
 
-/// The fit, and what it says of all architectures.
+/// The fit, with the best architecture by it.
 #[derive(Debug)]
-struct Fitted {
+struct FittedTable {
     surrogate: Surrogate,
     quality: Quality,
     /// The score of the best architecture.
@@ -137,7 +138,7 @@ fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
     }))
 }
 
-/// What the searches see: the layer, both scores and the features of the last cell.
+/// The observed quantities of a search: the layer, both scores and the features of the last cell.
 pub(crate) fn channels(n_features: usize) -> Vec<Channel> {
     let fixed = [
         Channel::new("layer", "")
@@ -182,16 +183,16 @@ fn metrics() -> Vec<Metric> {
 }
 
 impl Table {
-    /// The table of a config, made once as long as not many others are asked for.
+    /// The table of a config, from the cache if it is there.
     fn of(config: &Config) -> Result<Arc<Self>, Error> {
-        static KEPT: Kept<Table> = Kept::new();
+        static KEPT: Cache<Table> = Cache::new();
         let name = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
-        KEPT.or_made(name, || {
+        KEPT.get_or_make(name, || {
             Ok(Self::made(measured(&config.landscape)?, config.frechet_weight))
         })
     }
 
-    fn made(measured: Vec<Measured>, weight: f64) -> Self {
+    fn made(measured: Vec<MeasuredArchitecture>, weight: f64) -> Self {
         Self {
             n_features: measured[0].seen[0].len() - 2,
             measured,
@@ -200,10 +201,10 @@ impl Table {
         }
     }
 
-    fn fitted(&self) -> &Fitted {
+    fn fitted(&self) -> &FittedTable {
         self.fitted.get_or_init(|| {
             let surrogate = Surrogate::fit(&self.measured);
-            Fitted {
+            FittedTable {
                 quality: quality(&self.measured, self.weight),
                 best: surrogate.best(self.weight).0,
                 surrogate,
@@ -212,7 +213,7 @@ impl Table {
     }
 }
 
-/// What tells a landscape from others within a process.
+/// A text that identifies a landscape within a process.
 fn identity(landscape: &Landscape) -> Result<String, Error> {
     match landscape {
         Landscape::Drawn { seed } => Ok(format!("drawn {seed}")),
@@ -226,7 +227,7 @@ fn identity(landscape: &Landscape) -> Result<String, Error> {
     }
 }
 
-fn measured(landscape: &Landscape) -> Result<Vec<Measured>, Error> {
+fn measured(landscape: &Landscape) -> Result<Vec<MeasuredArchitecture>, Error> {
     match landscape {
         Landscape::Drawn { seed } => Ok(drawn(*seed)),
         Landscape::Measured { datasets } => {
@@ -236,8 +237,8 @@ fn measured(landscape: &Landscape) -> Result<Vec<Measured>, Error> {
                 all.extend(tried(&dataset, product.source())?);
             }
             if all.is_empty() {
-                // As a search leaves it before it ran: one design, so that there is something to look up.
-                all.push(Measured {
+                // In a rehearsal the dataset is empty: one design, so that there is something to look up.
+                all.push(MeasuredArchitecture {
                     cells: vec![[0; 6]; N_CELLS],
                     seen: vec![vec![0.0; 3]; N_CELLS + 1],
                 });
@@ -253,8 +254,8 @@ fn measured(landscape: &Landscape) -> Result<Vec<Measured>, Error> {
     }
 }
 
-/// The architectures of a dataset that a search of generators left.
-fn tried(dataset: &Dataset, source: &str) -> Result<Vec<Measured>, Error> {
+/// The architectures of a dataset that a search for generators left.
+fn tried(dataset: &Dataset, source: &str) -> Result<Vec<MeasuredArchitecture>, Error> {
     let seat = &dataset.interface.seats[0];
     let own = choices();
     let fits = matches!(&seat.action, Space::Choices(choices) if *choices == own)
@@ -273,7 +274,7 @@ fn tried(dataset: &Dataset, source: &str) -> Result<Vec<Measured>, Error> {
             seen.extend(&row[3..]);
             seen
         };
-        Ok(Measured {
+        Ok(MeasuredArchitecture {
             cells: cells.collect::<Result<_, Error>>()?,
             seen: episode.observations.iter().map(seen).collect(),
         })
@@ -281,9 +282,9 @@ fn tried(dataset: &Dataset, source: &str) -> Result<Vec<Measured>, Error> {
     dataset.episodes.iter().map(one).collect()
 }
 
-/// Architectures of a landscape whose effects are drawn: each option of a cell adds to the score, and so does each pair
-/// of options, a third as much.
-fn drawn(seed: u64) -> Vec<Measured> {
+/// Architectures of a landscape with drawn effects: each option of a cell adds to the score, and so does each
+/// pair of options, a third as much.
+fn drawn(seed: u64) -> Vec<MeasuredArchitecture> {
     let effect = |words: &[String]| {
         let words: Vec<&str> = std::iter::once("landscape")
             .chain(words.iter().map(String::as_str))
@@ -327,7 +328,7 @@ fn drawn(seed: u64) -> Vec<Measured> {
                     worth,
                 ]
             });
-            Measured {
+            MeasuredArchitecture {
                 seen: seen.collect(),
                 cells,
             }
@@ -346,7 +347,7 @@ impl TabularSearch {
         [seen[0], seen[1]]
     }
 
-    /// What is observed of it.
+    /// The observation after a cell, with noise where the config asks for it.
     fn look(&mut self, rng: &mut Rng) -> Vec<Vec<f64>> {
         let mut seen = self.table.fitted().surrogate.seen(&self.design.cells);
         let n_cells = self.design.cells.len();
@@ -426,7 +427,7 @@ impl Environment for TabularSearch {
     }
 
     fn snapshot(&self) -> Value {
-        // Small numbers: nothing that JSON cannot say.
+        // Small numbers, which JSON can represent.
         serde_json::to_value(&self.design).expect("a design serialises")
     }
 

@@ -1,23 +1,23 @@
-//! Ridge regression on features that are there or not, with several answers at once.
+//! Ridge regression on binary features, with several answers at once.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | X | one row of 0 and 1 per sample, as the places of the ones | `[samples, features]` |
+//! | X | one row of 0 and 1 per sample, as the positions of the ones | `[samples, features]` |
 //! | Y | `answers`, centred | `[samples, answers]` |
 //! | W | weights, `(X^T X + lambda I)^-1 X^T Y` | `[features, answers]` |
 //! | h | leverage of a sample, `x (X^T X + lambda I)^-1 x^T` | `[samples]` |
 //!
-//! The error of a sample that is left out is `(y - x W) / (1 - h)`, without another fit; the penalty is the one of
-//! [`PENALTIES`] that makes the sum of their squares smallest. Sums run in one order, in plain loops, so that every
-//! machine makes the same bits.
+//! The error of a sample that is left out is `(y - x W) / (1 - h)`, without another fit; the penalty is the one
+//! of [`PENALTIES`] with the smallest sum of their squares. Sums run in one order, in plain loops, so that
+//! every machine computes the same bits.
 
 /// Penalties lambda that are tried.
 const PENALTIES: [f64; 8] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
 
-/// A fit.
+/// Fitted means and weights.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ridge {
-    /// What no feature explains, one number per answer.
+    /// Means of the answers, one number per answer.
     mean: Vec<f64>,
     /// `[features, answers]`.
     weights: Vec<f64>,
@@ -40,7 +40,7 @@ impl Ridge {
         let tried = PENALTIES.map(|penalty| Self::with_penalty(rows, &gram, n_features, &centred, penalty));
         let better =
             |best: (f64, Vec<f64>), other: (f64, Vec<f64>)| if other.0 < best.0 { other } else { best };
-        // There are penalties, so there is a best one.
+        // The list of penalties is not empty, so there is a best one.
         let (_, weights) = tried.into_iter().reduce(better).unwrap_or_default();
         Self {
             mean,
@@ -49,7 +49,8 @@ impl Ridge {
         }
     }
 
-    /// The sum of the squared errors of samples that are left out, each answer by its own variance, and the weights.
+    /// The sum of the squared errors of samples that are left out, each answer scaled by its variance, and the
+    /// weights.
     fn with_penalty(
         rows: &[Vec<usize>],
         gram: &[f64],
@@ -106,7 +107,7 @@ impl Ridge {
         sums
     }
 
-    /// One of the answers.
+    /// One answer for the features of one sample.
     pub(super) fn predict_one(&self, row: &[usize], answer: usize) -> f64 {
         let weight = |feature: &usize| self.weights[feature * self.n_answers + answer];
         row.iter()
@@ -133,7 +134,7 @@ fn gram(rows: &[Vec<usize>], n: usize) -> Vec<f64> {
     gram
 }
 
-/// The lower Cholesky factor of a positive matrix, in its place; what is above the diagonal stays.
+/// The lower Cholesky factor of a positive matrix, in place; entries above the diagonal stay.
 fn factorise(matrix: &mut [f64], n: usize) {
     for row in 0..n {
         for column in 0..=row {
@@ -154,7 +155,7 @@ fn factorise(matrix: &mut [f64], n: usize) {
     }
 }
 
-/// Solves `L L^T Z = B` for `B` `[n, m]`, in its place.
+/// Solves `L L^T Z = B` for `B` `[n, m]`, in place.
 fn solve(lower: &[f64], n: usize, right: &mut [f64], m: usize) {
     let subtract = |right: &mut [f64], from: usize, what: usize, factor: f64| {
         for at in 0..m {
@@ -176,7 +177,7 @@ fn solve(lower: &[f64], n: usize, right: &mut [f64], m: usize) {
     }
 }
 
-/// `x (L L^T)^-1 x^T` of a row of ones at these places: the square of `L^-1 x^T`.
+/// `x (L L^T)^-1 x^T` of a row with ones at these positions: the square of `L^-1 x^T`.
 fn leverage(lower: &[f64], n: usize, row: &[usize]) -> f64 {
     let first = row.iter().copied().min().unwrap_or(n);
     let mut solved = vec![0.0; n];

@@ -1,10 +1,10 @@
-//! What architectures are worth, fitted to those that searches tried.
+//! Scores of architectures, fitted to those that searches tried.
 //!
-//! For each number of cells one [`Ridge`] gives both scores and the features of the state from the options of the cells
-//! so far: each option is a feature, and so is each pair of options of different choices.
+//! For each number of cells, one [`Ridge`] predicts both scores and the features of the state from the options
+//! of the cells so far: each option is a feature, and so is each pair of options of different choices.
 //!
-//! A fifth of the architectures is held out to say how good the fit is, drawn by a hash of the options, so that all
-//! measurements of one architecture are on one side; what is used afterwards is fitted to all of them.
+//! A fifth of the architectures is held out to measure the quality of the fit, drawn by a hash of the options,
+//! so that all measurements of one architecture are on one side; the final fit uses all of them.
 
 use super::ridge::Ridge;
 use crate::search_space::{CellOptions, N_CELLS, all_cells, n_options};
@@ -13,15 +13,15 @@ use rand::Rng as _;
 use statistics::rank_correlation;
 use std::collections::BTreeMap;
 
-/// One architecture as it was measured: its cells, and both scores and the features after each of them.
+/// One measured architecture: its cells, and both scores and the features after each of them.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Measured {
+pub(super) struct MeasuredArchitecture {
     pub(super) cells: Vec<CellOptions>,
     /// `[cells + 1][2 + features]`, the state before the first cell included.
     pub(super) seen: Vec<Vec<f64>>,
 }
 
-/// How well scores of architectures are told that the fit did not see.
+/// Quality of the fit on architectures that were held out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Quality {
     /// Root of the mean squared error of `inception score - weight * Frechet distance` of whole architectures.
@@ -32,28 +32,29 @@ pub(super) struct Quality {
     pub(super) held_out: usize,
 }
 
-/// The fit.
+/// The fits for each number of cells.
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
-    /// What is seen before the first cell.
+    /// Scores and features before the first cell.
     start: Vec<f64>,
-    /// By the number of cells, from 1.
+    /// Fits by the number of cells, from 1.
     fits: Vec<Ridge>,
     /// Standard deviation of both scores around the fit, by the number of cells, from 1.
     spread: Vec<[f64; 2]>,
-    places: Places,
+    places: FeaturePositions,
 }
 
 impl Surrogate {
-    /// Fits what was measured.
+    /// Fits the measured architectures.
     ///
     /// # Panics
-    /// Where no whole architecture was measured.
-    pub(super) fn fit(measured: &[Measured]) -> Self {
-        let places = Places::new();
+    /// Where no complete architecture was measured.
+    pub(super) fn fit(measured: &[MeasuredArchitecture]) -> Self {
+        let places = FeaturePositions::new();
         let (mut fits, mut spread) = (Vec::new(), Vec::new());
         for n_cells in 1..=N_CELLS {
-            let of_depth: Vec<&Measured> = measured.iter().filter(|one| one.cells.len() >= n_cells).collect();
+            let of_depth: Vec<&MeasuredArchitecture> =
+                measured.iter().filter(|one| one.cells.len() >= n_cells).collect();
             let rows: Vec<Vec<usize>> = of_depth
                 .iter()
                 .map(|one| places.features(&one.cells[..n_cells]))
@@ -80,7 +81,7 @@ impl Surrogate {
         }
     }
 
-    /// How both scores scatter after so many cells, one at least.
+    /// Standard deviations of both scores after `n_cells` cells, at least one.
     pub(super) fn spread(&self, n_cells: usize) -> [f64; 2] {
         self.spread[n_cells - 1]
     }
@@ -105,16 +106,18 @@ impl Surrogate {
     }
 }
 
-/// What a fit to four fifths of the architectures says of the others; nothing where none is held out.
-pub(super) fn quality(measured: &[Measured], weight: f64) -> Quality {
-    let (held_out, fitted): (Vec<Measured>, Vec<Measured>) = measured.iter().cloned().partition(is_held_out);
-    let whole = |one: &&Measured| one.cells.len() == N_CELLS;
+/// Quality of a fit to four fifths of the architectures, on the others; the default where fewer than three are
+/// held out.
+pub(super) fn quality(measured: &[MeasuredArchitecture], weight: f64) -> Quality {
+    let (held_out, fitted): (Vec<MeasuredArchitecture>, Vec<MeasuredArchitecture>) =
+        measured.iter().cloned().partition(is_held_out);
+    let whole = |one: &&MeasuredArchitecture| one.cells.len() == N_CELLS;
     if !fitted.iter().any(|one| one.cells.len() == N_CELLS) {
         return Quality::default();
     }
     let fit = Surrogate::fit(&fitted);
     let value = |seen: &[f64]| seen[0] - weight * seen[1];
-    // Measured more than once, an architecture is worth their mean.
+    // An architecture that was measured several times counts with its mean.
     let mut by_cells: BTreeMap<&[CellOptions], Vec<f64>> = BTreeMap::new();
     for one in held_out.iter().filter(whole) {
         by_cells
@@ -145,7 +148,7 @@ pub(super) fn quality(measured: &[Measured], weight: f64) -> Quality {
     }
 }
 
-fn is_held_out(one: &Measured) -> bool {
+fn is_held_out(one: &MeasuredArchitecture) -> bool {
     stream(&["held out", &format!("{:?}", one.cells)]).random::<f64>() < 0.2
 }
 
@@ -165,18 +168,18 @@ fn mean_row(rows: &[Vec<f64>]) -> Vec<f64> {
     sums.into_iter().map(|sum| sum / rows.len() as f64).collect()
 }
 
-/// Where options and pairs of options stand among the features.
+/// Positions of options and pairs of options among the features.
 #[derive(Debug, Clone)]
-struct Places {
+struct FeaturePositions {
     /// The first option of each choice, choice after choice and cell after cell, and one past the last.
     options: Vec<usize>,
     /// The first pair of each choice with each earlier one.
     pairs: Vec<Vec<usize>>,
-    /// Features in all, by the number of cells, from 1.
+    /// Number of features, by the number of cells, from 1.
     n_features: Vec<usize>,
 }
 
-impl Places {
+impl FeaturePositions {
     fn new() -> Self {
         let sizes: Vec<usize> = (0..N_CELLS).flat_map(n_options).collect();
         let mut places = Self {
@@ -184,7 +187,8 @@ impl Places {
             pairs: Vec::new(),
             n_features: Vec::new(),
         };
-        // Options and pairs of earlier cells stand before those of later ones, so that fits of few cells use few.
+        // Options and pairs of earlier cells stand before those of later ones, so that fits of few cells use
+        // few features.
         let mut next = 0;
         for (choice, size) in sizes.iter().enumerate() {
             places.options.push(next);
@@ -206,7 +210,7 @@ impl Places {
         self.n_features[n_cells - 1]
     }
 
-    /// The features that an architecture has.
+    /// The features of an architecture.
     fn features(&self, cells: &[CellOptions]) -> Vec<usize> {
         let sizes: Vec<usize> = (0..cells.len()).flat_map(n_options).collect();
         let taken: Vec<usize> = cells.iter().flatten().copied().collect();
@@ -226,8 +230,9 @@ impl Places {
 pub(super) mod tests {
     use super::*;
 
-    /// Scores of a made-up truth with main effects and one pair, with a little noise; two features of the state.
-    pub(in super::super) fn made_up(count: usize, noise: f64) -> Vec<Measured> {
+    /// Scores of a synthetic truth with main effects and one pair, with a little noise; two features of the
+    /// state.
+    pub(in super::super) fn made_up(count: usize, noise: f64) -> Vec<MeasuredArchitecture> {
         let mut rng = stream(&["made up"]);
         (0..count)
             .map(|_| {
@@ -244,7 +249,7 @@ pub(super) mod tests {
                         ]
                     })
                     .collect();
-                Measured { cells, seen }
+                MeasuredArchitecture { cells, seen }
             })
             .collect()
     }
@@ -297,7 +302,7 @@ pub(super) mod tests {
 
     #[test]
     fn every_feature_has_a_place_of_its_own() {
-        let places = Places::new();
+        let places = FeaturePositions::new();
         let mut seen = std::collections::BTreeSet::new();
         for first in all_cells(0) {
             seen.extend(places.features(&[first]));

@@ -15,7 +15,7 @@ fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
     vec![choice::vector(&choices(), &taken)]
 }
 
-/// Builds a design; its rewards and its last step.
+/// Builds a design and returns its rewards and its last step.
 fn built(search: &mut dyn Environment, cells: &[[usize; 6]], rng: &mut Rng) -> (Vec<f64>, Step) {
     search.reset(rng).unwrap();
     let mut rewards = Vec::new();
@@ -76,7 +76,7 @@ fn noise_is_seen_and_not_measured() {
 }
 
 #[test]
-fn what_searches_left_is_looked_up() {
+fn scores_of_earlier_searches_are_looked_up() {
     let folder = tempfile::tempdir().unwrap();
     let interface = environment(json!({})).unwrap().interface();
     let mut writer = DatasetWriter::create(folder.path(), &interface).unwrap();

@@ -1,4 +1,4 @@
-//! The words of a command: which are the program, which become parameters, which is the seed.
+//! The words of a command: the program, its parameters, and the seed.
 
 use super::{
     help::{Help, HelpOption},
@@ -8,69 +8,66 @@ use super::{
 use serde_json::Value;
 use std::{collections::BTreeSet, path::Path};
 
-/// A word, as it stands in the study and as the program is started to be looked at.
+/// A word of the command, as the study writes it and as the probe starts it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Said {
-    /// With names in braces.
+pub struct CommandWord {
+    /// The word of the study, with names in braces.
     pub written: String,
-    /// With the values of these names.
+    /// The word of the probe, with the values of these names.
     pub started: String,
 }
 
 /// A parameter of the program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
-    /// Its name in the study.
+    /// Name in the study.
     pub name: String,
-    /// Its name in the command.
+    /// Name in the command.
     pub option: String,
-    /// Its value.
     pub value: Value,
 }
 
-/// A command, read.
+/// A command, parsed.
 #[derive(Debug, Default, PartialEq)]
 pub struct Command {
-    /// Its words.
-    pub words: Vec<Said>,
-    /// How many of them are the program: all before its arguments.
+    /// Words of the command line.
+    pub words: Vec<CommandWord>,
+    /// Count of the words that are the program, all before its arguments.
     pub head: usize,
-    /// The interpreter, where that is a file.
+    /// The interpreter, where it is a file.
     pub interpreter: String,
-    /// Its parameters.
     pub parameters: Vec<Parameter>,
-    /// The option that is the seed.
+    /// The option for the seed.
     pub seed: Option<String>,
-    /// The option that says how long it trains, with its value.
+    /// The option for the length of the training, with its value.
     pub steps: Option<(String, u64)>,
-    /// The option that names the task, with its value.
     pub task: Option<(String, String)>,
-    /// Arguments that stay as they are.
+    /// Arguments that are copied unchanged.
     pub kept: Vec<String>,
-    /// Files of the study's folder that are among the words.
+    /// Files of the study's folder among the words.
     pub files: Vec<String>,
-    /// True where arguments are overrides, `key=value`.
+    /// Whether arguments are overrides, `key=value`.
     pub has_overrides: bool,
 }
 
-/// An argument.
+/// An argument of the program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Argument {
     Word(String),
     Option { name: String, value: String, form: Form },
 }
 
-/// How an option has its value.
+/// Position of an option's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     /// In the next word.
     Apart,
-    /// Behind a sign of equality.
+    /// Behind an equals sign.
     Joined,
 }
 
 impl Command {
-    /// Reads words; options of `swept` are parameters whatever they are called, but for a seed.
+    /// Parses a command; options of `swept` become parameters whatever their names, except for a seed.
     pub fn of(words: &[String], folder: &Path, swept: &BTreeSet<String>) -> Self {
         let mut command = Self::default();
         let head = command.program(words, folder);
@@ -103,12 +100,12 @@ impl Command {
         command
     }
 
-    /// Takes in the words before the arguments, and says how many they are.
+    /// Takes the words before the arguments, and returns their count.
     fn program(&mut self, words: &[String], folder: &Path) -> usize {
         let is_manager = words
             .first()
             .is_some_and(|first| super::MANAGERS.contains(&first.as_str()));
-        // Behind a long option a file is its value, and not the program.
+        // A file behind a long option is its value, and not the program.
         let before = words
             .iter()
             .take_while(|word| is_manager || !word.starts_with("--"))
@@ -128,7 +125,7 @@ impl Command {
             } else {
                 word.clone()
             };
-            self.words.push(Said {
+            self.words.push(CommandWord {
                 written: escaped(&started),
                 started,
             });
@@ -150,7 +147,7 @@ impl Command {
         self.head
     }
 
-    /// The first word. An interpreter of a folder is of this machine, and no word of the command.
+    /// The first word. An interpreter in a folder belongs to this machine and not to the command.
     fn first(&mut self, word: &str, folder: &Path) -> String {
         match Path::new(word).file_name().and_then(|name| name.to_str()) {
             Some(name) if word.contains('/') && source(folder, word).is_none() => {
@@ -166,7 +163,7 @@ impl Command {
         if !word.starts_with('-') {
             self.kept.push(word.clone());
         }
-        self.words.push(Said {
+        self.words.push(CommandWord {
             written: escaped(&word),
             started: word,
         });
@@ -224,7 +221,7 @@ impl Command {
     }
 
     fn add(&mut self, name: &str, (placeholder, started): (&str, &str), form: Form) {
-        let said = |written: String, started: String| Said { written, started };
+        let said = |written: String, started: String| CommandWord { written, started };
         match form {
             Form::Apart => {
                 self.words.push(said(escaped(name), name.into()));
@@ -237,8 +234,8 @@ impl Command {
         }
     }
 
-    /// Adds the options for seed, steps and task that the program has and the command lacks. Gives those options back
-    /// that stay with their defaults.
+    /// Adds the options for seed, steps and task that the program has and the command lacks. Returns the
+    /// options that keep their defaults.
     pub fn complete(&mut self, help: &Help) -> Vec<HelpOption> {
         self.has_overrides |= help.is_hydra;
         let form = if self.has_overrides {
@@ -276,11 +273,12 @@ impl Command {
     }
 
     fn has(&self, option: &str) -> bool {
-        let is_it = |word: &Said| word.started == option || word.started.starts_with(&format!("{option}="));
+        let is_it =
+            |word: &CommandWord| word.started == option || word.started.starts_with(&format!("{option}="));
         self.words[self.head..].iter().any(is_it)
     }
 
-    /// Leaves the steps of the command as they are: they count something else than the steps of metrics.
+    /// Leaves the steps of the command unchanged: they count something else than the steps of metrics.
     pub fn keep_steps(&mut self) {
         let Some((_, steps)) = self.steps.take() else {
             return;
@@ -291,13 +289,13 @@ impl Command {
     }
 }
 
-/// The file of the program that a word is; an interpreter in the folder, as in `.venv/bin`, is none.
+/// The program's file that a word names; an interpreter in the folder, as in `.venv/bin`, is not one.
 fn source(folder: &Path, word: &str) -> Option<String> {
     let is_source = |name: &String| !name.starts_with('.') && !name.contains("/bin/");
     sources::inside(folder, word).filter(|name| !word.starts_with('-') && is_source(name))
 }
 
-/// A text as a word in which no name is meant.
+/// The text with its braces escaped.
 fn escaped(text: &str) -> String {
     text.replace('{', "{{").replace('}', "}}")
 }
@@ -330,7 +328,7 @@ fn option(name: &str, value: &str, form: Form) -> Argument {
     }
 }
 
-/// True for the key of an override, as Hydra has it.
+/// Whether a name is the key of an override, as in Hydra.
 fn is_key(name: &str) -> bool {
     let plain = name.trim_start_matches('+');
     let begins = plain.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_');

@@ -87,7 +87,7 @@ fn overrides_are_options() {
 }
 
 #[test]
-fn what_is_swept_is_a_parameter_but_for_the_seed() {
+fn swept_options_are_parameters_except_for_the_seed() {
     let words = ["python", "train.py", "--env=a", "--seed=1", "--out=x"].map(str::to_owned);
     let swept = ["--env", "--seed", "--out"].map(str::to_owned).into();
     let command = Command::of(&words, folder().path(), &swept);
@@ -128,7 +128,7 @@ fn the_program_is_a_module_a_file_or_what_is_installed() {
 }
 
 #[test]
-fn what_a_command_lacks_is_taken_from_the_help() {
+fn missing_options_are_taken_from_the_help() {
     let help = Help::read(include_str!("../../fixtures/argparse.txt"));
     let mut command = read("python train.py --lr 0.1");
     let others = command.complete(&help);

@@ -1,36 +1,30 @@
-//! Why no study is made of a program or a sweep, and what would be one.
+//! Reasons why no study is made of a program or a sweep, each with a remedy.
 
 use contract::Error;
 use std::path::PathBuf;
 
-/// Why no study is made.
+/// Reason why no study is made.
 #[derive(Debug, thiserror::Error)]
-pub enum NoStudy {
+pub enum DraftRefusal {
     /// The command has no word.
     #[error(
         "`--from` names no program: write its command, as `--from \"python train.py --seed 1\"`, or the file of a sweep"
     )]
     Nothing,
-    /// A quote of the command has no end.
+    /// A quote of the command is not closed.
     #[error("`{0}` has a quote without an end")]
     OpenQuote(String),
-    /// Only a shell understands a sign of the command.
+    /// The command has a sign that only a shell understands.
     #[error(
         "`{sign}` in `{command}` is for a shell, and none reads the command of a study: write the lines into a script, \
          and name `sh SCRIPT`"
     )]
-    Shell {
-        /// The command.
-        command: String,
-        /// The sign.
-        sign: char,
-    },
-    /// A file that is named is not there.
+    Shell { command: String, sign: char },
+    /// A named file does not exist.
     #[error("`{file}`, {what}, is not in this folder: `new` writes the study beside the program")]
     NotHere {
-        /// The file.
         file: String,
-        /// Who names it.
+        /// The command or file that names it.
         what: String,
     },
     /// A file is neither a sweep of W&B nor a config of Hydra.
@@ -39,15 +33,14 @@ pub enum NoStudy {
          `hydra.sweeper.params`, or is the `multirun.yaml` of a multirun"
     )]
     NoSweep(PathBuf),
-    /// A file is no YAML.
+    /// A file is not YAML.
     #[error("{0}")]
     NoYaml(String),
-    /// A sweep lacks what a study needs.
+    /// A sweep lacks a part that a study needs.
     #[error("`{file}`: {problem}")]
     Sweep {
-        /// The file.
         file: PathBuf,
-        /// The lack, and the remedy.
+        /// The missing part, and the remedy.
         problem: String,
     },
     /// The program did not run.
@@ -55,26 +48,26 @@ pub enum NoStudy {
         "{problem}\nIt ran in a folder of its own, in which these files lay: {files}; `--source FILE` adds one"
     )]
     Failed {
-        /// How it ended.
+        /// End of the program, in words.
         problem: String,
-        /// Its sources.
+        /// Files that lay in its folder.
         files: String,
     },
-    /// Nothing that it wrote can be read as a metric.
+    /// The program wrote no metric that can be read.
     #[error(
         "`{program}` {how}, and wrote nothing that is read as a metric; {there}. Let it print lines of JSON, as \
          `{{\"step\": 100, \"return\": 1.5}}`, or words `return=1.5`, or write CSV, JSON lines or TensorBoard's event \
          files into the folder in which it runs; `--seconds` waits longer"
     )]
     NoMetric {
-        /// Its first words.
+        /// First words of the command.
         program: String,
-        /// How long it ran.
+        /// Duration of the run, in words.
         how: String,
-        /// The files that were there.
+        /// Files that it wrote, in words.
         there: String,
     },
-    /// The engine could not do its part.
+    /// An error of the engine.
     #[error(transparent)]
     Engine(#[from] Error),
 }

@@ -1,5 +1,5 @@
-//! The options of a program, as its `--help` says them: as argparse, tyro and click print them, and the config that
-//! Hydra prints.
+//! The options of a program, parsed from its `--help`: the formats of argparse, tyro and click, and the config
+//! that Hydra prints.
 
 use super::{options::value, yaml};
 use serde_json::Value;
@@ -7,40 +7,39 @@ use serde_json::Value;
 /// An option of a program.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct HelpOption {
-    /// Its names as they are written, the first long one first.
+    /// Names as they are written, the first long one first.
     pub names: Vec<String>,
-    /// Its default, where it has one.
+    /// Default value, where there is one.
     pub default: Option<String>,
 }
 
 impl HelpOption {
-    /// Its first name.
+    /// The preferred name.
     pub fn name(&self) -> &str {
         self.names.first().map_or("", String::as_str)
     }
 
-    /// Its default as a whole number.
+    /// The default as a whole number.
     pub fn number(&self) -> Option<u64> {
         value(self.default.as_ref()?).as_u64()
     }
 }
 
-/// The options of a program, by its help text.
+/// All options of a program.
 #[derive(Debug, Default, PartialEq)]
 pub struct Help {
-    /// Its options.
     pub options: Vec<HelpOption>,
-    /// True where options are written as Hydra's overrides, `key=value`.
+    /// Whether options are written as Hydra's overrides, `key=value`.
     pub is_hydra: bool,
 }
 
 /// The line of Hydra's help before the config.
 const CONFIG: &str = "== Config ==";
-/// How Hydra ends it.
+/// The line that ends Hydra's help.
 const HYDRA: &str = "Powered by Hydra";
 
 impl Help {
-    /// Reads what a program printed.
+    /// Parses the output of `--help`.
     pub fn read(text: &str) -> Self {
         if text.contains(HYDRA) && text.contains(CONFIG) {
             return Self::of_hydra(text);
@@ -72,7 +71,7 @@ impl Help {
     fn of_hydra(text: &str) -> Self {
         let after = text.split(CONFIG).nth(1).unwrap_or_default();
         let config = after.split(HYDRA).next().unwrap_or_default();
-        // The first line says what it is.
+        // The first line is a title.
         let lines = config
             .lines()
             .filter(|line| !line.starts_with("Override anything"));
@@ -114,17 +113,17 @@ fn flatten(key: &str, value: &Value, into: &mut Vec<HelpOption>) {
     }
 }
 
-/// The signs of boxes, as tyro draws them.
+/// Whether a character is part of a box, as tyro draws them.
 fn is_box(letter: char) -> bool {
     ('\u{2500}'..='\u{257f}').contains(&letter)
 }
 
-/// The names of the option that a line begins with, the first long one first; `None` where it has no long one.
+/// The names of the option at the beginning of a line, the first long one first; `None` without a long name.
 fn names(line: &str) -> Option<Vec<String>> {
     if !line.starts_with('-') {
         return None;
     }
-    // The text about it follows two spaces.
+    // The description follows two spaces.
     let names = line.split("  ").next().unwrap_or_default();
     let is_name = |word: &&str| {
         let plain = word.trim_start_matches('-');
@@ -143,7 +142,7 @@ fn names(line: &str) -> Option<Vec<String>> {
     Some(names)
 }
 
-/// The default that a text about an option says.
+/// The default that an option's description mentions.
 fn default(about: &str) -> Option<String> {
     let after = about
         .split("default:")

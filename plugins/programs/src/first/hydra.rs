@@ -1,7 +1,7 @@
-//! Multiruns of Hydra: `hydra.sweeper.params` of a config, or the `multirun.yaml` that a multirun leaves.
+//! Multiruns of Hydra: `hydra.sweeper.params` of a config, or the `multirun.yaml` that a multirun writes.
 
 use super::{
-    error::NoStudy,
+    error::DraftRefusal,
     options,
     sweep::{Range, SETTINGS, Search, Sweep, example, integers, multiples, spelled},
 };
@@ -11,9 +11,9 @@ use std::path::Path;
 /// Reads the config of a multirun.
 ///
 /// # Errors
-/// [`NoStudy::Sweep`] where it has no parameters, or its program is not found.
-pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, NoStudy> {
-    let lacks = |problem: &str| NoStudy::Sweep {
+/// [`DraftRefusal::Sweep`] where it has no parameters, or its program is not found.
+pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
+    let lacks = |problem: &str| DraftRefusal::Sweep {
         file: file.to_owned(),
         problem: problem.into(),
     };
@@ -52,7 +52,7 @@ pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, NoStudy>
     Ok(sweep)
 }
 
-/// Keys with what stands for their values, those of the command last.
+/// Keys with their override texts, those of the command last.
 fn overrides(hydra: &Value) -> Vec<(String, String)> {
     let params = hydra.pointer("/sweeper/params").and_then(Value::as_object);
     let of_params = params
@@ -70,7 +70,7 @@ fn overrides(hydra: &Value) -> Vec<(String, String)> {
     all
 }
 
-/// The program: by the name of the job, or the only file in Python here that asks for Hydra.
+/// The program: by the name of the job, or the only Python file in the folder that imports Hydra.
 fn script(folder: &Path, hydra: &Value) -> Option<String> {
     let job = hydra.pointer("/job/name").and_then(Value::as_str);
     if let Some(name) = job
@@ -97,7 +97,7 @@ fn script(folder: &Path, hydra: &Value) -> Option<String> {
     }
 }
 
-/// The option for a config that the program does not take by itself.
+/// The option for a config that is not the program's default one.
 fn config_name(folder: &Path, file: &Path, hydra: &Value, script: &str) -> Vec<String> {
     let said = hydra.pointer("/job/config_name").and_then(Value::as_str);
     let is_multirun = file.file_name().is_some_and(|name| name == "multirun.yaml");
@@ -113,7 +113,7 @@ fn config_name(folder: &Path, file: &Path, hydra: &Value, script: &str) -> Vec<S
     }
 }
 
-/// How settings are come by: the sweeper in its target, or in the list of defaults.
+/// Reads the sweeper, from its target or from the list of defaults.
 fn method(value: &Value, sweep: &mut Sweep) {
     let sweeper = &value["hydra"]["sweeper"];
     let default = |key: &str| {
@@ -165,7 +165,7 @@ fn method(value: &Value, sweep: &mut Sweep) {
     }
 }
 
-/// The values that an override sweeps over; `None` for what has no counterpart.
+/// The values over which an override sweeps; `None` where a study has no counterpart.
 fn range(text: &str) -> Option<Range> {
     let text = text.trim();
     let parts = split(text);
@@ -199,7 +199,7 @@ fn range(text: &str) -> Option<Range> {
     }
 }
 
-/// The numbers of `range(..)`, whose end is not one of them.
+/// The numbers of `range(..)`, whose end is exclusive.
 fn steps(numbers: &[f64]) -> Option<Range> {
     let (start, stop, step) = match *numbers {
         [stop] => (0.0, stop, 1.0),
@@ -215,7 +215,7 @@ fn list(parts: &[&str]) -> Range {
     Range::List(parts.iter().map(|part| options::value(&plain(part))).collect())
 }
 
-/// The parts between commas that stand in no brackets.
+/// Splits a text at commas outside brackets.
 fn split(text: &str) -> Vec<&str> {
     let (mut parts, mut depth, mut begin) = (Vec::new(), 0, 0);
     for (place, letter) in text.char_indices() {
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_said() {
+    fn missing_parts_of_a_multirun_are_named() {
         assert!(
             sweep("config.yaml", "hydra: { job: {} }\n")
                 .unwrap_err()

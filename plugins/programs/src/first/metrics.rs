@@ -1,18 +1,18 @@
-//! The files and lines of a program, as metrics of a study: which keys and columns have values, where their steps
-//! stand, and which of them is the return.
+//! Metrics in the files and output of a program: the keys and columns with values, the source of their steps,
+//! and the one that is the return.
 
-use super::probe::Ran;
+use super::probe::ProbeRun;
 use crate::{
     ProgramConfig,
-    config::{MetricText, Reads, StepText},
+    config::{MetricSource, MetricText, StepText},
     metrics::Metrics,
     output::{STREAMS, noted},
-    workplace::{NOTES, Workplace},
+    working_folder::{NOTES, WorkingFolder},
 };
 use imported::{SumOf, columns};
 use std::path::{Path, PathBuf};
 
-/// Columns with steps, those that count most first.
+/// Columns with steps, in the order of preference.
 const STEPS: [&str; 22] = [
     "global_step",
     "step",
@@ -37,33 +37,33 @@ const STEPS: [&str; 22] = [
     "batch",
     "t",
 ];
-/// Most names of a file or stream that are looked at.
+/// Most names per file or stream.
 const MOST_NAMES: usize = 60;
-/// Most files that are looked at.
+/// Most files that are searched.
 const MOST_FILES: usize = 50;
-/// Folders in which logs of programs lie are not deeper.
+/// Depth of folders that are searched for logs.
 const DEEPEST: usize = 6;
 
 /// A metric that a program wrote.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
-    /// Its key or column.
+pub struct FoundMetric {
+    /// Key or column.
     pub key: String,
-    /// Where it stands: a stream, or a pattern.
+    /// Source of the values: a stream, or a pattern of files.
     pub from: String,
-    /// Where its steps stand.
+    /// Source of the steps.
     pub step: Option<StepText>,
-    /// Its values at their steps.
+    /// Values at their steps.
     pub values: Vec<(u64, f64)>,
 }
 
-impl Seen {
+impl FoundMetric {
     /// The largest step.
     pub fn last_step(&self) -> u64 {
         self.values.iter().map(|(step, _)| *step).max().unwrap_or(0)
     }
 
-    /// True where small values are better.
+    /// Whether lower values are better, judged by the name.
     pub fn lower_is_better(&self) -> bool {
         let key = self.key.to_lowercase();
         ["loss", "error", "cost", "regret", "perplexity"]
@@ -71,7 +71,7 @@ impl Seen {
             .any(|word| key.contains(word))
     }
 
-    /// How much it looks like what a program is for, 0 the most.
+    /// Rank by name among candidates for the study's metric; 0 is the best.
     fn rank(&self) -> usize {
         const WORDS: [&str; 8] = [
             "return", "reward", "rew", "score", "success", "win", "acc", "loss",
@@ -100,28 +100,28 @@ impl Seen {
     }
 }
 
-/// All metrics that a program wrote, those first that look like what it is for.
-pub fn seen(place: &Workplace, ran: &Ran, sources: &[String]) -> Vec<Seen> {
+/// All metrics that a program wrote, the best candidates for the study's metric first.
+pub fn seen(place: &WorkingFolder, ran: &ProbeRun, sources: &[String]) -> Vec<FoundMetric> {
     let mut found = stream(place, STREAMS[0], ran);
     for path in files(&place.folder, sources) {
         found.extend(file(place, &path));
     }
     found.extend(stream(place, STREAMS[1], ran));
-    let mut single: Vec<Seen> = Vec::new();
+    let mut single: Vec<FoundMetric> = Vec::new();
     for seen in found {
         // Many programs write the same numbers into several files.
         if !single.iter().any(|other| other.key == seen.key) {
             single.push(seen);
         }
     }
-    single.sort_by_key(Seen::rank);
+    single.sort_by_key(FoundMetric::rank);
     single
 }
 
-fn stream(place: &Workplace, stream: &str, ran: &Ran) -> Vec<Seen> {
+fn stream(place: &WorkingFolder, stream: &str, ran: &ProbeRun) -> Vec<FoundMetric> {
     let path = noted(&place.notes(), stream);
     if path.metadata().is_ok_and(|it| it.len() > 0) {
-        // Lines without a step got one.
+        // Lines without a step got a number.
         let is_written = |name: &String| ran.keys.contains(name);
         names(&path).map_or_else(Vec::new, |(names, _)| {
             let names: Vec<String> = names.into_iter().filter(is_written).collect();
@@ -132,7 +132,7 @@ fn stream(place: &Workplace, stream: &str, ran: &Ran) -> Vec<Seen> {
     }
 }
 
-fn file(place: &Workplace, path: &Path) -> Vec<Seen> {
+fn file(place: &WorkingFolder, path: &Path) -> Vec<FoundMetric> {
     let Some(pattern) = path.strip_prefix(&place.folder).ok().map(pattern) else {
         return Vec::new();
     };
@@ -143,15 +143,15 @@ fn file(place: &Workplace, path: &Path) -> Vec<Seen> {
     read(place, &pattern, &names, sum)
 }
 
-/// Names of columns, and whether they are those of a monitor file.
+/// Names of the columns, and whether the file is one of a monitor.
 fn names(path: &Path) -> Option<(Vec<String>, bool)> {
     let mut found = columns(&[path.to_owned()]).ok()?;
     found.names.truncate(MOST_NAMES);
     Some((found.names, found.is_monitor))
 }
 
-/// The names that have values, each read as a trial would read it.
-fn read(place: &Workplace, from: &str, names: &[String], sum: Option<StepText>) -> Vec<Seen> {
+/// The names that have values, each read in the same way as in a trial.
+fn read(place: &WorkingFolder, from: &str, names: &[String], sum: Option<StepText>) -> Vec<FoundMetric> {
     let column = STEPS
         .iter()
         .find_map(|step| names.iter().find(|name| name.to_lowercase() == **step));
@@ -160,7 +160,7 @@ fn read(place: &Workplace, from: &str, names: &[String], sum: Option<StepText>) 
     let others = names.iter().filter(|name| !is_step(name));
     let one = |key: &String| {
         let config = ProgramConfig {
-            reads: Reads {
+            reads: MetricSource {
                 from: from.to_owned(),
                 step: step.clone(),
             },
@@ -172,7 +172,7 @@ fn read(place: &Workplace, from: &str, names: &[String], sum: Option<StepText>) 
         let values = curves.first()?.values.clone();
         let (key, from) = (key.clone(), from.to_owned());
         let is_finite = values.iter().all(|(_, value)| value.is_finite());
-        (is_finite && !key.contains('*')).then(|| Seen {
+        (is_finite && !key.contains('*')).then(|| FoundMetric {
             key,
             from,
             step: step.clone(),
@@ -182,7 +182,7 @@ fn read(place: &Workplace, from: &str, names: &[String], sum: Option<StepText>) 
     others.filter_map(one).collect()
 }
 
-/// Files that may hold metrics, and are none of the program's own.
+/// Files that may hold metrics, without the program's sources.
 fn files(folder: &Path, sources: &[String]) -> Vec<PathBuf> {
     let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), 0)]);
     while let Some((place, depth)) = open.pop() {
@@ -214,7 +214,7 @@ fn is_log(name: &str) -> bool {
     name.contains("tfevents") || ENDS.iter().any(|end| name.trim_end_matches(".gz").ends_with(end))
 }
 
-/// A path in which parts that another run has otherwise are stars.
+/// The path as a pattern, with stars for the parts that differ between runs.
 fn pattern(path: &Path) -> String {
     let parts: Vec<&str> = path.iter().filter_map(|part| part.to_str()).collect();
     let last = parts.len().saturating_sub(1);
@@ -227,7 +227,7 @@ fn pattern(path: &Path) -> String {
     parts.iter().enumerate().map(part).collect::<Vec<_>>().join("/")
 }
 
-/// A name in which every number is a star.
+/// A name with a star for every number.
 fn without_digits(name: &str) -> String {
     let mut plain = String::new();
     for letter in name.chars() {
@@ -244,23 +244,23 @@ mod tests {
     use super::*;
     use std::fs;
 
-    fn look(files: &[(&str, &str)], keys: &[&str]) -> Vec<Seen> {
+    fn look(files: &[(&str, &str)], keys: &[&str]) -> Vec<FoundMetric> {
         let folder = tempfile::tempdir().unwrap();
         for (name, text) in files {
             let path = folder.path().join(name);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, text).unwrap();
         }
-        let place = Workplace::at(folder.path(), &ProgramConfig::default());
+        let place = WorkingFolder::at(folder.path(), &ProgramConfig::default());
         let keys = keys.iter().map(|it| (*it).to_owned()).collect();
-        let ran = Ran {
+        let ran = ProbeRun {
             has_ended: true,
             keys,
         };
         seen(&place, &ran, &["data.csv".into()])
     }
 
-    fn shown(seen: &[Seen]) -> Vec<(&str, &str, u64)> {
+    fn shown(seen: &[FoundMetric]) -> Vec<(&str, &str, u64)> {
         seen.iter()
             .map(|it| (it.key.as_str(), it.from.as_str(), it.last_step()))
             .collect()

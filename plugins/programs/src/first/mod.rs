@@ -1,7 +1,7 @@
-//! A first study of a program: from its command, or from the sweep of another tool.
+//! A first study of a program, from its command or from the sweep of another tool.
 //!
-//! The program is asked for its options and runs once for some seconds, in a folder of its own. Its output and files
-//! are read as a trial would read them. All that is proposed stands in the study with a comment.
+//! The program is asked for its options and runs once for some seconds, in a folder of its own. Its output and
+//! files are read in the same way as in a trial. The study explains each proposal in a comment.
 
 mod command;
 mod error;
@@ -18,59 +18,59 @@ mod wandb;
 mod written;
 mod yaml;
 
-use command::{Command, Said};
+use command::{Command, CommandWord};
 use contract::draft::{Draft, DraftError, Given};
-use error::NoStudy;
+use error::DraftRefusal;
 use help::{Help, HelpOption};
-use metrics::Seen;
-use probe::{Probe, Ran};
+use metrics::FoundMetric;
+use probe::{Probe, ProbeRun};
 use std::{collections::BTreeSet, path::Path, time::Duration};
 use sweep::Sweep;
 
-/// Programs that read no `--help` for the script that they run.
+/// Programs that do not pass `--help` on to their script.
 const SHELLS: [&str; 9] = ["sh", "bash", "dash", "zsh", "awk", "gawk", "mawk", "make", "perl"];
-/// Programs that find the packages of a project by its file.
+/// Package managers, which find the packages of a project by its file.
 const MANAGERS: [&str; 5] = ["uv", "poetry", "pixi", "pdm", "hatch"];
 
-/// A study of a program.
+/// The draft of a study of a program.
 #[derive(Debug)]
-struct Made {
+struct ProgramDraft {
     from: String,
     command: Command,
     sweep: Sweep,
     probe: Probe,
-    /// Names and patterns of its files.
+    /// Names and patterns of the program's files.
     sources: Vec<String>,
     lock: Option<&'static str>,
     runs_for: Duration,
-    /// Options that stay with their defaults.
+    /// Options that keep their defaults.
     others: Vec<HelpOption>,
-    ran: Ran,
-    /// Its metrics, that of the study first.
-    seen: Vec<Seen>,
+    ran: ProbeRun,
+    /// Metrics of the program, that of the study first.
+    seen: Vec<FoundMetric>,
     length: Length,
     notes: Vec<String>,
 }
 
-/// How long the program trains.
+/// Length of the training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Length {
     /// Steps of a trial.
     steps: u64,
-    /// Steps of one that tries out.
+    /// Steps of a trial in the `smoke` profile.
     smoke: u64,
 }
 
-/// Begins a study of a program; nothing runs yet.
+/// Begins the draft of a study of a program; nothing runs yet.
 ///
 /// # Errors
-/// [`NoStudy`], with what would be one.
+/// [`DraftRefusal`] with the reason and a remedy.
 pub fn begin(given: &Given<'_>) -> Result<Box<dyn Draft>, DraftError> {
-    Ok(Box::new(Made::begin(given)?))
+    Ok(Box::new(ProgramDraft::begin(given)?))
 }
 
-impl Made {
-    fn begin(given: &Given<'_>) -> Result<Self, NoStudy> {
+impl ProgramDraft {
+    fn begin(given: &Given<'_>) -> Result<Self, DraftRefusal> {
         let sweep = asked(given)?;
         let swept: BTreeSet<String> = sweep.swept.iter().map(|(option, _)| option.clone()).collect();
         let command = Command::of(&sweep.words, given.folder, &swept);
@@ -99,7 +99,7 @@ impl Made {
             lock,
             runs_for: given.runs_for,
             others: Vec::new(),
-            ran: Ran::default(),
+            ran: ProbeRun::default(),
             seen: Vec::new(),
             length: Length::default(),
         })
@@ -118,7 +118,7 @@ impl Made {
                 .any(|name| name.ends_with(".sh") && first.ends_with(name))
     }
 
-    fn words(&self, of: fn(&Said) -> &String, n: usize) -> Vec<String> {
+    fn words(&self, of: fn(&CommandWord) -> &String, n: usize) -> Vec<String> {
         self.command.words.iter().take(n).map(of).cloned().collect()
     }
 
@@ -132,7 +132,7 @@ impl Made {
         self.words(|word| &word.started, usize::MAX)
     }
 
-    fn find_metrics(&mut self) -> Result<(), NoStudy> {
+    fn find_metrics(&mut self) -> Result<(), DraftRefusal> {
         let files: Vec<String> = self.probe.files().map(str::to_owned).collect();
         self.seen = metrics::seen(&self.probe.place(), &self.ran, &files);
         let asked = self.sweep.metric.clone();
@@ -151,7 +151,7 @@ impl Made {
         Ok(())
     }
 
-    fn without_metric(&self) -> NoStudy {
+    fn without_metric(&self) -> DraftRefusal {
         let keys = &self.ran.keys;
         let there = if keys.is_empty() {
             "no line of its output is a JSON object or has words KEY=VALUE, and it left no file with numbers"
@@ -159,7 +159,7 @@ impl Made {
         } else {
             format!("keys in its output were `{}`", keys.join("`, `"))
         };
-        NoStudy::NoMetric {
+        DraftRefusal::NoMetric {
             program: self.started().into_iter().take(2).collect::<Vec<_>>().join(" "),
             how: self.how_it_ran(),
             there,
@@ -173,9 +173,9 @@ impl Made {
         }
     }
 
-    /// Decides on the steps, by those that were seen and by the option of the command.
+    /// Decides the steps, by those of the metrics and by the option of the command.
     fn measure_length(&mut self) {
-        let seen = self.seen.first().map_or(0, Seen::last_step).max(1);
+        let seen = self.seen.first().map_or(0, FoundMetric::last_step).max(1);
         let ended = self.ran.has_ended;
         if let Some((option, steps)) = self.command.steps.clone() {
             let fits = if ended {
@@ -224,7 +224,7 @@ impl Made {
     }
 }
 
-impl Draft for Made {
+impl Draft for ProgramDraft {
     fn starts(&self) -> Vec<Vec<String>> {
         let help = self.has_help().then(|| self.asks_for_help());
         let mut all: Vec<Vec<String>> = help.into_iter().chain([self.started()]).collect();
@@ -257,8 +257,8 @@ impl Draft for Made {
     }
 }
 
-/// The request: a sweep, or a command as a sweep without values.
-fn asked(given: &Given<'_>) -> Result<Sweep, NoStudy> {
+/// The sweep in the request; a command is a sweep without values.
+fn asked(given: &Given<'_>) -> Result<Sweep, DraftRefusal> {
     let from = given.from.trim();
     let is_file =
         [".yaml", ".yml"].iter().any(|end| from.ends_with(end)) && !from.contains(char::is_whitespace);
@@ -272,14 +272,14 @@ fn asked(given: &Given<'_>) -> Result<Sweep, NoStudy> {
     if !given.folder.join(from).is_file() {
         let what = "a sweep".into();
         let file = from.to_owned();
-        return Err(NoStudy::NotHere { file, what });
+        return Err(DraftRefusal::NotHere { file, what });
     }
     Sweep::read(given.folder, Path::new(from))
 }
 
-/// Refuses a command whose script is not there.
-fn is_here(command: &Command, from: &str) -> Result<(), NoStudy> {
-    let is_script = |word: &&Said| {
+/// Refuses a command whose script does not exist.
+fn is_here(command: &Command, from: &str) -> Result<(), DraftRefusal> {
+    let is_script = |word: &&CommandWord| {
         let end = Path::new(&word.started).extension().and_then(|end| end.to_str());
         ["py", "sh", "awk", "jl", "R", "js", "rb", "pl"]
             .iter()
@@ -291,7 +291,7 @@ fn is_here(command: &Command, from: &str) -> Result<(), NoStudy> {
         .find(is_script)
         .filter(|_| command.files.is_empty())
     {
-        Some(word) => Err(NoStudy::NotHere {
+        Some(word) => Err(DraftRefusal::NotHere {
             file: word.started.clone(),
             what: format!("which `{from}` names"),
         }),

@@ -1,25 +1,25 @@
-//! Names of options: seeds, steps, tasks, and others that stay as they are.
+//! Classification of options by their names: seeds, steps, tasks, and options that are copied unchanged.
 
 use crate::words::OTHERS;
 use serde_json::{Number, Value};
 
-/// The purpose of an option.
+/// Purpose of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// The seed.
     Seed,
-    /// How long the training is; of several the one with the lowest rank.
+    /// Length of the training; of several options the one with the lowest rank.
     Steps(usize),
     /// The task.
     Task,
-    /// A place, a name or a flag that says nothing of a result.
+    /// A path, a name or a flag without effect on results.
     Stays,
     /// Anything else.
     Parameter,
 }
 
 const SEEDS: [&str; 5] = ["seed", "random_seed", "rng_seed", "random_state", "seeds"];
-/// Not `n_steps`, `num_steps` and `n_epochs`, which in common programs are those of one rollout or update.
+/// Not `n_steps`, `num_steps` and `n_epochs`, which in common programs count one rollout or update.
 const STEPS: [&str; 22] = [
     "total_timesteps",
     "total_steps",
@@ -54,7 +54,7 @@ const TASKS: [&str; 8] = [
     "gym_id",
     "game",
 ];
-/// Last words of options that name places and the like.
+/// Last words of the names of options for paths, labels and the like.
 const PLACES: [&str; 22] = [
     "dir",
     "directory",
@@ -96,7 +96,7 @@ const KEYS: [&str; 13] = [
     "interpreter",
 ];
 
-/// The name of an option without signs.
+/// The name of an option in lower case, without dashes.
 fn plain(option: &str) -> String {
     let name = option.trim_start_matches(['-', '+']);
     name.to_ascii_lowercase().replace('-', "_")
@@ -120,14 +120,14 @@ pub fn kind(option: &str) -> Kind {
     if is_place { Kind::Stays } else { Kind::Parameter }
 }
 
-/// The place of an option in the list of names for the length of a training.
+/// Position of an option in the list of names for the length of a training.
 pub fn rank_of_steps(option: &str) -> Option<usize> {
     let plain = plain(option);
     let last = plain.rsplit(['.', '/']).next().unwrap_or_default();
     STEPS.iter().position(|name| *name == last)
 }
 
-/// The name of an option as that of a parameter in a study.
+/// The name of an option as a parameter of a study.
 pub fn parameter_name(option: &str) -> String {
     let trimmed = option.trim_start_matches(['-', '+']);
     let letter = |it: char| {
@@ -147,7 +147,7 @@ pub fn parameter_name(option: &str) -> String {
     name
 }
 
-/// The value that a word is: a whole number, a number, or a text.
+/// The value of a word: a whole number, a number, or a text.
 pub fn value(text: &str) -> Value {
     let is_number = text
         .trim_start_matches(['-', '+'])

@@ -1,50 +1,50 @@
-//! A program that is started once, to see its help and what it writes: in a folder of its own, in which its sources
-//! lie as in that of a trial, under the guard.
+//! One run of a program for its help and its metrics: in a folder of its own with its sources, as in a trial,
+//! under the guard.
 
-use super::error::NoStudy;
+use super::error::DraftRefusal;
 use crate::{
     ProgramConfig, agent,
     config::{Lock, NamedFile, NoLock, Sources},
     lines::Filter,
-    output::{Listening, STREAMS},
+    output::{OutputReader, STREAMS},
     process::Process,
-    workplace::Workplace,
+    working_folder::WorkingFolder,
 };
 use contract::{DataFile, Error, resources::Share};
 use document::reach::Reach;
 use imported::matching;
 use std::{path::Path, time::Duration};
 
-/// How long a program may take to say its options.
+/// Longest time for the output of `--help`.
 const LONGEST_HELP: Duration = Duration::from_secs(60);
 
-/// A place for a program to be looked at.
+/// A temporary folder in which a program runs for inspection.
 #[derive(Debug)]
 pub struct Probe {
     config: ProgramConfig,
     folder: tempfile::TempDir,
 }
 
-/// How a program ran.
+/// Result of a program's run in the probe.
 #[derive(Debug, Default)]
-pub struct Ran {
-    /// True where it ended by itself, and was not stopped.
+pub struct ProbeRun {
+    /// Whether the program ended by itself.
     pub has_ended: bool,
-    /// Keys that lines of its output had.
+    /// Keys in the lines of its output.
     pub keys: Vec<String>,
 }
 
 impl Probe {
-    /// A folder for a program with these files of the study's folder, names or patterns.
+    /// Makes a folder with these files of the study's folder, given by names or patterns.
     ///
     /// # Errors
-    /// [`NoStudy::NotHere`] for a pattern without a file.
+    /// [`DraftRefusal::NotHere`] for a pattern without a file.
     pub fn new(
         from: &Path,
         sources: &[String],
         lock: Option<&str>,
         interpreter: &str,
-    ) -> Result<Self, NoStudy> {
+    ) -> Result<Self, DraftRefusal> {
         let named = |name: &str| NamedFile {
             file: DataFile::new(from.join(name)),
         };
@@ -55,7 +55,7 @@ impl Probe {
             if found.is_empty() {
                 let what = "a source of the program".into();
                 let file = pattern.clone();
-                return Err(NoStudy::NotHere { file, what });
+                return Err(DraftRefusal::NotHere { file, what });
             }
             for path in found {
                 let name = path
@@ -77,54 +77,53 @@ impl Probe {
         Ok(Self { config, folder })
     }
 
-    /// The names of the program's files.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.config.sources.0.keys().map(String::as_str)
     }
 
-    /// The folder in which it runs.
-    pub fn place(&self) -> Workplace {
-        Workplace::at(self.folder.path(), &self.config)
+    /// The working folder of the program.
+    pub fn place(&self) -> WorkingFolder {
+        WorkingFolder::at(self.folder.path(), &self.config)
     }
 
-    /// The program's answer to a question for its options; how it ends says nothing.
+    /// Output of the program when it is asked for its options; its exit status does not count.
     ///
     /// # Errors
-    /// Where it cannot be started.
-    pub fn help(&self, words: Vec<String>) -> Result<String, NoStudy> {
+    /// [`DraftRefusal::Engine`] where the program cannot be started.
+    pub fn help(&self, words: Vec<String>) -> Result<String, DraftRefusal> {
         let mut process = self.start(words)?;
         match process.ends_within(LONGEST_HELP) {
             None => process.stop(),
             Some(Err(error @ Error::Unavailable { .. })) => return Err(error.into()),
             Some(_) => {}
         }
-        Ok(String::from_utf8_lossy(&process.listening().said()).into_owned())
+        Ok(String::from_utf8_lossy(&process.output_reader().captured()).into_owned())
     }
 
-    /// Runs it, not longer than `longest`.
+    /// Runs the program for at most `longest`.
     ///
     /// # Errors
-    /// [`NoStudy::Failed`] with its last words.
-    pub fn run(&self, words: Vec<String>, longest: Duration) -> Result<Ran, NoStudy> {
+    /// [`DraftRefusal::Failed`] with the program's last words.
+    pub fn run(&self, words: Vec<String>, longest: Duration) -> Result<ProbeRun, DraftRefusal> {
         let mut process = self.start(words)?;
         let ended = process.ends_within(longest);
         if ended.is_none() {
             process.stop();
         }
-        let keys = process.listening().seen();
+        let keys = process.output_reader().seen();
         match ended {
-            Some(Err(error)) => Err(NoStudy::Failed {
+            Some(Err(error)) => Err(DraftRefusal::Failed {
                 problem: error.to_string(),
                 files: self.files().collect::<Vec<_>>().join(", "),
             }),
-            ended => Ok(Ran {
+            ended => Ok(ProbeRun {
                 has_ended: ended.is_some(),
                 keys,
             }),
         }
     }
 
-    fn start(&self, words: Vec<String>) -> Result<Process, NoStudy> {
+    fn start(&self, words: Vec<String>) -> Result<Process, DraftRefusal> {
         let place = self.place();
         place.empty()?;
         place.lay(&self.config)?;
@@ -134,7 +133,7 @@ impl Probe {
             numbers: true,
             ..Filter::default()
         });
-        let listening = Listening::to(&place.notes(), filters)?;
+        let listening = OutputReader::to(&place.notes(), filters)?;
         Ok(Process::start(
             &self.config,
             words,

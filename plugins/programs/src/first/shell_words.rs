@@ -1,27 +1,28 @@
-//! A command line in words, as a shell would read it that replaces nothing.
+//! Splits a command line into words, like a shell without expansions.
 
-use super::error::NoStudy;
+use super::error::DraftRefusal;
 
-/// Signs that mean something to a shell alone.
+/// Signs that mean something to a shell only.
 const SIGNS: [char; 9] = ['|', '&', ';', '<', '>', '$', '`', '*', '('];
 
 /// The words of a command line.
 ///
 /// # Errors
-/// [`NoStudy::OpenQuote`], [`NoStudy::Shell`] for what only a shell understands, and [`NoStudy::Nothing`].
-pub fn words(command: &str) -> Result<Vec<String>, NoStudy> {
+/// [`DraftRefusal::OpenQuote`], [`DraftRefusal::Shell`] for signs that only a shell understands, and
+/// [`DraftRefusal::Nothing`].
+pub fn words(command: &str) -> Result<Vec<String>, DraftRefusal> {
     let (mut words, mut word) = (Vec::new(), None::<String>);
     let mut letters = command.chars();
     while let Some(letter) = letters.next() {
         match letter {
             '\'' | '"' => {
                 let word = word.get_or_insert_default();
-                quoted(&mut letters, letter, word).ok_or_else(|| NoStudy::OpenQuote(command.into()))?;
+                quoted(&mut letters, letter, word).ok_or_else(|| DraftRefusal::OpenQuote(command.into()))?;
             }
             '\\' => word.get_or_insert_default().extend(letters.next()),
             _ if letter.is_whitespace() => words.extend(word.take()),
             sign if SIGNS.contains(&sign) => {
-                return Err(NoStudy::Shell {
+                return Err(DraftRefusal::Shell {
                     command: command.into(),
                     sign,
                 });
@@ -31,12 +32,12 @@ pub fn words(command: &str) -> Result<Vec<String>, NoStudy> {
     }
     words.extend(word);
     if words.is_empty() {
-        return Err(NoStudy::Nothing);
+        return Err(DraftRefusal::Nothing);
     }
     Ok(words)
 }
 
-/// Reads up to the quote that ends it; `None` where none does.
+/// Reads up to the closing quote; `None` where it is missing.
 fn quoted(letters: &mut std::str::Chars<'_>, quote: char, word: &mut String) -> Option<()> {
     loop {
         match letters.next()? {
@@ -66,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn what_needs_a_shell_is_refused_by_its_sign() {
+    fn a_command_for_a_shell_is_refused_by_its_sign() {
         let told = |text| words(text).unwrap_err().to_string();
         assert!(told("a | tee log").contains("`|` in `a | tee log`"));
         assert!(told("a --out $HOME").contains("`$`"));

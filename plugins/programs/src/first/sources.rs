@@ -1,5 +1,5 @@
-//! The files of a program: its script, what it imports from beside it, configs that it names, and its lock file. A
-//! proposal, which the person looks at.
+//! The files of a program: its script, the modules beside it that the script imports, the configs that it
+//! names, and its lock file. The result is a proposal for the user to check.
 
 use std::{
     collections::BTreeSet,
@@ -7,7 +7,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-/// Lock files by their names, those that say most first.
+/// Names of lock files, the most precise first.
 const LOCKS: [&str; 12] = [
     "uv.lock",
     "poetry.lock",
@@ -22,13 +22,13 @@ const LOCKS: [&str; 12] = [
     "renv.lock",
     "Manifest.toml",
 ];
-/// Files that a program may name in its text: other programs and configs.
+/// Extensions of files that a program may name in its text: other programs and configs.
 const NAMED: [&str; 16] = [
     "py", "sh", "awk", "r", "jl", "js", "lua", "pl", "rb", "toml", "yaml", "yml", "ini", "cfg", "json", "so",
 ];
-/// A file that is longer is no script.
+/// Largest size of a script, bytes.
 const LONGEST: u64 = 1 << 20;
-/// More files are a library, and not a script with what lies beside it.
+/// Most files of a script and its modules; more are a library.
 const MOST: usize = 500;
 
 /// The lock file of a folder.
@@ -36,7 +36,7 @@ pub fn lock(folder: &Path) -> Option<&'static str> {
     LOCKS.into_iter().find(|name| folder.join(name).is_file())
 }
 
-/// The path of a file in the folder, as a study names it; `None` for what is not there or lies elsewhere.
+/// The path of a file relative to the folder; `None` for a file that does not exist or lies outside.
 pub fn inside(folder: &Path, name: &str) -> Option<String> {
     let mut parts = Vec::new();
     for part in Path::new(name).components() {
@@ -51,7 +51,7 @@ pub fn inside(folder: &Path, name: &str) -> Option<String> {
     (!path.is_empty() && folder.join(&path).is_file()).then_some(path)
 }
 
-/// The files that the first ones lead to, with them, in the order of their names.
+/// The first files and all files that they lead to, ordered by name.
 pub fn of(folder: &Path, first: &[String]) -> Vec<String> {
     let mut found: BTreeSet<String> = BTreeSet::new();
     let mut open: Vec<String> = first.to_vec();
@@ -87,7 +87,7 @@ fn named(folder: &Path, text: &str) -> Vec<String> {
     words.filter_map(|word| inside(folder, word)).collect()
 }
 
-/// Modules in the folder that a text in Python imports.
+/// Modules in the folder that a Python text imports.
 fn imported(folder: &Path, name: &str, text: &str) -> Vec<String> {
     let own = Path::new(name).parent().unwrap_or(Path::new(""));
     let mut found = Vec::new();
@@ -106,8 +106,8 @@ fn imported(folder: &Path, name: &str, text: &str) -> Vec<String> {
     found
 }
 
-/// The files of a module, and of those names in it that are modules, seen from the folder of what imports it and
-/// from the folder of the study.
+/// The files of a module, and of those of its names that are modules, relative to the folder of the importing
+/// file and to the folder of the study.
 fn modules(folder: &Path, own: &Path, module: &str, names: &[&str]) -> Vec<String> {
     let plain = module.trim_start_matches('.');
     let up = module.len() - plain.len();
@@ -135,7 +135,7 @@ fn module_at(folder: &Path, place: &Path) -> Vec<String> {
     files.iter().filter_map(name).collect()
 }
 
-/// The folder of configs that a program of Hydra names, as a pattern.
+/// The folder of configs that a Hydra program names, as a pattern.
 fn configs(folder: &Path, name: &str, text: &str) -> Option<String> {
     let after = text
         .split("config_path")

@@ -1,8 +1,8 @@
-//! Sweeps of other tools: their command, the values of each option, how these are gone through, and what a study has no
-//! counterpart for.
+//! Sweeps of other tools: the command, the values of each option, the method by which settings are chosen, and
+//! notes on keys without a counterpart in a study.
 
 use super::{
-    error::NoStudy,
+    error::DraftRefusal,
     hydra,
     options::{self, Kind},
     wandb, yaml,
@@ -10,24 +10,24 @@ use super::{
 use serde_json::Value;
 use std::path::Path;
 
-/// Most values that a list of whole numbers or of steps is written out to.
+/// Most values to which a range of whole numbers or steps is expanded.
 const MOST_LISTED: usize = 64;
-/// Settings that are tried where a sweep has no end.
+/// Number of settings for a sweep that has no end.
 pub const SETTINGS: u64 = 20;
 
-/// The values of an option.
+/// Values of an option.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Range {
-    /// Listed ones.
+    /// Listed values.
     List(Vec<Value>),
-    /// Numbers between two limits.
+    /// Uniform between two limits.
     Uniform(f64, f64),
-    /// Numbers between two limits, by their logarithms.
+    /// Uniform in the logarithm between two limits.
     LogUniform(f64, f64),
 }
 
 impl Range {
-    /// Listed texts.
+    /// The listed texts.
     pub fn texts(&self) -> impl Iterator<Item = &str> {
         let listed = match self {
             Self::List(values) => &values[..],
@@ -37,42 +37,42 @@ impl Range {
     }
 }
 
-/// How settings are come by, where not all of them are tried.
+/// Choice of settings where not all of them are tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
-    /// The method, as a study writes it.
+    /// The method's name in a study.
     pub method: &'static str,
-    /// How many are tried.
+    /// Number of settings.
     pub settings: u64,
 }
 
-/// A sweep of another tool.
+/// The sweep of another tool.
 #[derive(Debug, Default, PartialEq)]
 pub struct Sweep {
-    /// Its kind, in a word or two.
+    /// Kind of the sweep, in a word or two.
     pub what: &'static str,
     /// The command, with one value of each option.
     pub words: Vec<String>,
     /// Options with several values.
     pub swept: Vec<(String, Range)>,
-    /// How settings are come by; `None` where all are tried.
+    /// Choice of settings; `None` where all are tried.
     pub search: Option<Search>,
-    /// The metric that it goes by.
+    /// The metric by which the sweep compares settings.
     pub metric: Option<String>,
-    /// Whether small values of that are better, where it says so.
+    /// Whether lower values of that metric are better; `None` where the sweep does not say.
     pub lower_is_better: Option<bool>,
-    /// How many seeds it names.
+    /// Number of seeds in the sweep.
     pub seeds: Option<usize>,
     /// Sentences on keys without a counterpart.
     pub notes: Vec<String>,
 }
 
 impl Sweep {
-    /// Reads the file of a sweep, seen from the folder of the study.
+    /// Reads the file of a sweep, given relative to the study's folder.
     ///
     /// # Errors
-    /// [`NoStudy`] for a file that is none, and for what it lacks.
-    pub fn read(folder: &Path, file: &Path) -> Result<Self, NoStudy> {
+    /// [`DraftRefusal`] for a file that is not a sweep, and for a missing part.
+    pub fn read(folder: &Path, file: &Path) -> Result<Self, DraftRefusal> {
         let path = folder.join(file);
         let text = std::fs::read_to_string(&path).map_err(contract::Error::file("read", &path))?;
         let value = yaml::read(&file.display().to_string(), &text)?;
@@ -81,7 +81,7 @@ impl Sweep {
         } else if value.get("parameters").is_some_and(Value::is_object) {
             wandb::read(file, &value)?
         } else {
-            return Err(NoStudy::NoSweep(file.to_owned()));
+            return Err(DraftRefusal::NoSweep(file.to_owned()));
         };
         sweep.count_seeds();
         if sweep.search.is_none()
@@ -101,7 +101,7 @@ impl Sweep {
         Ok(sweep)
     }
 
-    /// Seeds are no values of a sweep, but replicates.
+    /// Turns a sweep over seeds into replicates.
     fn count_seeds(&mut self) {
         let Some(place) = self
             .swept
@@ -121,7 +121,7 @@ impl Sweep {
     }
 }
 
-/// Whole numbers from one to another, both included: all of them, or as many as are written out.
+/// Whole numbers between two limits, both included: all of them, or as many as may be listed.
 pub fn integers(low: i64, high: i64) -> Range {
     let count = usize::try_from(high.saturating_sub(low))
         .unwrap_or(0)
@@ -130,7 +130,7 @@ pub fn integers(low: i64, high: i64) -> Range {
     Range::List((low..=high).step_by(stride).map(Value::from).collect())
 }
 
-/// Multiples of a step from one number to another; `None` where they are too many to be written out.
+/// Multiples of a step between two numbers; `None` where they are too many to be listed.
 pub fn multiples(low: f64, high: f64, step: f64) -> Option<Range> {
     let count = ((high - low) / step + 1e-9).floor();
     #[allow(
@@ -145,14 +145,14 @@ pub fn multiples(low: f64, high: f64, step: f64) -> Option<Range> {
     )]
     let count = if is_few { count as u32 } else { return None };
     let value = |place: u32| {
-        // As many digits as a person would write.
+        // Ten decimals, so that sums of steps are written as a person would write them.
         let text = format!("{:.10}", f64::from(place).mul_add(step, low));
         options::value(text.trim_end_matches('0').trim_end_matches('.'))
     };
     Some(Range::List((0..=count).map(value).collect()))
 }
 
-/// One value of a range, with which the program is looked at.
+/// One value of a range, with which the probe starts the program.
 pub fn example(range: &Range) -> Value {
     let round = |value: f64| options::value(&format!("{value:.2e}"));
     match range {
@@ -162,7 +162,7 @@ pub fn example(range: &Range) -> Value {
     }
 }
 
-/// A value as a word of a command, as Python writes it.
+/// A value as a word of a command, in Python's notation.
 pub fn spelled(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
@@ -173,7 +173,7 @@ pub fn spelled(value: &Value) -> String {
     }
 }
 
-/// A value as it is in the parameters of a study.
+/// A value in the parameters of a study.
 pub fn as_parameter(value: &Value) -> Value {
     match value {
         Value::Number(_) => value.clone(),

@@ -1,8 +1,8 @@
-//! The text of a study of a program.
+//! Writes the study of a program as text.
 
 use super::{
-    Made,
-    metrics::Seen,
+    ProgramDraft,
+    metrics::FoundMetric,
     sweep::{Range, Search},
     written::{comment, plain, quoted, value, wrapped},
 };
@@ -10,15 +10,15 @@ use crate::config::StepText;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Most metrics that are named besides.
+/// Most metrics that are listed besides that of the study.
 const MOST_METRICS: usize = 12;
-/// Most options that are named besides.
+/// Most options that are listed.
 const MOST_OPTIONS: usize = 20;
-/// Numbers of measurements of a training, those that are liked best first.
+/// Numbers of measurements in a training, the preferred ones first.
 const MEASUREMENTS: [u64; 12] = [10, 8, 12, 5, 20, 16, 6, 15, 4, 7, 3, 2];
 
-/// The text of a study of a program.
-pub(super) struct Text<'a>(pub(super) &'a Made);
+/// Writer of a study of a program.
+pub(super) struct Text<'a>(pub(super) &'a ProgramDraft);
 
 impl Text<'_> {
     /// The study, in YAML with comments.
@@ -166,7 +166,7 @@ impl Text<'_> {
         let Some(first) = made.seen.first() else {
             return String::new();
         };
-        let entry = |name: &str, seen: &Seen| {
+        let entry = |name: &str, seen: &FoundMetric| {
             let is_same = seen.from == first.from && seen.step == first.step;
             match is_same {
                 true => format!("{name}: {}", quoted(&seen.key)),
@@ -175,7 +175,7 @@ impl Text<'_> {
         };
         let name = self.metric();
         let mut text = format!("      metrics:\n        {}\n", entry(&name, first));
-        let others: Vec<&Seen> = made.seen.iter().skip(1).take(MOST_METRICS).collect();
+        let others: Vec<&FoundMetric> = made.seen.iter().skip(1).take(MOST_METRICS).collect();
         if !others.is_empty() {
             text += "        # What it wrote besides; a metric has to have a value in every trial.\n";
         }
@@ -196,17 +196,17 @@ impl Text<'_> {
     }
 
     fn lower_is_better(&self) -> bool {
-        let seen = self.0.seen.first().is_some_and(Seen::lower_is_better);
+        let seen = self.0.seen.first().is_some_and(FoundMetric::lower_is_better);
         self.0.sweep.lower_is_better.unwrap_or(seen)
     }
 
-    /// The name of the metric of tables.
+    /// Name of the metric that tables show.
     fn metric(&self) -> String {
         let key = self.0.seen.first().map_or("return", |seen| seen.key.as_str());
         plain(key)
     }
 
-    /// Sweep or search.
+    /// The section `sweep` or `search`.
     fn settings(&self) -> String {
         let sweep = &self.0.sweep;
         let name = |option: &String| {
@@ -304,7 +304,7 @@ impl Text<'_> {
     }
 }
 
-/// How many settings are tried and how: not more than there are, and by a method that knows lists.
+/// Number of settings and method: no more settings than exist, and a method that accepts lists.
 fn settled(search: &Search, keys: &[(String, &Range)]) -> (u64, &'static str) {
     let count = |range: &Range| match range {
         Range::List(values) => Some(values.len() as u64),
@@ -343,8 +343,8 @@ fn limits(low: f64, high: f64) -> String {
     format!("{{ low: {}, high: {} }}", Value::from(low), Value::from(high))
 }
 
-/// Where a metric stands.
-fn place(seen: &Seen) -> String {
+/// Source of a metric, as in `reads`.
+fn place(seen: &FoundMetric) -> String {
     let step = match &seen.step {
         Some(StepText::Column(name)) => format!(", step: {}", quoted(name)),
         Some(StepText::Sum(of)) => format!(", step: {{ sum: {} }}", quoted(&of.sum)),

@@ -1,13 +1,13 @@
 //! Sweeps of W&B: <https://docs.wandb.ai/guides/sweeps/sweep-config-keys>.
 
 use super::{
-    error::NoStudy,
+    error::DraftRefusal,
     sweep::{Range, SETTINGS, Search, Sweep, as_parameter, example, integers, multiples, spelled},
 };
 use serde_json::{Map, Value};
 use std::path::Path;
 
-/// Keys that say nothing of what is computed.
+/// Keys without effect on results.
 const PASSED_OVER: [&str; 5] = ["name", "description", "project", "entity", "imageuri"];
 /// Keys that are read.
 const READ: [&str; 6] = ["program", "command", "method", "metric", "parameters", "run_cap"];
@@ -15,9 +15,9 @@ const READ: [&str; 6] = ["program", "command", "method", "metric", "parameters",
 /// Reads a sweep.
 ///
 /// # Errors
-/// [`NoStudy::Sweep`] for what it lacks.
-pub fn read(file: &Path, value: &Value) -> Result<Sweep, NoStudy> {
-    let lacks = |problem: String| NoStudy::Sweep {
+/// [`DraftRefusal::Sweep`] for a missing part.
+pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
+    let lacks = |problem: String| DraftRefusal::Sweep {
         file: file.to_owned(),
         problem,
     };
@@ -93,7 +93,7 @@ fn method(value: &Value, sweep: &mut Sweep) -> Result<(), String> {
     Ok(())
 }
 
-/// The words of the command with these arguments, and what stands before the name of an argument.
+/// The words of the command with these arguments, and the prefix of an argument's name.
 fn command(value: &Value, arguments: &[(&String, Value)]) -> Result<(Vec<String>, &'static str), String> {
     let default = ["${env}", "${interpreter}", "${program}", "${args}"].map(Value::from);
     let template = value
@@ -133,7 +133,7 @@ fn command(value: &Value, arguments: &[(&String, Value)]) -> Result<(Vec<String>
     Ok((words, prefix))
 }
 
-/// The values of a parameter; `None` where it has no counterpart.
+/// The values of a parameter; `None` where a study has no counterpart.
 fn range(name: &str, parameter: &Value, notes: &mut Vec<String>) -> Option<Range> {
     if let Some(value) = parameter.get("value") {
         return Some(Range::List(vec![as_parameter(value)]));
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_said() {
+    fn unreadable_sweeps_are_refused_with_the_reason() {
         let told = |text| sweep(text).unwrap_err();
         assert!(told("method: x\nprogram: a\nparameters: {}\n").contains("none of `grid`"));
         assert!(told("method: grid\nparameters: {}\n").contains("names no `program`"));

@@ -1,8 +1,8 @@
-//! Words, names and comments as they are written into a study.
+//! Writes words, names and comments of a study.
 
 use serde_json::Value;
 
-/// The widest line.
+/// Width of the longest line.
 const WIDTH: usize = 116;
 
 /// A value as YAML.
@@ -13,7 +13,7 @@ pub fn value(value: &Value) -> String {
     }
 }
 
-/// A text as YAML: as it is where nothing else could be meant.
+/// A text as YAML, without quotes where it cannot be read as anything else.
 pub fn quoted(text: &str) -> String {
     const OTHERS: [&str; 11] = [
         "true", "false", "yes", "no", "on", "off", "null", "y", "n", "nan", "inf",
@@ -60,7 +60,7 @@ pub fn plain(key: &str) -> String {
     }
 }
 
-/// A list in brackets, over as many lines as it needs.
+/// A list in brackets, wrapped at the line width.
 pub fn wrapped(begin: &str, words: &[String], indent: &str) -> String {
     let (mut text, mut width) = (begin.to_owned(), begin.len());
     for (place, word) in words.iter().enumerate() {
@@ -83,7 +83,7 @@ pub fn wrapped(begin: &str, words: &[String], indent: &str) -> String {
     text + "\n"
 }
 
-/// A comment over as many lines as it needs.
+/// A comment, wrapped at the line width.
 pub fn comment(indent: &str, text: &str, hang: &str) -> String {
     let (mut lines, mut line) = (Vec::new(), String::new());
     for word in text.split_whitespace() {

@@ -1,17 +1,17 @@
-//! YAML of other programs as plain values.
+//! Reads YAML of other programs as plain values.
 
-use super::error::NoStudy;
+use super::error::DraftRefusal;
 use document::diagnostic::{Sources, render};
 use serde_json::Value;
 
-/// The values of a text.
+/// Parses a text.
 ///
 /// # Errors
-/// [`NoStudy::NoYaml`] with the place of each mistake.
-pub fn read(name: &str, text: &str) -> Result<Value, NoStudy> {
+/// [`DraftRefusal::NoYaml`] with the place of each mistake.
+pub fn read(name: &str, text: &str) -> Result<Value, DraftRefusal> {
     let mut sources = Sources::default();
     let source = sources.add_file(name, text);
     let node = document::parse(&sources, source, text);
     node.map(|node| node.to_value())
-        .map_err(|found| NoStudy::NoYaml(render(&found, false)))
+        .map_err(|found| DraftRefusal::NoYaml(render(&found, false)))
 }

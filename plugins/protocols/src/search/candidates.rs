@@ -1,6 +1,6 @@
 //! The designs that a search tried, and an agent that builds one of them again.
 
-use super::Worth;
+use super::DesignValue;
 use contract::{
     Action, Agent, Error, Metric, Mode, Observation, Phase, Rng, Space, Updates,
     dataset::Episode,
@@ -12,26 +12,26 @@ use contract::{
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Designs that a trial leaves for others.
+/// Number of designs that a trial leaves for others.
 const KEPT: usize = 10;
 
-/// One design that was tried.
+/// A design that was tried.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Candidate {
-    /// What was seen, done and earned.
+    /// Observations, actions and rewards.
     pub(super) episode: Episode,
-    /// The sum of what was earned.
+    /// Sum of the rewards.
     #[serde(with = "exact")]
     pub(super) observed_return: f64,
-    /// The environment's metrics, as of a whole episode.
+    /// The environment's metrics, each reduced over the episode.
     #[serde(with = "exact")]
     pub(super) metrics: Vec<f64>,
-    /// False where the agent gave it up before its end: it is no design.
+    /// Whether the design is complete; false where the agent gave it up before its end.
     pub(super) whole: bool,
 }
 
 impl Candidate {
-    /// Records what it was worth, its names with `prefix`.
+    /// Records the return and the metrics, their names with `prefix`.
     pub(super) fn record(
         &self,
         run: &mut Run<'_>,
@@ -58,7 +58,7 @@ impl Candidate {
     }
 }
 
-/// All designs that were tried, in their order.
+/// All designs that were tried, in order.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Candidates(Vec<Candidate>);
 
@@ -71,8 +71,8 @@ impl Candidates {
         &self.0
     }
 
-    /// The best whole design among the last ones, as it was observed, the first of equals.
-    pub(super) fn best_of_last(&self, share: f64, worth: &Worth) -> Option<&Candidate> {
+    /// The best complete design among the last ones, by its observed value; the first of equals.
+    pub(super) fn best_of_last(&self, share: f64, design_value: &DesignValue) -> Option<&Candidate> {
         #[allow(
             clippy::cast_precision_loss,
             clippy::cast_possible_truncation,
@@ -81,27 +81,27 @@ impl Candidates {
         )]
         let last = (self.0.len() as f64 * share).ceil() as usize;
         let from = self.0.len() - last.min(self.0.len());
-        self.ranked(from, worth)
+        self.ranked(from, design_value)
             .into_iter()
             .map(|(_, candidate)| candidate)
             .next()
     }
 
-    /// Whole designs from number `from` on, the best one first.
-    fn ranked(&self, from: usize, worth: &Worth) -> Vec<(usize, &Candidate)> {
+    /// Complete designs from number `from` on, the best first.
+    fn ranked(&self, from: usize, design_value: &DesignValue) -> Vec<(usize, &Candidate)> {
         let whole = self.0.iter().enumerate().skip(from);
         let mut whole: Vec<_> = whole.filter(|(_, candidate)| candidate.whole).collect();
-        whole.sort_by(|(_, one), (_, other)| worth.compare(other, one));
+        whole.sort_by(|(_, one), (_, other)| design_value.compare(other, one));
         whole
     }
 
-    /// The best designs, no two of which take the same options.
+    /// The best designs, no two of which have the same options.
     ///
     /// # Errors
-    /// [`Error::Action`] for an action that is none of this space.
-    pub(super) fn best(&self, worth: &Worth, space: &Space) -> Result<Designs, Error> {
+    /// [`Error::Action`] for an action outside this space.
+    pub(super) fn best(&self, design_value: &DesignValue, space: &Space) -> Result<Designs, Error> {
         let mut designs: Vec<Design> = Vec::new();
-        for (number, candidate) in self.ranked(0, worth) {
+        for (number, candidate) in self.ranked(0, design_value) {
             let actions = candidate.episode.actions.clone();
             let options = in_words(space, &actions)?;
             let alike = |known: &Design| {
@@ -115,7 +115,7 @@ impl Candidates {
                 designs.push(Design {
                     candidate: number as u64,
                     observed_return: candidate.observed_return,
-                    chosen_by: worth.told(candidate),
+                    chosen_by: design_value.observed(candidate),
                     actions,
                     options,
                 });
@@ -125,14 +125,14 @@ impl Candidates {
     }
 }
 
-/// Builds a given design, whatever is seen; in everything else it is the agent that searched.
-pub(super) struct Following {
+/// Builds a given design whatever it observes; for everything else it is the agent that searched.
+pub(super) struct DesignReplay {
     agent: Box<dyn Agent>,
     actions: Vec<Vec<f64>>,
     at: usize,
 }
 
-impl Following {
+impl DesignReplay {
     pub(super) fn new(agent: Box<dyn Agent>, actions: Vec<Vec<f64>>) -> Self {
         Self {
             agent,
@@ -142,7 +142,7 @@ impl Following {
     }
 }
 
-impl Agent for Following {
+impl Agent for DesignReplay {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         let action = self.actions.get(self.at).cloned().ok_or_else(|| Error::Action {
             problem: format!("the design has {} steps and no more", self.actions.len()),
@@ -176,10 +176,10 @@ impl Agent for Following {
     }
 }
 
-/// Holds the place of an agent while it changes hands.
-pub(super) struct Nobody;
+/// Takes the place of the agent while [`DesignReplay`] owns it.
+pub(super) struct PlaceholderAgent;
 
-impl Agent for Nobody {
+impl Agent for PlaceholderAgent {
     fn act(&mut self, _: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         Ok(Vec::new())
     }

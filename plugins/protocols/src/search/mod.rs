@@ -1,29 +1,30 @@
-//! Protocol `search`: an agent proposes one design after the other and sees what each is worth, until a budget of
-//! evaluations is spent; the chosen one is then measured again.
+//! Protocol `search`: an agent proposes one design after the other and observes its value, until a budget of
+//! evaluations is spent; the chosen design is then measured again.
 //!
-//! A design is an episode: every step decides a part of it, and the environment evaluates what there is so far. The
-//! budget counts steps, since a step is what costs. What an agent learns between two steps or designs is its own
-//! affair; what the search has to show for itself is recorded after every design:
+//! A design is an episode: every step decides a part of it, and the environment evaluates the part so far. The
+//! budget counts steps, since a step is the expensive unit. The agent may learn between steps and between
+//! designs; the state of the search is recorded after every design:
 //!
-//! | recorded | phase | what it is |
+//! | recorded | phase | of which design |
 //! |---|---|---|
-//! | `candidate_return`, `candidate_<metric>` | evaluate | of the design that was just tried |
-//! | `return`, `episode_length`, the environment's metrics | evaluate | of the best design so far, as it was observed |
-//! | the same | final | of the chosen design, built again on random numbers that the search never met |
+//! | `candidate_return`, `candidate_<metric>` | evaluate | the design that was just tried |
+//! | `return`, `episode_length`, the environment's metrics | evaluate | the best design so far, as it was
+//! observed |
+//! | the same | final | the chosen design, built again on random numbers that the search never used |
 //!
-//! What makes a design better is its return, or the metric that `by` names: an environment may reward progress, as
-//! the score less that of where an episode began, while what one is after is the score.
+//! Designs are compared by their return, or by the metric that `by` names: an environment may reward progress,
+//! that is the score less that at the start of the episode, while the search is for the score.
 //!
-//! The best of many noisy observations is better than it will ever be again, so the last row is the one to compare.
-//! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the
-//! chosen one when it was built for the last time.
+//! The best of many noisy observations overestimates its design, so the final row is the one to compare. A
+//! trial leaves all designs as a dataset, the best ones as `choice.json`, and the drawings of the chosen design
+//! from its last construction.
 
 mod candidates;
+mod design_value;
 #[cfg(test)]
 mod tests;
-mod worth;
 
-use candidates::{Candidate, Candidates, Following, Nobody};
+use candidates::{Candidate, Candidates, DesignReplay, PlaceholderAgent};
 use contract::{
     ArtifactKind, Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, Protocol,
     Registry, Rng, Transition,
@@ -33,43 +34,44 @@ use contract::{
     exact,
     protocol::{self, Blocks, Measurement, Position, Run, measure, observe, restored},
 };
+use design_value::DesignValue;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
-use worth::Worth;
 
-/// How long to search, and what to make of it.
+/// Settings of the `search` protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Search {
-    /// Evaluations in all: steps of the environment. The design under way when they are spent is finished.
+    /// Evaluations in all, that is steps of the environment. A design under way when they are spent is
+    /// finished.
     #[schemars(range(min = 1), extend("x-unit" = "evaluations"))]
     pub evaluations: u64,
-    /// How the design to measure in the end is chosen.
+    /// Choice of the design for the final measurement.
     pub choose: Choose,
-    /// The metric of the environment that makes one design better than another, in its better direction; the
-    /// return where absent.
+    /// The metric of the environment by which designs are compared, in its better direction; the return where
+    /// absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<String>,
-    /// The share of the designs, counted from the last one, among which the best seen is chosen.
+    /// The fraction of the designs, counted from the last one, among which the best observed design is chosen.
     #[schemars(range(min = 0.001, max = 1.0))]
     pub among_last: f64,
-    /// How often the chosen design is built and measured again.
+    /// Number of times that the chosen design is built and measured again.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of these are recorded step by step, for trajectory figures.
+    /// Number of these that are recorded step by step, for trajectory figures.
     pub trace_episodes: u64,
 }
 
-/// How the design to measure in the end is chosen.
+/// Choice of the design for the final measurement.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choose {
-    /// The best one as it was observed, the first of equals.
+    /// The best design as it was observed, the first of equals.
     #[default]
     BestSeen,
-    /// The one that the agent makes where it is scored.
+    /// The design that the agent builds in evaluation.
     Policy,
 }
 
@@ -88,7 +90,6 @@ impl Default for Search {
 
 impl Config for Search {}
 
-/// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "search",
@@ -126,7 +127,7 @@ impl Protocol for Search {
 
     fn accepts(&self, interface: &Interface, metrics: &[Metric]) -> Result<(), Error> {
         match interface.seats.len() {
-            1 => Worth::named(self.by.as_deref(), metrics).map(drop),
+            1 => DesignValue::named(self.by.as_deref(), metrics).map(drop),
             seats => Err(Error::ManySeats { seats }),
         }
     }
@@ -157,32 +158,36 @@ impl Protocol for Search {
         let environment = (run.make_environment)()?;
         let interface = environment.interface();
         self.accepts(&interface, environment.metrics())?;
-        let worth = Worth::named(self.by.as_deref(), environment.metrics())?;
-        let (candidates, blocks) = self.search(run, &worth)?;
+        let design_value = DesignValue::named(self.by.as_deref(), environment.metrics())?;
+        let (candidates, blocks) = self.search(run, &design_value)?;
         (run.progress)(self.evaluations, self.evaluations);
-        self.measure_chosen(run, &candidates, &worth, blocks)?;
+        self.measure_chosen(run, &candidates, &design_value, blocks)?;
         run.record_updates(Phase::Final, self.evaluations);
         let Some(folder) = run.folder else {
             return Ok(());
         };
         candidates
-            .best(&worth, &interface.seats[0].action)?
+            .best(&design_value, &interface.seats[0].action)?
             .write(folder)?;
         write_dataset(folder, &interface, &candidates)
     }
 }
 
 impl Search {
-    /// Everything that was tried; with it where to continue the measurement of the chosen design.
-    fn search(&self, run: &mut Run<'_>, worth: &Worth) -> Result<(Candidates, Option<Blocks>), Error> {
+    /// All designs that were tried, with the position at which the measurement of the chosen one continues.
+    fn search(
+        &self,
+        run: &mut Run<'_>,
+        design_value: &DesignValue,
+    ) -> Result<(Candidates, Option<Blocks>), Error> {
         let mut under_way = match run.resume()? {
-            None => UnderWay::start(run)?,
+            None => SearchState::start(run)?,
             Some(Position {
-                learning: Some(Saved::Searching(saved)),
+                learning: Some(SearchCheckpoint::Searching(saved)),
                 ..
-            }) => UnderWay::restored(run, *saved)?,
+            }) => SearchState::restored(run, *saved)?,
             Some(Position {
-                learning: Some(Saved::Searched(candidates)),
+                learning: Some(SearchCheckpoint::Searched(candidates)),
                 measuring,
             }) => return Ok((candidates, measuring)),
             Some(Position { learning: None, .. }) => {
@@ -194,10 +199,10 @@ impl Search {
         };
         while under_way.evaluations < self.evaluations || !under_way.between_designs() {
             run.checkpoint(|| Position {
-                learning: Some(Saved::Searching(Box::new(under_way.save()))),
+                learning: Some(SearchCheckpoint::Searching(Box::new(under_way.save()))),
                 measuring: None,
             })?;
-            under_way.advance(run, worth)?;
+            under_way.advance(run, design_value)?;
             (run.progress)(under_way.evaluations.min(self.evaluations), self.evaluations);
         }
         Ok((under_way.candidates, None))
@@ -207,21 +212,21 @@ impl Search {
         &self,
         run: &mut Run<'_>,
         candidates: &Candidates,
-        worth: &Worth,
+        design_value: &DesignValue,
         blocks: Option<Blocks>,
     ) -> Result<(), Error> {
         let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes)
             .with_drawings();
-        let saved = || Some(Saved::Searched(candidates.clone()));
+        let saved = || Some(SearchCheckpoint::Searched(candidates.clone()));
         let chosen = match self.choose {
             Choose::Policy => None,
-            Choose::BestSeen => candidates.best_of_last(self.among_last, worth),
+            Choose::BestSeen => candidates.best_of_last(self.among_last, design_value),
         };
         let Some(chosen) = chosen else {
             return measure(run, &what, blocks, saved);
         };
-        let agent = std::mem::replace(&mut run.agent, Box::new(Nobody));
-        run.agent = Box::new(Following::new(agent, chosen.episode.actions.clone()));
+        let agent = std::mem::replace(&mut run.agent, Box::new(PlaceholderAgent));
+        run.agent = Box::new(DesignReplay::new(agent, chosen.episode.actions.clone()));
         measure(run, &what, blocks, saved)
     }
 }
@@ -234,27 +239,27 @@ fn write_dataset(folder: &Path, interface: &Interface, candidates: &Candidates) 
     writer.finish().map_err(Error::of_store)
 }
 
-/// What a search is restored from.
+/// State of a search in a checkpoint.
 #[derive(Debug, Serialize, Deserialize)]
-enum Saved {
+enum SearchCheckpoint {
     Searching(Box<SavedSearch>),
     Searched(Candidates),
 }
 
-/// A search between two steps.
-struct UnderWay {
+/// State of a search between two steps.
+struct SearchState {
     evaluations: u64,
     candidates: Candidates,
     environment: Box<dyn Environment>,
     environment_rng: Rng,
     act_rng: Rng,
     learn_rng: Rng,
-    design: Design,
+    design: DesignUnderWay,
 }
 
-/// What was decided, seen and earned so far of the design under way.
+/// Observations, actions, rewards and metrics so far of the design under way.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct Design {
+struct DesignUnderWay {
     #[serde(with = "exact")]
     observations: Vec<Vec<f64>>,
     #[serde(with = "exact")]
@@ -272,10 +277,10 @@ struct SavedSearch {
     environment_rng: Rng,
     act_rng: Rng,
     learn_rng: Rng,
-    design: Design,
+    design: DesignUnderWay,
 }
 
-impl UnderWay {
+impl SearchState {
     fn start(run: &mut Run<'_>) -> Result<Self, Error> {
         let mut search = Self {
             evaluations: 0,
@@ -284,13 +289,13 @@ impl UnderWay {
             environment_rng: run.streams.environment("search", 0),
             act_rng: run.streams.agent("act"),
             learn_rng: run.streams.agent("learn"),
-            design: Design::default(),
+            design: DesignUnderWay::default(),
         };
         search.begin_design(run)?;
         Ok(search)
     }
 
-    /// True where no step of the design under way was taken yet.
+    /// Whether no step of the design under way was taken yet.
     fn between_designs(&self) -> bool {
         self.design.actions.is_empty()
     }
@@ -298,10 +303,10 @@ impl UnderWay {
     fn begin_design(&mut self, run: &mut Run<'_>) -> Result<(), Error> {
         let seats = self.environment.reset(&mut self.environment_rng)?;
         run.agent.restart();
-        self.design = Design {
+        self.design = DesignUnderWay {
             observations: seats,
             metrics: EpisodeMetrics::new(self.environment.metrics()),
-            ..Design::default()
+            ..DesignUnderWay::default()
         };
         Ok(())
     }
@@ -314,8 +319,8 @@ impl UnderWay {
         )
     }
 
-    /// One step: one evaluation.
-    fn advance(&mut self, run: &mut Run<'_>, worth: &Worth) -> Result<(), Error> {
+    /// Takes one step, that is one evaluation.
+    fn advance(&mut self, run: &mut Run<'_>, design_value: &DesignValue) -> Result<(), Error> {
         let at = self.design.actions.len();
         let observation = self.observation(run, at);
         let rows = [observation];
@@ -335,13 +340,19 @@ impl UnderWay {
         run.agent
             .learn(&[transition], &mut self.learn_rng, &mut run.record)?;
         match step.end {
-            Some(end) => self.end_design(run, worth, end, true),
-            None if run.agent.gives_up() => self.end_design(run, worth, End::Truncated, false),
+            Some(end) => self.end_design(run, design_value, end, true),
+            None if run.agent.gives_up() => self.end_design(run, design_value, End::Truncated, false),
             None => Ok(()),
         }
     }
 
-    fn end_design(&mut self, run: &mut Run<'_>, worth: &Worth, end: End, whole: bool) -> Result<(), Error> {
+    fn end_design(
+        &mut self,
+        run: &mut Run<'_>,
+        design_value: &DesignValue,
+        end: End,
+        whole: bool,
+    ) -> Result<(), Error> {
         let design = std::mem::take(&mut self.design);
         let metrics = self.environment.metrics();
         let candidate = design.candidate(metrics, end, whole);
@@ -351,7 +362,7 @@ impl UnderWay {
             candidate.record(run, Phase::Evaluate, self.evaluations, metrics, "candidate_");
         }
         self.candidates.add(candidate);
-        if let Some(best) = self.candidates.best_of_last(1.0, worth) {
+        if let Some(best) = self.candidates.best_of_last(1.0, design_value) {
             best.record(run, Phase::Evaluate, self.evaluations, metrics, "");
         }
         self.begin_design(run)
@@ -382,7 +393,7 @@ impl UnderWay {
     }
 }
 
-impl Design {
+impl DesignUnderWay {
     fn take(&mut self, action: &[Vec<f64>], step: &contract::Step, metrics: &[Metric]) -> Result<(), Error> {
         self.actions.push(action[0].clone());
         self.rewards.push(step.rewards[0]);

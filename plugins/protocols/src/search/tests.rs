@@ -9,14 +9,15 @@ use serde_json::json;
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-struct Noise {
+struct DigitConfig {
     noise: f64,
 }
 
-impl Config for Noise {}
+impl Config for DigitConfig {}
 
-/// Two steps, three options each; a design is worth ten times the first option plus the second one, plus noise.
-struct Digits {
+/// Two steps with three options each; the value of a design is ten times the first option plus the second, plus
+/// noise.
+struct DigitDesigns {
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     noise: f64,
@@ -27,7 +28,7 @@ fn choices() -> Vec<Choice> {
     vec![Choice::new("digit", &["0", "1", "2"])]
 }
 
-fn digits(config: Noise) -> Result<Box<dyn Environment>, Error> {
+fn digits(config: DigitConfig) -> Result<Box<dyn Environment>, Error> {
     let seat = Seat {
         name: String::new(),
         observation: Space::Box(vec![Channel::new("step", "")]),
@@ -38,7 +39,7 @@ fn digits(config: Noise) -> Result<Box<dyn Environment>, Error> {
         better: Better::Lower,
         ..Metric::new("waste", "", "the second digit")
     };
-    Ok(Box::new(Digits {
+    Ok(Box::new(DigitDesigns {
         seats: vec![seat],
         metrics: vec![worth, waste],
         noise: config.noise,
@@ -46,7 +47,7 @@ fn digits(config: Noise) -> Result<Box<dyn Environment>, Error> {
     }))
 }
 
-impl Environment for Digits {
+impl Environment for DigitDesigns {
     fn seats(&self) -> &[Seat] {
         &self.seats
     }
@@ -83,14 +84,14 @@ impl Environment for Digits {
     }
 }
 
-/// Draws options; gives up every design that began with a nought.
+/// Draws options; gives up every design whose first option is 0.
 #[derive(Default)]
-struct Draws {
+struct RandomDesigner {
     began_badly: bool,
     learned: Vec<(f64, f64)>,
 }
 
-impl Agent for Draws {
+impl Agent for RandomDesigner {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         use rand::Rng as _;
         let row = |_: &Observation| match mode {
@@ -111,8 +112,8 @@ impl Agent for Draws {
     }
 }
 
-fn draws(_: Noise, _: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(Draws::default()))
+fn draws(_: DigitConfig, _: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(RandomDesigner::default()))
 }
 
 fn registry() -> Registry {
@@ -200,7 +201,7 @@ fn a_metric_makes_one_design_better_than_another_in_its_better_direction() {
 
 #[test]
 fn a_metric_that_is_not_there_is_refused_at_its_key() {
-    let environment = digits(Noise::default()).unwrap();
+    let environment = digits(DigitConfig::default()).unwrap();
     let search = Search {
         by: Some("wort".into()),
         ..Search::default()
@@ -255,15 +256,15 @@ fn the_policy_or_the_last_designs_can_be_chosen() {
     assert_eq!(values(&record, Phase::Final, "return")[0].1, last);
 }
 
-/// Saves at every chance and stops at one of them.
+/// Saves at every opportunity and stops at one of them.
 #[derive(Default)]
-struct Interrupts {
+struct InterruptingKeeper {
     after: u64,
     saves: u64,
     state: Option<(Value, Recorder)>,
 }
 
-impl contract::Keeper for Interrupts {
+impl contract::Keeper for InterruptingKeeper {
     fn due(&mut self) -> bool {
         true
     }
@@ -293,9 +294,9 @@ fn a_search_that_is_stopped_anywhere_ends_the_same() {
     let rows = |record: &Recorder| format!("{:?} {:?}", record.names(), record.rows());
     let mut stops = 0;
     for after in 1.. {
-        let mut keeper = Interrupts {
+        let mut keeper = InterruptingKeeper {
             after,
-            ..Interrupts::default()
+            ..InterruptingKeeper::default()
         };
         match run(&key, None, &mut keeper) {
             Err(Error::Stopped) => stops += 1,
@@ -314,7 +315,7 @@ fn a_search_that_is_stopped_anywhere_ends_the_same() {
 #[test]
 fn only_one_seat_designs() {
     let two = Interface {
-        seats: vec![digits(Noise::default()).unwrap().seats()[0].clone(); 2],
+        seats: vec![digits(DigitConfig::default()).unwrap().seats()[0].clone(); 2],
         state: Vec::new(),
     };
     assert!(matches!(

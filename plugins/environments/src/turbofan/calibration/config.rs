@@ -1,4 +1,4 @@
-//! Settings of the environment, and what follows from them: what is seen, done and measured.
+//! Config of the environment, with its channels and metrics.
 
 use crate::{
     turbofan::engine::EngineName,
@@ -6,7 +6,7 @@ use crate::{
         config::HealthParameter,
         fleet::Fleet,
         model::{FlightCondition, Model},
-        recorded::Recorded,
+        recorded::RecordedFlights,
         sensors::{SENSORS, sensor_channels},
     },
 };
@@ -14,24 +14,25 @@ use contract::{Channel, Metric, PerEpisode, Seat, Space};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What an error of the outputs costs; e is the Euclidean norm of the scaled errors.
+/// Cost of an error of the outputs; e is the Euclidean norm of the scaled errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Cost {
-    /// The mean of their squares, as the thesis says.
+    /// The mean of the squared errors, as in the thesis.
     MeanSquared,
-    /// e, and ten times as much above 0.01, as the released code has it.
+    /// e, and ten times as much above 0.01, as in the released code.
     #[default]
     Kinked,
 }
 
-/// Which part of a trajectory an episode is.
+/// The part of a trajectory that an episode covers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trajectory {
-    /// A piece of so many samples of any unit's life, from anywhere; the end of a life is followed by its begin.
+    /// A piece of this number of samples from any unit's life, from anywhere; the end of a life is followed by
+    /// its beginning.
     Piece(#[schemars(range(min = 1, max = 100_000))] usize),
-    /// All of a unit; those of a measurement are the units in their order.
+    /// The whole trajectory of a unit; a measurement takes the units in their order.
     Units,
 }
 
@@ -39,9 +40,9 @@ pub enum Trajectory {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CalibrationConfig {
-    /// The engine.
+    /// The engine whose sensors are tracked.
     pub engine: EngineName,
-    /// What stands for it where actions are tried.
+    /// The model whose outputs follow the actions.
     pub model: Model,
     /// The health parameters that actions set and that wear.
     #[schemars(length(min = 1, max = 10))]
@@ -54,20 +55,20 @@ pub struct CalibrationConfig {
     pub theta_range: [f64; 2],
     /// The engines and their wear.
     pub fleet: Fleet,
-    /// Recorded flights in their place. The engine then serves as a model, where no surrogate does.
+    /// Recorded flights instead of the fleet. The engine then serves as the model, unless a surrogate does.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub recorded: Option<Recorded>,
-    /// What episodes are.
+    pub recorded: Option<RecordedFlights>,
+    /// The part of a trajectory that an episode covers.
     pub trajectory: Trajectory,
-    /// What an error costs.
+    /// Cost of an error of the outputs.
     pub cost: Cost,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    /// Factor of the model's outputs, for a biased model.
     #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
     pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    /// Standard deviation of the random factor of each of the model's outputs.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
     pub model_noise: f64,
-    /// Ratio of signal and noise of the sensors, null for none: noise of -20 log10 (sd / value) dB.
+    /// Signal-to-noise ratio of the sensors, null for none: noise of -20 log10 (sd / value) dB.
     #[schemars(range(min = 0.0, max = 200.0), extend("x-unit" = "dB", "x-source" = "thesis, table 2.5: 70"))]
     pub sensor_snr_db: Option<f64>,
 }
@@ -104,7 +105,7 @@ pub(super) fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
     }
 }
 
-/// Name of the metric of one parameter's squared error.
+/// Name of the metric with the squared error of one parameter.
 pub(super) fn squared_error(parameter: &HealthParameter) -> String {
     format!("{}_squared_error", parameter.name())
 }

@@ -1,19 +1,20 @@
-//! Calibration as a tracking problem: health parameters are chosen so that a model follows what an engine's sensors
-//! read (thesis, section 2.3).
+//! Calibration as a tracking problem: health parameters are chosen so that a model follows an engine's sensors
+//! (thesis, section 2.3).
 //!
 //! | thesis | here | shape |
 //! |---|---|---|
-//! | x_t, measured | `target_<sensor>`: the engine with its true health, with noise where asked for | `[sensors]` |
+//! | x_t, measured | `target_<sensor>`: the engine with its true health, with noise if configured | `[sensors]`
+//! |
 //! | x̂_t = F(w_t, theta_t) | `model_<sensor>`: the model with the health of the last action | `[sensors]` |
 //! | w_t | `altitude_m`, `mach`, `delta_t_k`, `turbine_inlet_temperature_k` | `[4]` |
 //! | s_t = [x̂_t, w_{t+1}, x_{t+1}] | the observation | `[2 sensors + 4]` |
 //! | a_t | the action, -1 to 1 for the smallest to the largest theta_{t+1} | `[calibrated]` |
-//! | c_t | minus the reward, from outputs that are scaled to [-1, 1] over the fleet's flights | scalar |
+//! | c_t | minus the reward, from outputs scaled to [-1, 1] over the fleet's flights | scalar |
 //!
-//! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
-//! a piece of a trajectory. It begins anywhere and goes on with the begin of the trajectory at its end, so that every
-//! place of every life is equally likely, in the first sample of an episode and in all of them. Tracked, an episode is
-//! the whole trajectory of one unit after the other.
+//! The model has no memory: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training
+//! an episode is a piece of a trajectory. It begins anywhere and continues with the beginning of the trajectory
+//! at its end, so that every position in every life is equally likely, in the first sample of an episode and in
+//! all of them. In tracking, an episode is the whole trajectory of one unit after the other.
 
 mod config;
 #[cfg(test)]
@@ -26,7 +27,7 @@ use super::course::Course;
 use super::cycle::N;
 use super::model::{Distortion, Model, SensorModel};
 use super::recorded::Sample;
-use super::sensors::Watched;
+use super::sensors::SensorSetup;
 use crate::unit_box::check_seats;
 use config::{metrics, seat};
 use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
@@ -37,7 +38,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug)]
 pub struct TurbofanCalibration {
     config: CalibrationConfig,
-    /// The engine that is measured, and the model.
+    /// The measured engine, and the model.
     truth: SensorModel,
     model: SensorModel,
     /// Middle and half width of each sensor over the flights of a fleet.
@@ -45,22 +46,22 @@ pub struct TurbofanCalibration {
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     course: Course,
-    /// The sample that is aimed at, which follows from `progress.unit` and `progress.at`.
+    /// The target sample, which follows from `progress.unit` and `progress.at`.
     sample: Sample,
     progress: Progress,
 }
 
-/// What changes.
+/// State of an episode.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Progress {
     unit: usize,
-    /// Place in the unit's trajectory of the sample that is aimed at.
+    /// Position of the target sample in the unit's trajectory.
     at: usize,
-    /// Samples that are left.
+    /// Number of samples left.
     left: usize,
-    /// What the sensors read there.
+    /// Sensor readings at the target sample.
     target: Vec<f64>,
-    /// What the model said last, and of which sample and what the sensors had read there.
+    /// Last output of the model, with the position of its sample and the sensor readings there.
     model: Vec<f64>,
     said_of: usize,
     said_against: Vec<f64>,
@@ -70,24 +71,24 @@ struct Progress {
     /// Sums of squared errors of this episode: of health and of scaled outputs.
     squares: (f64, f64),
     decisions: u64,
-    /// Where the searches of the two engines are.
+    /// Unknowns of the two engines, from which the next searches start.
     unknowns: [[f64; N]; 2],
 }
 
 /// Builds the environment; registered as `turbofan_calibration`.
 ///
 /// # Errors
-/// [`Error::Config`] where keys contradict each other or a sensor is no output.
+/// [`Error::Config`] where keys contradict each other or a sensor is not an output.
 pub fn build(config: CalibrationConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(TurbofanCalibration::new(config)?))
 }
 
 impl TurbofanCalibration {
     /// # Errors
-    /// As [`build`].
+    /// Errors of [`build`].
     pub fn new(config: CalibrationConfig) -> Result<Self, Error> {
         let of = |model: &Model| SensorModel::new(config.engine, model, &config.calibrated, &config.sensors);
-        let watched = Watched {
+        let watched = SensorSetup {
             sensors: &config.sensors,
             calibrated: &config.calibrated,
             theta_range: config.theta_range,
@@ -125,7 +126,7 @@ impl TurbofanCalibration {
         })
     }
 
-    /// Reads the sensors at the sample that is aimed at.
+    /// Reads the sensors at the target sample.
     fn measure(&mut self, rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let Sample {
             condition,
@@ -143,7 +144,7 @@ impl TurbofanCalibration {
         Ok(read)
     }
 
-    /// Goes to a sample of the unit, whose sensors are read.
+    /// Moves the target to a sample of the unit and reads its sensors.
     fn aim(&mut self, at: usize, rng: &mut Rng) -> Result<(), Error> {
         self.progress.at = at;
         self.sample = self.course.sample(self.progress.unit, at);
@@ -163,16 +164,16 @@ impl TurbofanCalibration {
         self.progress.unit = unit;
         self.aim(at, rng)?;
         self.progress.left = left;
-        // The model begins with what the sensors read.
+        // The model's first output is the sensor readings.
         self.progress.model.clone_from(&self.progress.target);
-        self.told();
+        self.remember_target();
         (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
         (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
         Ok(self.observe())
     }
 
-    /// What a model says of a sample with the chosen health.
-    fn model_says(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
+    /// Output of the model for the target sample with the chosen health.
+    fn model_output(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let mut said = self.model.read(&self.sample.condition, theta)?;
         let distortion = Distortion {
             bias: self.config.model_bias,
@@ -182,8 +183,8 @@ impl TurbofanCalibration {
         Ok(said)
     }
 
-    /// Keeps what the model spoke of, which is aimed past with the next sample.
-    fn told(&mut self) {
+    /// Remembers the present target for the error of the model's output, since the target moves on.
+    fn remember_target(&mut self) {
         self.progress.said_of = self.progress.at;
         self.progress.said_against.clone_from(&self.progress.target);
     }
@@ -207,7 +208,7 @@ impl TurbofanCalibration {
         vec![[&self.progress.model[..], &condition, &self.progress.target].concat()]
     }
 
-    /// The health parameters that an action stands for.
+    /// The health parameters of an action.
     fn chosen(&self, actions: &[Vec<f64>]) -> Result<Vec<f64>, Error> {
         check_seats(actions, 1)?;
         let (given, wanted) = (actions[0].len(), self.config.calibrated.len());
@@ -268,8 +269,8 @@ impl Environment for TurbofanCalibration {
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = self.chosen(actions)?;
-        self.progress.model = self.model_says(&chosen, rng)?;
-        self.told();
+        self.progress.model = self.model_output(&chosen, rng)?;
+        self.remember_target();
         let theta = self.sample.theta.clone();
         let squared: Vec<f64> = theta
             .iter()
@@ -306,7 +307,7 @@ impl Environment for TurbofanCalibration {
         )
     }
 
-    /// Their limits are what actions of -1 and 1 stand for.
+    /// The limits are the health at actions of -1 and 1.
     fn state_channels(&self) -> Vec<Channel> {
         let [low, high] = self.config.theta_range;
         let channel = |parameter: &HealthParameter| {
@@ -317,7 +318,7 @@ impl Environment for TurbofanCalibration {
         self.config.calibrated.iter().map(channel).collect()
     }
 
-    /// The true health of the sample that is aimed at.
+    /// The true health of the target sample.
     fn state(&self) -> Vec<f64> {
         self.sample.theta.clone()
     }

@@ -1,4 +1,4 @@
-//! The tracking problem: what is right costs nothing, what is wrong is told apart from noise.
+//! The tracking problem: the true health costs nothing, and a wrong one can be distinguished from noise.
 
 use super::{CalibrationConfig, Cost, TurbofanCalibration};
 use crate::turbofan::{config::HealthParameter, fleet::Fleet, *};
@@ -9,7 +9,7 @@ fn environment(config: serde_json::Value) -> TurbofanCalibration {
     TurbofanCalibration::new(config).unwrap()
 }
 
-/// The action that stands for the true health and `shift`.
+/// The action for the true health plus `shift`.
 fn unit(environment: &TurbofanCalibration, shift: f64) -> Vec<f64> {
     let limits = environment.state_channels();
     let entry = |(channel, theta): (&Channel, f64)| {
@@ -18,7 +18,7 @@ fn unit(environment: &TurbofanCalibration, shift: f64) -> Vec<f64> {
     limits.iter().zip(environment.state()).map(entry).collect()
 }
 
-/// Mean reward, and the errors of health and outputs at the end, when every action is the true health and `shift`.
+/// Mean reward, and final errors of health and outputs, when every action is the true health plus `shift`.
 fn followed(environment: &mut TurbofanCalibration, steps: usize, shift: f64) -> (f64, [f64; 2]) {
     let mut rng = stream(&["followed"]);
     environment.reset(&mut rng).unwrap();
@@ -72,7 +72,7 @@ fn noise_and_bias_have_the_stated_size() {
     };
     let exact = seen(serde_json::json!({ "trajectory": { "piece": 200 } }));
     let noisy = seen(serde_json::json!({ "sensor_snr_db": 70, "trajectory": { "piece": 200 } }));
-    // Behind 14 outputs of the model and the flight condition stand 14 sensors.
+    // Beside the 14 outputs of the model and the flight condition, the observation has 14 sensors.
     let squares = noisy
         .iter()
         .zip(&exact)
@@ -85,7 +85,7 @@ fn noise_and_bias_have_the_stated_size() {
     assert!(cost < -0.1, "{cost}");
 }
 
-/// How often each of ten parts of a life occurs, beside how often it does by chance, in standard deviations of that.
+/// Deviation of the count of each tenth of a life from its expectation, in standard deviations.
 fn deviations(counts: [u32; 10]) -> [f64; 10] {
     let n = f64::from(counts.iter().sum::<u32>());
     let sd = (n * 0.1 * 0.9).sqrt();
@@ -115,7 +115,7 @@ fn every_part_of_a_life_is_equally_likely() {
         }
         let largest = |counts| deviations(counts).into_iter().map(f64::abs).fold(0.0, f64::max);
         assert!(largest(first) < 4.0, "{piece}: {first:?}");
-        // Samples of one episode follow each other: whole lives hold each part equally often.
+        // Samples of one episode follow each other: whole lives contain each part equally often.
         assert!(
             if piece > 50 {
                 largest(all) == 0.0
@@ -165,7 +165,7 @@ fn units_follow_each_other_whole() {
             let action = unit(&problem, 0.0);
             let step = problem.step(&[action], &mut rng).unwrap();
             assert_eq!(step.end.is_some(), sample == 19);
-            // What is traced belongs to one sample: its target and what the model says of it with the true health.
+            // The trace belongs to one sample: its target and the model's output at its true health.
             let row = problem.trace();
             assert_eq!(row[..2], [number, sample as f64]);
             let (target, model) = row[4..].split_at(14);
@@ -178,7 +178,7 @@ fn units_follow_each_other_whole() {
 }
 
 #[test]
-fn what_contradicts_itself_is_refused() {
+fn contradictory_configs_are_refused() {
     for (config, message) in [
         (
             serde_json::json!({ "sensors": ["t99_k"] }),

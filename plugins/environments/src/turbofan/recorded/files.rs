@@ -1,19 +1,19 @@
-//! Rows of numbers from the files of recordings.
+//! Reads rows of numbers from the files of recordings.
 
 use contract::{DataFile, Error, FileFormat, panics::or_damaged};
 use document::reach::{quoted, quoted_names};
 
-/// Told of every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
+/// Receives every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
 pub(super) type Row<'a> = dyn FnMut(u64, &[f64]) -> Result<(), Error> + 'a;
 
 /// Reads some columns of a file, row by row.
 ///
 /// # Errors
-/// [`Error::File`], [`Error::Damaged`] and [`Error::Input`] where the file cannot be read, is not what it should be,
-/// or has no such column or no number in one; and what `row` says.
+/// [`Error::File`], [`Error::Damaged`] and [`Error::Input`] for a file that cannot be read or has another
+/// format, a missing column or an entry that is not a number; and the errors of `row`.
 pub(super) fn read(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> {
     match file.format()? {
-        // Of bytes that are nothing known, the reader of text says where they begin.
+        // For unknown bytes, the reader of text reports their position.
         FileFormat::Text | FileFormat::Binary => csv(file, names, row),
         FileFormat::Parquet => parquet(file, names, row),
         #[cfg(feature = "hdf5")]

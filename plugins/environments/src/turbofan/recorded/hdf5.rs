@@ -1,12 +1,12 @@
-//! HDF5 in the layout of the published N-CMAPSS files.
+//! Reads HDF5 in the layout of the published N-CMAPSS files.
 //!
-//! | dataset | shape | what |
+//! | dataset | shape | content |
 //! |---|---|---|
 //! | `W_dev`, `X_s_dev`, `X_v_dev`, `T_dev`, `A_dev` | `[samples, columns]` | flight conditions, sensors, virtual sensors, health, unit and cycle |
-//! | the same with `_test` | `[samples, columns]` | those of the units that are set aside |
+//! | the same with `_test` | `[samples, columns]` | the same for the held-out units |
 //! | `W_var`, `X_s_var`, ... | `[columns]` | names of the columns |
 //!
-//! Files of gigabytes are read a piece of rows at a time. Rows are counted from 1, those for testing after the others.
+//! Files of gigabytes are read in blocks of rows. Rows are counted from 1, those for testing after the others.
 
 use super::files::Row;
 use contract::Error;
@@ -16,14 +16,14 @@ use std::path::Path;
 
 const GROUPS: [&str; 5] = ["A", "W", "X_s", "X_v", "T"];
 const PARTS: [&str; 2] = ["dev", "test"];
-/// Rows that are read at once.
+/// Rows in one block.
 const ROWS: u64 = 65_536;
 
 /// Reads some columns, row by row.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is no such file, [`Error::Input`] where a column is missing or holds no number, and
-/// what `row` says.
+/// [`Error::Damaged`] for another layout, [`Error::Input`] where a column is missing or holds an entry that is
+/// not a number, and the errors of `row`.
 pub(super) fn read(path: &Path, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> {
     let file = Hdf5File::open(path).map_err(|error| damaged(path, &error))?;
     let places = places(path, &file, names)?;
@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path, names: &[&str], row: &mut Row<'_>) -> Result<(),
     Ok(())
 }
 
-/// The group of each wanted column and its place there.
+/// The group of each requested column and its position there.
 fn places(path: &Path, file: &Hdf5File, names: &[&str]) -> Result<Vec<(usize, usize)>, Error> {
     let mut known = Vec::new();
     for (group, name) in GROUPS.iter().enumerate() {
@@ -93,7 +93,7 @@ fn read_part(
     Ok(())
 }
 
-/// Rows of a part, which all its datasets have.
+/// Number of rows of a part, which all its datasets share.
 fn n_rows(path: &Path, part: &str, datasets: &[Dataset]) -> Result<u64, Error> {
     let rows: Vec<u64> = datasets
         .iter()
@@ -113,7 +113,7 @@ fn n_rows(path: &Path, part: &str, datasets: &[Dataset]) -> Result<u64, Error> {
     Ok(rows[0])
 }
 
-/// Some rows of a dataset, one after the other, and how wide they are. Numbers may be of single precision.
+/// Consecutive rows of a dataset, and their width. Numbers may have single precision.
 fn piece(path: &Path, dataset: &Dataset, first: u64, count: u64) -> Result<(Vec<f64>, usize), Error> {
     let width = dataset.shape()[1];
     let slice = |start, end| SliceInfoElem::Slice { start, end, step: 1 };

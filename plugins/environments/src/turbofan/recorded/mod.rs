@@ -1,10 +1,10 @@
-//! Flights that were recorded, in the place of made-up ones: CSV, Parquet or HDF5 with the quantities of N-CMAPSS
-//! under its names and in its units (M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Aircraft engine
-//! run-to-failure dataset under real flight conditions for prognostics and diagnostics", Data 6 (2021) 5).
+//! Recorded flights instead of synthetic ones: CSV, Parquet or HDF5 with the quantities of N-CMAPSS under its
+//! names and in its units (M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Aircraft engine run-to-failure
+//! dataset under real flight conditions for prognostics and diagnostics", Data 6 (2021) 5).
 //!
 //! | N-CMAPSS | here | unit there |
 //! |---|---|---|
-//! | `unit`, `cycle` | which engine, and its how many-th flight | - |
+//! | `unit`, `cycle` | number of the engine, and of its flight | - |
 //! | `alt`, `Mach`, `T2` | `altitude_m`, `mach`, `delta_t_k` | ft, -, degR |
 //! | `T40` | `turbine_inlet_temperature_k` | degR |
 //! | `T24`, `T30`, `T48`, `T50` | `t24_k`, `t30_k`, `t48_k`, `t50_k` | degR |
@@ -12,7 +12,7 @@
 //! | `Nf`, `Nc`, `Wf` | `n1_rpm`, `n2_rpm`, `fuel_flow_kg_s` | rpm, rpm, lbm/s |
 //! | `HPT_eff_mod`, `HPT_flow_mod`, ... | `hpt_efficiency`, `hpt_flow`, ... | - |
 //!
-//! A row is a sample; those of a flight stand together, those of a unit in the order of its cycles.
+//! A row is a sample; rows of a flight are consecutive, and those of a unit are in the order of its cycles.
 
 mod files;
 #[cfg(feature = "hdf5")]
@@ -25,7 +25,7 @@ use super::config::HealthParameter;
 use super::flight::FlightPoint;
 use super::model::FlightCondition;
 use super::sensors::{Correction, range};
-use super::solver::Held;
+use super::solver::HeldQuantity;
 use contract::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -34,19 +34,19 @@ use std::{
     sync::{Arc, Mutex, PoisonError, Weak},
 };
 
-/// Which recorded flights there are.
+/// Recorded flights in a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Recorded {
+pub struct RecordedFlights {
     /// CSV, Parquet, or HDF5 as N-CMAPSS is published, with its names and units: `unit`, `cycle`, `alt` (ft), `Mach`,
     /// `T2` and `T40` (degR), the sensors (`T24`, `P30` (psia), `Nf`, `Wf` (lbm/s), ...) and the true health
     /// (`HPT_eff_mod`, ...).
     pub file: DataFile,
-    /// Of each flight, every so many-th sample is kept, from the first.
+    /// Only every n-th sample of each flight is kept, beginning with the first.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 100_000))]
     pub every: u32,
-    /// The units that are kept, by number; all where none is named.
+    /// Numbers of the units that are kept; all if empty.
     #[serde(default)]
     pub units: Vec<u32>,
 }
@@ -55,21 +55,21 @@ fn one() -> u32 {
     1
 }
 
-/// What is asked of a recording.
+/// The sensors and health parameters that are read from a recording.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Asked<'a> {
+pub(super) struct RecordingRequest<'a> {
     pub sensors: &'a [String],
     pub calibrated: &'a [HealthParameter],
     /// Smallest and largest health parameter.
     pub theta_range: [f64; 2],
 }
 
-/// The samples of some units.
+/// The samples of the kept units.
 #[derive(Debug)]
 pub(super) struct Recording {
     units: Vec<Unit>,
-    /// Smallest and largest reading of each sensor, as it is and corrected, of all units of the file: what is
-    /// trained with some of them is measured with others.
+    /// Smallest and largest reading of each sensor, as it is and corrected, over all units of the file, since a
+    /// policy that is trained with some units is measured with others.
     extremes: [Vec<(f64, f64)>; 2],
 }
 
@@ -79,27 +79,27 @@ struct Unit {
     samples: Vec<Sample>,
 }
 
-/// What was recorded at once.
+/// Flight condition, health and sensor readings at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sample {
     pub condition: FlightCondition,
     /// The true health.
     pub theta: Vec<f64>,
-    /// What the sensors read, SI; `None` where an engine has yet to be read.
+    /// Sensor readings, SI; `None` where they still have to be computed with an engine.
     pub read: Option<Vec<f64>>,
 }
 
 impl Recording {
-    /// Reads a file, unless an environment that is in use has read the same of it.
+    /// Reads a file, unless another environment in use has read the same part of it.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key `recorded` for units that are not there and sensors that are not recorded,
-    /// [`Error::File`], [`Error::Damaged`] and [`Error::Input`] for a file that cannot be read or understood.
-    pub(super) fn of(recorded: &Recorded, asked: &Asked<'_>) -> Result<Arc<Self>, Error> {
+    /// [`Error::Config`] at the key `recorded` for units that do not exist and sensors that are not recorded,
+    /// [`Error::File`], [`Error::Damaged`] and [`Error::Input`] for a file that cannot be read or is invalid.
+    pub(super) fn of(recorded: &RecordedFlights, asked: &RecordingRequest<'_>) -> Result<Arc<Self>, Error> {
         static IN_USE: Mutex<BTreeMap<String, Weak<Recording>>> = Mutex::new(BTreeMap::new());
-        let Recorded { file, every, units } = recorded;
+        let RecordedFlights { file, every, units } = recorded;
         let key = format!("{} {every} {units:?} {asked:?}", file.digest()?);
-        // What panicked while it held the lock has left the map as it was.
+        // A panic while the lock was held has left the map unchanged.
         let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
             return Ok(known);
@@ -110,10 +110,10 @@ impl Recording {
         Ok(read)
     }
 
-    fn read(recorded: &Recorded, asked: &Asked<'_>) -> Result<Self, Error> {
+    fn read(recorded: &RecordedFlights, asked: &RecordingRequest<'_>) -> Result<Self, Error> {
         let columns = columns(asked)?;
         let names: Vec<&str> = columns.iter().map(|column| column.name).collect();
-        let mut reading = Reading::new(recorded, asked);
+        let mut reading = RecordingReader::new(recorded, asked);
         files::read(&recorded.file, &names, &mut |line, values| {
             let row: Vec<f64> = values
                 .iter()
@@ -129,12 +129,12 @@ impl Recording {
         self.units.len()
     }
 
-    /// The number that the file gives to a unit.
+    /// The number of a unit in the file.
     pub(super) fn number(&self, unit: usize) -> u32 {
         self.units[unit].number
     }
 
-    /// Samples of a unit.
+    /// Number of samples of a unit.
     pub(super) fn length(&self, unit: usize) -> usize {
         self.units[unit].samples.len()
     }
@@ -152,7 +152,7 @@ impl Recording {
     }
 }
 
-/// A column of a file and what its numbers are multiplied by.
+/// A column of a file, with the factor from its unit to SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Column {
     name: &'static str,
@@ -163,7 +163,7 @@ const KELVIN: f64 = 1.0 / 1.8;
 const PASCAL: f64 = 6_894.757_293_168;
 const KILOGRAM: f64 = 0.453_592_37;
 
-/// The columns that every recording has, in the order in which [`Reading::take`] gets them.
+/// The columns of every recording, in the order in which [`RecordingReader::take`] gets them.
 const PLACE: [Column; 6] = [
     Column {
         name: "unit",
@@ -211,7 +211,7 @@ const SENSORS: [(&str, &str, f64); 16] = [
     ("p50_pa", "P50", PASCAL),
 ];
 
-fn columns(asked: &Asked<'_>) -> Result<Vec<Column>, Error> {
+fn columns(asked: &RecordingRequest<'_>) -> Result<Vec<Column>, Error> {
     let sensor = |sensor: &String| {
         let found = SENSORS.iter().find(|(output, ..)| output == sensor);
         let column = found.map(|(_, name, factor)| Column {
@@ -254,21 +254,21 @@ fn widen(extremes: &mut [(f64, f64)], values: impl Iterator<Item = f64>) {
     }
 }
 
-/// A recording while its rows come in.
-struct Reading<'a> {
-    recorded: &'a Recorded,
-    asked: &'a Asked<'a>,
+/// A recording while its rows are read.
+struct RecordingReader<'a> {
+    recorded: &'a RecordedFlights,
+    asked: &'a RecordingRequest<'a>,
     units: Vec<Unit>,
     extremes: [Vec<(f64, f64)>; 2],
-    /// Unit and cycle of the last row, and how many rows of that flight came before.
+    /// Unit and cycle of the last row, and the number of rows of that flight before.
     flight: (u32, u32),
     in_flight: u32,
     /// All unit numbers of the file.
     seen: Vec<u32>,
 }
 
-impl<'a> Reading<'a> {
-    fn new(recorded: &'a Recorded, asked: &'a Asked<'a>) -> Self {
+impl<'a> RecordingReader<'a> {
+    fn new(recorded: &'a RecordedFlights, asked: &'a RecordingRequest<'a>) -> Self {
         Self {
             recorded,
             asked,
@@ -280,7 +280,7 @@ impl<'a> Reading<'a> {
         }
     }
 
-    /// Takes a row in: the columns of [`PLACE`], the sensors, the health; SI.
+    /// Takes a row: the columns of [`PLACE`], the sensors, the health; SI.
     fn take(&mut self, line: u64, row: &[f64]) -> Result<(), Error> {
         let (place, rest) = row.split_at(PLACE.len());
         let (read, theta) = rest.split_at(self.asked.sensors.len());
@@ -352,7 +352,7 @@ impl<'a> Reading<'a> {
             altitude_m,
             mach,
             delta_t_k: Air::delta_t_k(altitude_m, mach, total),
-            held: Held::TurbineInletTemperature(inlet),
+            held: HeldQuantity::TurbineInletTemperature(inlet),
         };
         match point.outside() {
             None => Ok(FlightCondition::of(&point)),
@@ -381,8 +381,10 @@ impl<'a> Reading<'a> {
         }
     }
 
+    /// The recording once all rows are read.
+    ///
     /// # Errors
-    /// [`Error::Config`] where a unit that is asked for is not there, [`Error::Input`] where none is.
+    /// [`Error::Config`] for a requested unit that does not exist, [`Error::Input`] for a file without units.
     fn whole(self) -> Result<Recording, Error> {
         let missing = self.recorded.units.iter().find(|unit| !self.seen.contains(unit));
         if let Some(unit) = missing {

@@ -17,16 +17,16 @@ fn fixture(extension: &str) -> PathBuf {
     folder.join("recorded").with_extension(extension)
 }
 
-fn given(file: &Path) -> Recorded {
+fn given(file: &Path) -> RecordedFlights {
     serde_json::from_value(json!({ "file": file })).unwrap()
 }
 
-fn read(recorded: &Recorded) -> Result<Recording, Error> {
+fn read(recorded: &RecordedFlights) -> Result<Recording, Error> {
     read_within(recorded, [-0.03, 0.01])
 }
 
-fn read_within(recorded: &Recorded, theta_range: [f64; 2]) -> Result<Recording, Error> {
-    let asked = Asked {
+fn read_within(recorded: &RecordedFlights, theta_range: [f64; 2]) -> Result<Recording, Error> {
+    let asked = RecordingRequest {
         sensors: &SEEN.map(String::from),
         calibrated: &[HealthParameter::HptEfficiency],
         theta_range,
@@ -68,7 +68,7 @@ fn every_format_says_the_same() {
     }
 }
 
-/// Whatever becomes of the bytes of a recording: it is read or refused, and never ends its reader.
+/// Whatever the damage to the bytes of a recording: it is read or refused, and never ends its reader.
 #[test]
 fn a_damaged_recording_is_read_or_refused() {
     contract::panics::print_no_caught_ones();
@@ -79,7 +79,7 @@ fn a_damaged_recording_is_read_or_refused() {
         let (mut random, mut refused) = (stream(&["damage", format]), 0);
         for _ in 0..200 {
             let mut bytes = whole.clone();
-            // What a file says of itself stands at its ends, where damage does most.
+            // A file's description of itself stands at its ends, where damage has the greatest effect.
             let ends = bytes.len().min(600);
             let near = random.random_range(0..ends);
             let place = match random.random_range(0..3) {
@@ -126,7 +126,7 @@ fn units_are_those_of_the_engine_that_was_recorded() {
 #[test]
 fn flights_are_thinned_and_units_chosen_and_ranges_stay() {
     let whole = read(&given(&fixture("csv"))).unwrap();
-    let chosen = Recorded {
+    let chosen = RecordedFlights {
         every: 4,
         units: vec![11, 2],
         ..given(&fixture("csv"))
@@ -152,7 +152,7 @@ fn the_true_health_in_the_engine_gives_what_was_recorded() {
     let mut decisions = 0;
     loop {
         let theta = problem.state()[0];
-        // -1 and 1 stand for -0.03 and 0.01.
+        // Actions of -1 and 1 mean a health of -0.03 and 0.01.
         let step = problem.step(&[vec![(theta + 0.01) / 0.02]], &mut rng).unwrap();
         decisions += 1;
         assert!(
@@ -164,7 +164,7 @@ fn the_true_health_in_the_engine_gives_what_was_recorded() {
         }
     }
     assert_eq!(decisions, 12);
-    // A snapshot leads back to the same sample.
+    // A snapshot restores the same sample.
     problem.reset_to(0, &mut rng).unwrap();
     problem.step(&[vec![0.0]], &mut rng).unwrap();
     let (snapshot, state) = (problem.snapshot(), problem.trace());
@@ -198,8 +198,8 @@ fn examples_are_recorded_samples_with_their_health() {
     assert_eq!(met.len(), 30);
 }
 
-/// The CSV fixture with one piece of text in the place of another.
-fn altered(from: &str, to: &str) -> (tempfile::TempDir, Recorded) {
+/// The CSV fixture with one piece of text replaced.
+fn altered(from: &str, to: &str) -> (tempfile::TempDir, RecordedFlights) {
     let text = std::fs::read_to_string(fixture("csv")).unwrap();
     assert!(text.contains(from));
     let dir = tempfile::tempdir().unwrap();
@@ -210,7 +210,7 @@ fn altered(from: &str, to: &str) -> (tempfile::TempDir, Recorded) {
 }
 
 #[test]
-fn what_is_wrong_in_a_file_is_named_with_its_place() {
+fn mistakes_in_a_file_are_named_with_their_line() {
     for (from, to, expected) in [
         (
             ",T40,",
@@ -262,7 +262,7 @@ fn what_is_wrong_in_a_file_is_named_with_its_place() {
 }
 
 #[test]
-fn what_is_not_recorded_cannot_be_asked_for() {
+fn sensors_and_units_that_are_not_recorded_are_refused() {
     let refused = |config: Value| {
         let config: CalibrationConfig = serde_json::from_value(config).unwrap();
         TurbofanCalibration::new(config).unwrap_err().to_string()

@@ -1,4 +1,4 @@
-//! Are the images what the header says, and is telling them apart a task?
+//! The images match their description in the header, and classifying them is a task.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn an_image_depends_on_its_seed_and_index_alone() {
     }
 }
 
-/// A change of any byte is a change of the data of every study that uses them.
+/// A change of any byte would change the data of every study with these images.
 #[test]
 fn the_bytes_stay() {
     let sums = SIZES.map(|size| {
@@ -74,7 +74,7 @@ fn bytes_fill_their_range() {
 
 #[test]
 fn a_scene_is_the_same_at_every_size() {
-    // The mean of 16 pixels at 32 is a pixel at 8, but for noise, rounding and clamping.
+    // The mean of 16 pixels at 32 is a pixel at 8, except for noise, rounding and clamping.
     for index in 0..20 {
         let (large, small) = (image(4, index, 32), image(4, index, 8));
         let mut apart = 0.0;
@@ -93,7 +93,7 @@ fn a_scene_is_the_same_at_every_size() {
 
 #[test]
 fn figures_cover_as_much_as_their_formulas_say() {
-    // Of the square of side 4 about the origin.
+    // Area within the square of side 4 about the origin.
     let area = |figure: Figure| {
         let at = |index: u32| (f64::from(index) + 0.5) / 250.0 - 2.0;
         let points = (0..1000).flat_map(|x| (0..1000).map(move |y| (at(x), at(y))));
@@ -130,7 +130,7 @@ fn noise_has_mean_0_and_variance_1() {
     );
 }
 
-/// The part of other images whose class has the nearest mean.
+/// The fraction of other images whose class has the nearest mean.
 fn nearest_mean_accuracy(size: usize, label_of: impl Fn(u64) -> u8) -> f64 {
     const TRAINING: u64 = 1500;
     let per_image = size * size * CHANNELS;
@@ -166,7 +166,7 @@ fn classes_can_be_told_apart_but_not_by_their_means_alone() {
         let accuracy = nearest_mean_accuracy(size, label);
         assert!((0.16..0.6).contains(&accuracy), "{size} pixels: {accuracy}");
     }
-    // Labels that mean nothing: the same measure gives chance.
+    // Arbitrary labels: the same measure gives chance.
     let shuffled = nearest_mean_accuracy(8, |index| label(index / 10 * 7 + index / 3));
     assert!((0.05..0.15).contains(&shuffled), "{shuffled}");
 }

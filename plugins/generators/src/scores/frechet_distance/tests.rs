@@ -1,4 +1,4 @@
-//! Distances against SciPy and mpmath, and what holds of every distance.
+//! Distances compared with SciPy and mpmath, and properties of every distance.
 
 use super::*;
 use nalgebra::DVector;
@@ -28,7 +28,7 @@ fn distance(first: &Moments, second: &Moments) -> f64 {
     frechet_distance(first, second).unwrap().distance
 }
 
-/// About normal features with a spread of their own each.
+/// Approximately normal features, each with a spread of its own.
 fn draw(n_images: usize, n_features: usize, seed: u64) -> Vec<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut feature = |at: usize| {
@@ -55,7 +55,7 @@ fn distances_are_those_of_other_programs() {
             case.name,
             case.exact
         );
-        // A general square root of a singular matrix is what loses digits there.
+        // A general square root of a singular matrix loses digits there.
         let apart = (here - case.sqrtm).abs() / scale;
         assert!(
             apart < case.sqrtm_tolerance,
@@ -127,7 +127,7 @@ fn one_dimension_is_as_by_hand() {
     let found = frechet_distance(&moments(1.0, 3.0), &moments(-1.0, 0.5)).unwrap();
     assert!((found.of_means - 4.0).abs() < 1e-14 && (found.of_covariances - 6.25).abs() < 1e-14);
     assert!((found.distance - 10.25).abs() < 1e-14);
-    // Without any spread the means are all there is.
+    // Without any spread only the means remain.
     assert_eq!(distance(&moments(1.0, 0.0), &moments(-1.0, 0.0)), 4.0);
 }
 
@@ -159,7 +159,7 @@ fn a_covariance_that_is_none_shows() {
 
 #[test]
 fn fewer_images_are_further_from_the_truth() {
-    // Of one distribution, for which infinitely many images would give 0.
+    // Both sets follow one distribution, so infinitely many images would give 0.
     let reference = drawn(20_000, 16, 1);
     let mean_of = |n_images: usize| {
         (2..12)
@@ -172,7 +172,7 @@ fn fewer_images_are_further_from_the_truth() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused() {
+fn features_without_a_distance_are_refused() {
     let two = drawn(9, 2, 1);
     let error = frechet_distance(&two, &drawn(9, 3, 1)).unwrap_err();
     assert_eq!(error, ScoreError::Shapes { first: 2, second: 3 });

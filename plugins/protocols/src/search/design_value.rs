@@ -1,23 +1,23 @@
-//! What makes one design better than another: its return, or a metric of its environment.
+//! The value by which designs are compared: the return, or a metric of the environment.
 
 use super::candidates::Candidate;
 use contract::{Better, Error, Metric, design::Observed};
 use document::diagnostic::suggest;
 use std::cmp::Ordering;
 
-/// What designs are ranked by.
-pub(super) enum Worth {
-    /// The sum of what was earned.
+/// The value by which designs are ranked.
+pub(super) enum DesignValue {
+    /// The sum of the rewards.
     Return,
-    /// A metric of the environment, by its number.
+    /// A metric of the environment, by its position.
     Metric { at: usize, metric: Metric },
 }
 
-impl Worth {
-    /// The metric of this name among the environment's; the return where none is named.
+impl DesignValue {
+    /// The metric of this name among the environment's; the return where no name is given.
     ///
     /// # Errors
-    /// [`Error::Config`] for a name that the environment does not have.
+    /// [`Error::Config`] for a metric that the environment does not have.
     pub(super) fn named(by: Option<&str>, metrics: &[Metric]) -> Result<Self, Error> {
         let Some(by) = by else {
             return Ok(Self::Return);
@@ -31,7 +31,7 @@ impl Worth {
             .ok_or_else(|| Error::config("by", unknown(by, metrics)))
     }
 
-    /// How two designs compare; the greater one is the better one.
+    /// Compares two designs; the greater one is the better one.
     pub(super) fn compare(&self, one: &Candidate, other: &Candidate) -> Ordering {
         let ascending = self.of(one).total_cmp(&self.of(other));
         match self {
@@ -40,8 +40,8 @@ impl Worth {
         }
     }
 
-    /// What others are told that a design was chosen by; nothing where that is the return.
-    pub(super) fn told(&self, candidate: &Candidate) -> Option<Observed> {
+    /// Metric and value of a chosen design, for those who read the choice; `None` where the return decided.
+    pub(super) fn observed(&self, candidate: &Candidate) -> Option<Observed> {
         match self {
             Self::Return => None,
             Self::Metric { metric, .. } => Some(Observed {

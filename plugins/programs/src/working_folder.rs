@@ -1,4 +1,4 @@
-//! The working folder of a trial: what the study declares, and nothing else.
+//! The working folder of a trial: the files that the study declares, and no others.
 //!
 //! ```text
 //! work/                   the sources and the lock file, under their names; what the program writes
@@ -6,7 +6,7 @@
 //!      .regimen/          of the engine: who runs, how it ended, its output
 //!               inputs/NAME/   copies of the inputs
 //!               parameters.json
-//!               trial.json      what `regimen_trial` is told
+//!               trial.json      the data of `regimen_trial`
 //!               log.jsonl       what `trial.log` writes
 //!               python/         the module `regimen_trial`
 //! ```
@@ -23,23 +23,23 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The folder of the engine's own files.
+/// Folder of the engine's own files.
 pub const NOTES: &str = ".regimen";
 
-/// The module by which a program in Python speaks as a trial, which the package `regimen` has too.
+/// The Python module through which a program reaches its trial; the package `regimen` has the same module.
 const MODULE: &str = include_str!("../../wheel/regimen/_trial.py");
 
-/// A working folder.
+/// Paths in a working folder.
 #[derive(Debug, Clone)]
-pub struct Workplace {
+pub struct WorkingFolder {
     /// The folder in which the program runs.
     pub folder: PathBuf,
-    /// Where inputs lie, by name.
+    /// Paths of the inputs, by name.
     pub inputs: BTreeMap<String, String>,
 }
 
-impl Workplace {
-    /// The names that things have in a folder, which need not exist.
+impl WorkingFolder {
+    /// The paths in a folder, which need not exist.
     pub fn at(folder: &Path, config: &ProgramConfig) -> Self {
         let place = |(name, input): (&String, &NamedFile)| {
             let file = input.file.path().file_name().unwrap_or_default();
@@ -52,50 +52,50 @@ impl Workplace {
         }
     }
 
-    /// The engine's own files.
+    /// Folder of the engine's own files.
     pub fn notes(&self) -> PathBuf {
         self.folder.join(NOTES)
     }
 
-    /// The folder in which the program saves itself.
+    /// The folder in which the program saves its state.
     pub fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint")
     }
 
-    /// The folder of the module `regimen_trial`.
+    /// Folder of the module `regimen_trial`.
     pub fn python(&self) -> PathBuf {
         self.notes().join("python")
     }
 
-    /// All parameters as JSON.
+    /// JSON file with all parameters.
     pub fn parameters(&self) -> PathBuf {
         self.notes().join("parameters.json")
     }
 
-    /// What `regimen_trial` is told.
+    /// JSON file from which `regimen_trial` knows its trial.
     pub fn trial(&self) -> PathBuf {
         self.notes().join("trial.json")
     }
 
-    /// Tells the program of its trial; it asks to be measured at `measured_at`.
+    /// Writes the trial's data for the program; the program requests measurements at `measured_at`.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn tell(&self, of: &Assignment, measured_at: Option<&Path>) -> Result<(), Error> {
         let told = json!({ "seed": of.seed, "simulator": of.simulator, "measured_at": measured_at });
         let path = self.trial();
         fs::write(&path, told.to_string()).map_err(Error::file("write", &path))
     }
 
-    /// True where the program saved something.
+    /// Whether the program saved any state.
     pub fn has_checkpoint(&self) -> bool {
         fs::read_dir(self.checkpoint()).is_ok_and(|mut names| names.next().is_some())
     }
 
-    /// Removes all that an earlier attempt left.
+    /// Removes all files of an earlier attempt.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be removed.
+    /// [`Error::File`] where one cannot be removed.
     pub fn empty(&self) -> Result<(), Error> {
         let cannot = || Error::file("empty", &self.folder);
         for name in fs::read_dir(&self.folder).map_err(cannot())? {
@@ -111,10 +111,10 @@ impl Workplace {
         Ok(())
     }
 
-    /// Lays what the study declares. Other files of the program stay.
+    /// Copies the declared files into the folder. Other files of the program stay.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`] where a file holds not what the trial's id names, and [`Error::File`].
+    /// [`Error::DataFileChanged`] where a file differs from that in the trial's id, and [`Error::File`].
     pub fn lay(&self, config: &ProgramConfig) -> Result<(), Error> {
         for folder in [self.python(), self.checkpoint()] {
             fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
@@ -138,13 +138,13 @@ impl Workplace {
     }
 }
 
-/// Copies a file to a place of its own. A script can be started as a program.
+/// Copies a file. A script can be started as a program.
 fn copy(file: &DataFile, to: &Path) -> Result<(), Error> {
     use std::os::unix::fs::PermissionsExt as _;
     if let Some(folder) = to.parent() {
         fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
     }
-    // A program may have made it read only, or a link.
+    // The program may have made it read-only, or replaced it by a link.
     match fs::remove_file(to) {
         Err(source) if source.kind() != io::ErrorKind::NotFound => {
             return Err(Error::File {
@@ -183,7 +183,7 @@ mod tests {
             "lock": file("packages.lock", "none"),
             "inputs": { "cases": file("cases.csv", "a,b\n") },
         }));
-        let place = Workplace::at(to.path(), &config);
+        let place = WorkingFolder::at(to.path(), &config);
         place.lay(&config).unwrap();
         place.lay(&config).unwrap();
         let read = |path: &Path| fs::read_to_string(path).unwrap();
@@ -211,7 +211,7 @@ mod tests {
         let config = config(
             json!({ "sources": { "weights.bin": { "file": { "path": path, "digest": "0".repeat(64) } } } }),
         );
-        let problem = Workplace::at(to.path(), &config).lay(&config).unwrap_err();
+        let problem = WorkingFolder::at(to.path(), &config).lay(&config).unwrap_err();
         assert!(matches!(problem, Error::DataFileChanged { .. }), "{problem}");
     }
 }

@@ -1,4 +1,4 @@
-//! For tests of protocols: episodes that show their number, and agents that say what they see of it.
+//! For tests of protocols: episodes that show their number, and agents that act by it.
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Mode, NoKeeper, Observation,
@@ -10,24 +10,25 @@ use serde_json::{Value, json};
 
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-struct Nothing {}
+struct NoConfig {}
 
-impl Config for Nothing {}
+impl Config for NoConfig {}
 
-/// Three steps an episode, whose number is seen first, and that of the decision second; the reward is what is said.
-struct Numbered {
+/// Episodes of three steps. The first observed number is that of the episode, the second that of the decision;
+/// the reward is the action.
+struct NumberedEpisodes {
     seats: Vec<Seat>,
     number: u64,
     steps: u64,
 }
 
-impl Numbered {
+impl NumberedEpisodes {
     fn seen(&self) -> Vec<Vec<f64>> {
         vec![vec![self.number as f64, self.steps as f64]]
     }
 }
 
-impl Environment for Numbered {
+impl Environment for NumberedEpisodes {
     fn seats(&self) -> &[Seat] {
         &self.seats
     }
@@ -57,13 +58,13 @@ impl Environment for Numbered {
     }
 }
 
-/// Says the sum of the numbers that it saw since it began anew.
-struct Adds {
+/// Acts with the sum of the episode numbers that it has observed since it was restarted.
+struct SummingAgent {
     sum: f64,
     remembers: bool,
 }
 
-impl Agent for Adds {
+impl Agent for SummingAgent {
     fn act(&mut self, seen: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         assert!(!self.remembers || seen.len() == 1, "{} rows", seen.len());
         self.sum += seen[0].seats[0][0];
@@ -77,45 +78,45 @@ impl Agent for Adds {
     }
 }
 
-/// Says the number that it sees.
-struct Repeats;
+/// Acts with the episode number that it observes.
+struct EchoAgent;
 
-impl Agent for Repeats {
+impl Agent for EchoAgent {
     fn act(&mut self, seen: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         Ok(seen.iter().map(|it| vec![vec![it.seats[0][0]]]).collect())
     }
 }
 
 fn adds(remembers: bool) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(Adds { sum: 0.0, remembers }))
+    Ok(Box::new(SummingAgent { sum: 0.0, remembers }))
 }
 
 fn registry() -> Registry {
     let mut registry = Registry::default();
     super::register(&mut registry);
-    registry.environment("numbered", 1, "Numbers.", |_: Nothing| {
+    registry.environment("numbered", 1, "Numbers.", |_: NoConfig| {
         let below_forty = |name: &str| Channel::new(name, "").within(0.0, 40.0);
         let seat = Seat {
             name: String::new(),
             observation: Space::Box(vec![below_forty("number"), below_forty("decision")]),
             action: Space::Box(vec![below_forty("said")]),
         };
-        Ok(Box::new(Numbered {
+        Ok(Box::new(NumberedEpisodes {
             seats: vec![seat],
             number: 0,
             steps: 0,
         }))
     });
     let traits = AgentTraits::default;
-    registry.agent("remembers", 1, "Adds.", traits(), |_: Nothing, _, _| adds(true));
-    registry.agent("forgets", 1, "Adds.", traits(), |_: Nothing, _, _| adds(false));
-    registry.agent("repeats", 1, "Repeats.", traits(), |_: Nothing, _, _| {
-        Ok(Box::new(Repeats))
+    registry.agent("remembers", 1, "Adds.", traits(), |_: NoConfig, _, _| adds(true));
+    registry.agent("forgets", 1, "Adds.", traits(), |_: NoConfig, _, _| adds(false));
+    registry.agent("repeats", 1, "Repeats.", traits(), |_: NoConfig, _, _| {
+        Ok(Box::new(EchoAgent))
     });
     registry
 }
 
-/// What a trial of an agent that does not learn records.
+/// The record of a trial of an agent that does not learn.
 pub(super) fn recorded(agent: &str, protocol: &str, config: &Value, seed: u64) -> Result<Recorder, Error> {
     let registry = registry();
     let entry = &registry.protocols[protocol];
