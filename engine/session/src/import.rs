@@ -84,7 +84,7 @@ impl Import<'_> {
 
     /// Copies the files beside the study; the folder appears whole or not at all.
     fn copied(&self, beside: &Path, found: &Found) -> Result<Vec<PathBuf>, Failure> {
-        let folder = beside.join("imported").join(&self.name);
+        let folder = beside.join("imported").join(self.name);
         let whole = Whole::begin(&folder)?;
         let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());
         let shared = shared_folder(found.files.iter().map(|(path, _)| path.as_path()));

@@ -1,6 +1,8 @@
 //! Reads rows of numbers from the files of recordings.
 
-use contract::{DataFile, Error, FileFormat, panics::or_damaged};
+#[cfg(feature = "hdf5")]
+use contract::panics::or_damaged;
+use contract::{DataFile, Error, FileFormat};
 use document::reach::{quoted, quoted_names};
 
 /// Receives every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
