@@ -95,7 +95,7 @@ impl Found {
 /// The file with what a trial had measured at its pause, in the trial's folder.
 fn pause_in(folder: &Path) -> Option<PathBuf> {
     let files = fs::read_dir(folder).ok()?.map(|entry| entry.unwrap().path());
-    let mut files = files.filter(|file| file.extension().is_some_and(|it| it == "bundle"));
+    let mut files = files.filter(|file| file.extension().is_some_and(|it| it == "parcel"));
     files.next()
 }
 
