@@ -87,15 +87,9 @@ pub fn load_text(
 ) -> Result<Study, Vec<Diagnostic>> {
     let mut sources = Sources::default();
     let schema = json_schema(registry);
-    let Composed {
-        root,
-        included,
-        mut found,
-    } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
-    found.extend(check_structure(&root, &schema, &sources));
-    if !found.iter().any(about_limits) {
-        found.extend(wrong_limits(&root, &sources));
-    }
+    let composed = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
+    let (root, mut found) = (composed.root, composed.found);
+    check_form(&root, &schema, &sources, &mut found);
     let mut written = Written::read(&root);
     found.extend(written.name_clashes(&sources));
     let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
@@ -111,15 +105,10 @@ pub fn load_text(
     let excluded = overrides::read_exclude(&root, &written, sources)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let searches = search::read(
-        &written,
-        &schema,
-        sources,
-        (&fixed, &dimensions),
-        &options.searches,
-    )
-    .map_err(&mut keep)
-    .unwrap_or_default();
+    let given = (&fixed[..], &dimensions[..]);
+    let searches = search::read(&written, &schema, sources, given, &options.searches)
+        .map_err(&mut keep)
+        .unwrap_or_default();
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
@@ -141,9 +130,17 @@ pub fn load_text(
     let study = finish(&root, &sections, found)?;
     Ok(Study {
         profile: options.profile.clone(),
-        included,
+        included: composed.included,
         ..study
     })
+}
+
+/// Checks a document against the schema, and the limits in it.
+fn check_form(root: &Node, schema: &Value, sources: &Sources, found: &mut Vec<Diagnostic>) {
+    found.extend(check_structure(root, schema, sources));
+    if !found.iter().any(about_limits) {
+        found.extend(wrong_limits(root, sources));
+    }
 }
 
 /// A study as one document.

@@ -226,6 +226,11 @@ impl<'a> Checker<'a> {
         }
         unknown.truncate(MOST_UNKNOWN);
         self.size(node, at, place, kind);
+        self.required(node, at, place, &unknown);
+    }
+
+    /// Says which required keys are missing; one that was mistyped, or has another name here, is among the unknown.
+    fn required(&mut self, node: &Node, at: &At, place: &View<'_>, unknown: &[&Entry]) {
         let required = place
             .get("required")
             .and_then(Value::as_array)
@@ -243,7 +248,6 @@ impl<'a> Checker<'a> {
             );
             let error =
                 error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
-            // A required key that was mistyped is reported as unknown already.
             let is_meant = |entry: &&Entry| {
                 nearest(&entry.key, &[key]).is_some() || OTHER_NAMES.contains(&(&entry.key, key))
             };
