@@ -6,8 +6,8 @@
 //! [`Cast`](contract::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
 //! meets seed `k` of the others, or with `pairs: all` every seed of theirs.
 //!
-//! Where all meet all, values that share a policy are not independent, and n * n of them are no sample of
-//! that size. What stands for seed k is then what it adds in every role that it plays:
+//! Where all meet all, values that share a policy are not independent, and n * n of them are no sample of that size.
+//! The value of seed k is then the sum of its effects in every role that it plays:
 //!
 //! | symbol | here |
 //! |---|---|
@@ -38,7 +38,7 @@ pub fn title(roles: &BTreeMap<String, String>) -> String {
 pub struct Encounters<'a> {
     trials: Vec<(&'a BTreeMap<String, String>, &'a TrialResult)>,
     floors: BTreeSet<&'a str>,
-    /// Seeds of the trials that trained somebody, by id.
+    /// Seeds of the trials that trained a player, by id.
     seeds: BTreeMap<&'a str, u64>,
 }
 
@@ -70,7 +70,7 @@ impl<'a> Encounters<'a> {
         }
     }
 
-    /// True where the results know no trial of the play.
+    /// Whether the results have no trial of the play.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.trials.is_empty()
@@ -92,7 +92,7 @@ impl<'a> Encounters<'a> {
         names
     }
 
-    /// True for an agent that was not trained: a floor, which has no part in means over the others.
+    /// Whether an agent was not trained: a floor, which has no part in means over the others.
     #[must_use]
     pub fn is_floor(&self, agent: &str) -> bool {
         self.floors.contains(agent)
@@ -113,9 +113,8 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
-    /// The mean of a metric over those trials, by seed; where all seeds meet all, what stands for a seed (see
-    /// the module). A seed without one of its trials has no value: means over different opponents cannot be
-    /// compared.
+    /// The mean of a metric over those trials, by seed; where all seeds meet all, the value v(k) of the module. A seed
+    /// without one of its trials has no value: means over different opponents cannot be compared.
     #[must_use]
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
         let mut of_combinations: BTreeMap<&str, Vec<Meeting<'_>>> = BTreeMap::new();
@@ -139,7 +138,7 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
-    /// The same play between seeds below a number, as it was before the others had run.
+    /// The same play between seeds below a number, as it was before later seeds had run.
     #[must_use]
     pub fn until(&self, limit: u64) -> Self {
         // The seed of a meeting is the latest of those that meet.
@@ -150,7 +149,7 @@ impl<'a> Encounters<'a> {
         }
     }
 
-    /// True where seeds meet others than their own.
+    /// Whether seeds meet others than their own.
     #[must_use]
     pub fn is_crossed(&self) -> bool {
         self.trials
@@ -173,9 +172,9 @@ impl<'a> Encounters<'a> {
 
 /// The value of one trial of a play and the seeds that met in it.
 struct Meeting<'a> {
-    /// Its own seed.
+    /// Seed of the trial itself.
     seed: u64,
-    /// The seed of everyone who was trained, by role.
+    /// Seed of every trained player, by role.
     roles: BTreeMap<&'a str, u64>,
     value: Option<f64>,
 }
@@ -190,7 +189,7 @@ impl Meeting<'_> {
     }
 }
 
-/// What stands for each seed, `None` where one of its meetings has no value.
+/// The value v(k) of each seed, `None` where one of its trials has no value.
 fn of_seeds(meetings: &[Meeting<'_>]) -> Vec<(u64, Option<f64>)> {
     if !meetings.iter().any(Meeting::is_crossed) {
         return meetings.iter().map(|it| (it.seed, it.value)).collect();
@@ -278,7 +277,7 @@ mod tests {
         };
         // mu + a_k + b_k of an additive table, whose mean is that of the nine values.
         assert_eq!(of(None), BTreeMap::from([(0, 0.0), (1, 4.0), (2, 8.0)]));
-        // Both who should have met there are left out, and the third met itself alone.
+        // Both seeds that should have met there are left out, and the third met itself alone.
         assert_eq!(of(Some(1)), BTreeMap::from([(2, 8.0)]));
     }
 }

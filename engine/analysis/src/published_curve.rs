@@ -17,7 +17,7 @@ use std::{
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedCurve {
-    /// Its name in the legend.
+    /// Name of the curve in the legend.
     pub label: String,
     /// The agent of this study that it is compared with, whose colour it takes; grey where absent.
     #[serde(default)]
@@ -46,7 +46,7 @@ pub struct PublishedCurve {
 /// One run of a curve.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
-    /// What tells it from other runs, as the column `by` has it; empty where there is none.
+    /// Value of the column `by`, which tells the run from others; empty where there is no such column.
     pub name: String,
     /// Steps in ascending order, with their values.
     pub points: Vec<(u64, f64)>,
@@ -60,7 +60,7 @@ pub enum PublishedCurveError {
     Unreadable {
         /// The file.
         file: PathBuf,
-        /// What the system or the reader said.
+        /// Error of the system or the reader.
         problem: String,
     },
     /// The file lies where those of the study do not.
@@ -73,10 +73,10 @@ pub enum PublishedCurveError {
         file: PathBuf,
         /// The column that is asked for.
         column: String,
-        /// The columns that there are.
+        /// The columns of the file.
         known: Vec<String>,
     },
-    /// A field holds something else than it must.
+    /// A field holds a text of another kind.
     #[error("`{}`, line {line}, column `{column}`: `{text}` is not {expected}", file.display())]
     Unfit {
         /// The file.
@@ -85,17 +85,17 @@ pub enum PublishedCurveError {
         line: u64,
         /// The column.
         column: String,
-        /// What stands there.
+        /// Text of the field.
         text: String,
-        /// What must stand there.
+        /// Kind of text that the field must hold.
         expected: &'static str,
     },
-    /// No row is one of those that are meant.
+    /// No row matches `rows`.
     #[error("no row of `{}` has {wanted}", file.display())]
     NoRow {
         /// The file.
         file: PathBuf,
-        /// The texts that are asked for.
+        /// The texts that a row must have.
         wanted: String,
     },
     /// A run has two values at one step.
@@ -116,8 +116,8 @@ impl PublishedCurve {
     /// Reads the runs, in the order in which the file begins them.
     ///
     /// # Errors
-    /// A file or column that is missing, fields that hold no number, no row that is meant, and a step that a
-    /// run has twice.
+    /// A file or column that is missing, fields that hold no number, no row that matches, and a step that a run has
+    /// twice.
     pub fn runs(&self) -> Result<Vec<Run>, PublishedCurveError> {
         if let Some(outside) = &self.outside {
             return Err(PublishedCurveError::Outside(outside.clone()));
@@ -182,9 +182,9 @@ impl PublishedCurve {
 impl Run {
     /// Mean of the last `last` values at steps up to `up_to_step`.
     ///
-    /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run
-    /// ends more than one evaluation interval before `up_to_step`: its end would stand for what it did not
-    /// reach. The interval is the median distance of its steps; a run of a single value has none.
+    /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run ends more
+    /// than one evaluation interval before `up_to_step`: its end says nothing about a step that it did not reach. The
+    /// interval is the median distance of its steps; a run of a single value has none.
     #[must_use]
     pub fn last_mean(&self, up_to_step: u64, last: usize) -> Option<f64> {
         let (end, _) = self.points.last()?;
@@ -206,7 +206,7 @@ impl Run {
     }
 }
 
-/// Where the fields of a row stand.
+/// Places of the fields in a row.
 struct Columns<'a> {
     step: usize,
     value: usize,

@@ -1,4 +1,4 @@
-//! What is known of a study's trials: the frame that tables, figures and claims read.
+//! Results of a study: the frame that tables, figures and claims read.
 
 mod origin;
 mod repeats;
@@ -32,7 +32,7 @@ pub struct Results {
     pub prepared: Vec<TrialResult>,
     /// The trials of settings that searches tried, which are shown as budgets alone.
     pub tried: Vec<TrialResult>,
-    /// What searches for settings came to.
+    /// Results of searches for settings.
     pub searches: Vec<SearchResult>,
     /// The looks that the study plans; `None` where its number of seeds is fixed.
     pub design: Option<Design>,
@@ -40,15 +40,15 @@ pub struct Results {
     pub first_seed: u64,
     /// The rounds of seeds that are taken together, in order; none where there is one.
     pub rounds: Vec<Round>,
-    /// What the study counts as a success.
+    /// The study's criterion of a success.
     pub success: Option<Success>,
-    /// How long the source trained.
+    /// Length of the source's training.
     pub paper_budget: Option<PaperBudget>,
-    /// What trials left to be shown, by id, as far as figures of the study show it.
+    /// Drawings of trials, by id, as far as figures of the study show them.
     pub drawings: BTreeMap<String, Drawings>,
-    /// Where imported runs come from, which are among the trials.
+    /// Sources of imported runs, which are among the trials.
     pub imported: Vec<Origin>,
-    /// Programs of which a trial was computed twice.
+    /// Programs with a trial that was computed twice.
     pub repeated: Vec<RepeatCheck>,
     /// Statements on all trials together, where the results are read from a record.
     pub told: Option<Told>,
@@ -124,7 +124,7 @@ impl Round {
 }
 
 impl Results {
-    /// Trials of a study with a fixed number of seeds, which does not say what a success is.
+    /// Trials of a study with a fixed number of seeds and without a criterion of success.
     #[must_use]
     pub fn of(mut trials: Vec<TrialResult>) -> Self {
         let mut those = |is: fn(&Purpose) -> bool| {
@@ -163,15 +163,15 @@ impl Results {
         all
     }
 
-    /// The number below which seeds count, for each look that the study plans; none where their number is fixed.
+    /// The number below which seeds count, for each planned look; none where the number of seeds is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
         let looks = self.design.iter().flat_map(Design::looks);
         looks.map(|most| self.first_seed + u64::from(*most)).collect()
     }
 
-    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has
-    /// ended. One that was killed from outside has not: it runs again.
+    /// The seeds of some trials by which a statement may be decided: those of looks at which every trial has ended. A
+    /// trial that was killed from outside has not: it runs again.
     #[must_use]
     pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
         if self.design.is_none() && self.rounds.is_empty() {
@@ -209,7 +209,7 @@ impl Results {
     }
 }
 
-/// The looks of several rounds as those of one design: the complete ones of each, and what is left of the last.
+/// The looks of several rounds as those of one design: the complete ones of each, and the rest of the last.
 fn pooled_seeds(rounds: &[&Round], is_complete: impl Fn(u64, (u32, u64)) -> bool) -> Seeds {
     let (mut numbers, mut limits, mut so_far) = (Vec::new(), Vec::new(), 0);
     for (index, round) in rounds.iter().enumerate() {
@@ -310,7 +310,7 @@ mod tests {
             let seeds = results.seeds_of(&trials);
             (seeds.design.map(Vec::from), seeds.limits, seeds.rounds)
         };
-        // The first look of the round is complete; what it planned besides never ran.
+        // The first look of the round is complete; its other looks never ran.
         let all = Results::pooled(&[&study, &round(&[100, 101, 102, 103]), &last]);
         assert_eq!(of(&all, "equal"), (Some(vec![3, 6, 8]), vec![3, 103, 202], 3));
         // A look of the last round is still to come.
@@ -332,7 +332,7 @@ mod tests {
             &vec![(Phase::Final, 8, 0, UPDATES, 20.0)],
         );
         learner.add_times();
-        // A made trial took a second.
+        // A synthetic trial took a second.
         assert_eq!(learner.mean(Phase::Final, WALL_TIME), Some(1.0));
         assert_eq!(learner.mean(Phase::Final, TIME_PER_UPDATE), Some(0.05));
         assert!(

@@ -1,4 +1,4 @@
-//! How much of the training behind a published number stands behind the one beside it.
+//! Training behind a result as a share of the training behind the published number.
 //!
 //! A policy that learned for a hundredth of the steps of the source can show that the source's result is there
 //! already. It cannot show that it is not: below half of the steps, a value that differs and a claim that is refuted

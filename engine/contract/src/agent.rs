@@ -1,4 +1,4 @@
-//! What an agent is: `act`, `learn`, `save`, `load`.
+//! The interface of agents: `act`, `learn`, `save`, `load`.
 
 use crate::{Action, End, Environment, Error, Metric, Observation, OwnTraining, Recorder, Rng};
 use std::path::Path;
@@ -15,25 +15,25 @@ pub enum Mode {
 /// One step of one environment, for all seats.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transition {
-    /// What was seen.
+    /// Observations of all seats before the step.
     pub observation: Observation,
-    /// What was done.
+    /// Actions of all seats.
     pub action: Action,
-    /// What each seat earned.
+    /// Reward of each seat.
     pub rewards: Vec<f64>,
-    /// What was seen next (before any reset).
+    /// Observations of all seats after the step, before any reset.
     pub next_observation: Observation,
     /// Whether the episode ended with this step.
     pub end: Option<End>,
 }
 
-/// What an agent that learns says of its updates.
+/// Counts of the updates of an agent that learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Updates {
-    /// How many `learn` made so far, also before a checkpoint that `load` took up.
+    /// Number of updates that `learn` made, also before a checkpoint that `load` took up.
     pub made: u64,
-    /// Transitions that `learn` must have been given before the first one can be made; `u64::MAX` where none
-    /// ever is.
+    /// Number of transitions that `learn` must have been given before the first update; `u64::MAX` for an agent that
+    /// never updates.
     pub first_after: u64,
 }
 
@@ -41,8 +41,8 @@ pub struct Updates {
 ///
 /// A protocol steps several environments together, so `act` and `learn` take one row per environment.
 pub trait Agent: Send {
-    /// One action per row; rows are independent of each other. An agent that
-    /// [`remembers`](Self::remembers) is shown one row at a time, those of an episode in order.
+    /// One action per row; rows are independent of each other. An agent that [`remembers`](Self::remembers) gets one
+    /// row at a time, those of an episode in order.
     ///
     /// # Errors
     /// Where the policy produced numbers that are no action ([`Error::NotFinite`]).
@@ -61,9 +61,9 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// Told once, before the first `learn`, of all transitions from which batches will be drawn, by a
-    /// protocol that has them all: what only a whole dataset says, such as how its observations are spread,
-    /// can be taken up here. Not told again after `load`.
+    /// Called once, before the first `learn`, with all transitions from which batches will be drawn, by a protocol that
+    /// has them all. The agent can take up properties of the whole dataset here, such as the spread of its
+    /// observations. It is not called again after `load`.
     ///
     /// # Errors
     /// Where the transitions cannot be learned from.
@@ -71,19 +71,19 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// The training of an agent that trains itself; `None` for others, which a protocol trains.
+    /// The training of an agent that trains itself; `None` for agents that a protocol trains.
     fn own_training(&mut self) -> Option<&mut dyn OwnTraining> {
         None
     }
 
-    /// Metrics that an agent records which trains itself.
+    /// Metrics that an agent which trains itself records.
     fn records(&self) -> Vec<Metric> {
         Vec::new()
     }
 
-    /// Tried out by `check` in environments of its trial, before any trial runs: an agent whose code is not this
-    /// program's own refuses here what would make trials that fail or that nobody can repeat. False where there is
-    /// nothing to try, as for all code of this program's own.
+    /// Tries out an agent whose code is not this program's own. `check` calls it in environments of its trial before
+    /// any trial runs; the agent refuses a config whose trials would fail or could not be repeated. False where there
+    /// is nothing to try, as for all code of this program's own.
     ///
     /// # Errors
     /// A problem with which it must not run, at the key that names it.
@@ -99,14 +99,14 @@ pub trait Agent: Send {
         None
     }
 
-    /// What [`Agent::assess`] measures; agents without have none.
+    /// Metrics of decisions that [`Agent::assess`] measures; agents without have none.
     fn decision_metrics(&self) -> Vec<Metric> {
         Vec::new()
     }
 
-    /// Measures decisions that were scored: one row per observation, with `n_seats` values per entry of
-    /// [`Agent::decision_metrics`], metric after metric. A measurement records the mean over the decisions of
-    /// an episode.
+    /// Measures scored decisions: one row per observation, with `n_seats` values per entry of
+    /// [`Agent::decision_metrics`], metric after metric. A measurement records the mean over the decisions of an
+    /// episode.
     ///
     /// # Errors
     /// Where a value cannot be computed.
@@ -114,22 +114,22 @@ pub trait Agent: Send {
         Ok(Vec::new())
     }
 
-    /// True where an action depends on what was seen before in the episode, as of a filter: its episodes are
-    /// played one after the other, and it is told where one begins.
+    /// Whether an action depends on earlier observations of the episode, as of a filter. Episodes of such an agent are
+    /// played one after the other, and [`restart`](Self::restart) is called where one begins.
     fn remembers(&self) -> bool {
         false
     }
 
-    /// Forgets what was seen of the episode: another one begins.
+    /// Forgets the observations of the episode: another one begins.
     fn restart(&mut self) {}
 
-    /// Asked by the protocol `search` after every step that ends no episode: true where the rest of the design
-    /// is not worth its evaluations, so that another one begins.
+    /// Whether the rest of a design is not worth its evaluations, so that another one begins. The protocol `search`
+    /// asks after every step that ends no episode.
     fn gives_up(&mut self) -> bool {
         false
     }
 
-    /// True where `act` or `learn` reads [`Observation::state`].
+    /// Whether `act` or `learn` reads [`Observation::state`].
     fn reads_state(&self) -> bool {
         false
     }

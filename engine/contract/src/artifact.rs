@@ -1,9 +1,9 @@
-//! Artifacts: what a trial leaves in its folder for other trials, and how a config names one.
+//! Artifacts: files that a trial leaves in its folder for other trials, and how a config names one.
 //!
-//! A plugin declares a config value as a [`Artifact`]; a study writes `{ from: NAME }` there. The plan finds
-//! the trial that leaves it and makes that trial's id part of the consumer's, in place of the name: what
-//! leads to an artifact, through any number of steps, is part of what it is. A trial is handed the folder of
-//! each artifact after its files were held against their acknowledged hashes.
+//! A plugin declares a config value as a [`Artifact`]; a study writes `{ from: NAME }` there. The plan finds the trial
+//! that leaves it and makes that trial's id part of the consumer's, instead of the name: the identity of an artifact
+//! covers every step that leads to it. A trial gets the folder of each artifact after its files were held against their
+//! acknowledged hashes.
 
 use crate::Error;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -20,11 +20,11 @@ use std::{
 
 /// The folder of a [`ArtifactKind::Checkpoint`] inside a trial's.
 pub const CHECKPOINT: &str = "checkpoint";
-/// What the protocol goes on from, in it.
+/// The file with the state of the protocol, in that folder.
 pub const CHECKPOINT_STATE: &str = "state.json";
-/// What was recorded so far, in it.
+/// The file with the rows recorded so far, in that folder.
 pub const CHECKPOINT_ROWS: &str = "metrics.parquet";
-/// The folder of what the agent goes on from, in it.
+/// The folder with the state of the agent, in that folder.
 pub const CHECKPOINT_AGENT: &str = "agent";
 
 /// The policy of an agent that trains itself, in a trial's folder.
@@ -37,7 +37,7 @@ pub const GRAPH_FILE: &str = "graph.json";
 /// The file with samples.
 pub const IMAGES_FILE: &str = "images.png";
 
-/// What a trial can leave.
+/// A kind of artifact that a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ArtifactKind {
@@ -60,7 +60,7 @@ pub enum ArtifactKind {
 }
 
 impl ArtifactKind {
-    /// Every kind.
+    /// All kinds, in the order of the documentation.
     pub const ALL: [Self; 7] = [
         Self::Policy,
         Self::Networks,
@@ -71,7 +71,7 @@ impl ArtifactKind {
         Self::Images,
     ];
 
-    /// The word in studies and messages.
+    /// Name of the kind in studies and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -85,7 +85,7 @@ impl ArtifactKind {
         }
     }
 
-    /// What it is and where it lies in a trial's folder, in a sentence.
+    /// A sentence on the kind and on its place in a trial's folder.
     #[must_use]
     pub fn about(self) -> &'static str {
         match self {
@@ -107,7 +107,7 @@ impl ArtifactKind {
         }
     }
 
-    /// True where a trial's folder holds such an artifact.
+    /// Whether a trial's folder holds an artifact of this kind.
     #[must_use]
     pub fn lies_in(self, folder: &Path) -> bool {
         let beside_or_below = |name: &str| {
@@ -128,7 +128,7 @@ impl ArtifactKind {
         }
     }
 
-    /// True for the path of a file of such an artifact inside a trial's folder.
+    /// Whether a path inside a trial's folder is a file of such an artifact.
     #[must_use]
     pub fn has_file(self, path: &str) -> bool {
         let last = path.rsplit('/').next().unwrap_or_default();
@@ -148,7 +148,7 @@ impl ArtifactKind {
     }
 }
 
-/// True for a path that only a [`ArtifactKind::Checkpoint`] has.
+/// Whether only a [`ArtifactKind::Checkpoint`] has a file at this path.
 fn is_of_checkpoint(path: &str) -> bool {
     path.strip_prefix(CHECKPOINT)
         .and_then(|rest| rest.strip_prefix('/'))
@@ -168,7 +168,7 @@ impl Display for ArtifactKind {
 
 /// A kind of artifact as a type, so that a config says which one it takes.
 pub trait Kind: 'static {
-    /// The kind.
+    /// The kind that the type stands for.
     const KIND: ArtifactKind;
 }
 
@@ -231,7 +231,7 @@ pub struct Artifact<K: Kind> {
     kind: PhantomData<fn() -> K>,
 }
 
-/// What stands in a config.
+/// The form of an artifact in a config.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Form {
@@ -353,14 +353,14 @@ pub fn reference_schema(kind: ArtifactKind) -> Schema {
 pub struct Taken {
     /// Id of the trial that leaves it.
     pub trial: String,
-    /// What is taken.
+    /// Kind of the artifact.
     pub kind: ArtifactKind,
 }
 
 /// Finds the folder of an artifact that is there and whole.
 pub type FindArtifact<'a> = &'a dyn Fn(&Taken) -> Result<PathBuf, Error>;
 
-/// For trials without a store: there is nothing to find.
+/// Lookup for trials without a store: there is nothing to find.
 ///
 /// # Errors
 /// [`Error::Source`], always.

@@ -6,14 +6,14 @@ use std::fmt::{self, Display, Formatter};
 /// The state of the source code that a program was built from.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Build {
-    /// The commit.
+    /// Hash of the commit.
     pub commit: String,
-    /// True where files that the program is made of were not as in the commit.
+    /// Whether files that the program is made of differed from the commit.
     pub changed: bool,
 }
 
 impl Build {
-    /// What a build script told the compiler; `None` where it knew no commit.
+    /// The build that a build script told the compiler; `None` where it knew no commit.
     #[must_use]
     pub fn told(commit: &str, changed: &str) -> Option<Self> {
         (!commit.is_empty()).then(|| Self {

@@ -4,20 +4,20 @@ use crate::{Agent, Error, Recorder, own_training::Place};
 use serde_json::Value;
 use std::time::Duration;
 
-/// Keeps what a running trial needs to continue in another process. Whether and how often it saves cannot
+/// Keeps the state that a running trial needs to continue in another process. Whether and how often it saves cannot
 /// reach a result.
 pub trait Keeper {
-    /// True where the state should be saved now: the interval has passed, or the trial is asked to stop.
+    /// Whether the state should be saved now: the interval has passed, or the trial is asked to stop.
     fn due(&mut self) -> bool;
 
-    /// True where the trial is asked to stop: after a save the protocol leaves with [`Error::Stopped`].
+    /// Whether the trial is asked to stop: after a save the protocol leaves with [`Error::Stopped`].
     fn stopping(&self) -> bool;
 
-    /// Told what was recorded so far, before it is asked whether a save is due: a trial may have to pause where
-    /// something was measured.
+    /// Shows the record so far, before [`due`](Self::due) is asked: a trial may have to pause where something was
+    /// measured.
     fn look(&mut self, _record: &Recorder) {}
 
-    /// Told what was recorded when the trial ends with an error.
+    /// Shows the record of a trial that ends with an error.
     fn fails(&mut self, _record: &Recorder) {}
 
     /// Saves the protocol's own state, the agent and the record.
@@ -34,13 +34,13 @@ pub trait Keeper {
     /// made anew.
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error>;
 
-    /// Told now and then, so that rows reach the log (live metrics) though no checkpoint is due.
+    /// Shows the record now and then, so that rows reach the log (live metrics) though no checkpoint is due.
     ///
     /// # Errors
     /// Where a file cannot be written.
     fn note(&mut self, record: &Recorder) -> Result<(), Error>;
 
-    /// Where an agent that trains itself works; `None` where nothing is kept of the trial.
+    /// The folder in which an agent that trains itself works; `None` where nothing is kept of the trial.
     ///
     /// # Errors
     /// Where the folder cannot be made.
@@ -48,12 +48,12 @@ pub trait Keeper {
         Ok(None)
     }
 
-    /// The time for which nothing may be heard of an agent that trains itself; `None` for any.
+    /// The longest silence of an agent that trains itself; `None` for any.
     fn patience(&self) -> Option<Duration> {
         None
     }
 
-    /// Told what the training of such an agent printed so far.
+    /// Takes the output of the training of such an agent so far.
     ///
     /// # Errors
     /// Where it cannot be kept.
@@ -61,11 +61,11 @@ pub trait Keeper {
         Ok(())
     }
 
-    /// Told that the record is made anew from here on: what was noted of it counts no more.
+    /// Begins the record anew: rows noted before count no more.
     fn begin_anew(&mut self) {}
 
-    /// Told that what [`load`](Self::load) took up last does not fit. It is not taken up again; false where
-    /// there was nothing.
+    /// Refuses the state that [`load`](Self::load) took up last, since it does not fit. It is not taken up again; false
+    /// where there was nothing.
     fn refuse(&mut self) -> bool {
         false
     }

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 /// One choice among named options.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Choice {
-    /// What is chosen, for example `upsampling`.
+    /// Name of the choice, for example `upsampling`.
     pub name: String,
-    /// What there is to choose from, for example `nearest` and `bilinear`; at least one.
+    /// Names of the options, for example `nearest` and `bilinear`; at least one.
     pub options: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! The clock that is never set. It times what is computed and reaches no result.
+//! The monotonic clock. It times computations and reaches no result.
 
 #![expect(
     clippy::disallowed_methods,
@@ -12,7 +12,7 @@ use std::{
 
 static SIMULATED: OnceLock<fn() -> Option<Instant>> = OnceLock::new();
 
-/// This moment.
+/// The present moment.
 #[must_use]
 pub fn now() -> Instant {
     let simulated = SIMULATED.get().and_then(|clock| clock());

@@ -1,5 +1,5 @@
-//! Complete configs of plugins. A study may have a million of them that differ in a few values: of each only what
-//! differs from a common one is held.
+//! Complete configs of plugins. A study may have a million of them that differ in a few values: each holds only its
+//! differences from a common one.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
@@ -15,10 +15,10 @@ pub struct CompleteConfig(Arc<Form>);
 
 #[derive(Debug)]
 struct Form {
-    /// What it is but for the changes.
+    /// The config without the changes.
     base: Arc<Value>,
     changes: Box<[Arc<Change>]>,
-    /// The whole, once somebody has asked for it.
+    /// The whole config, once it was asked for.
     whole: OnceLock<Box<Value>>,
 }
 
@@ -37,14 +37,14 @@ impl Form {
 /// A value that differs from that of a common config.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
-    /// Its place, as a JSON pointer.
+    /// JSON pointer to the value.
     pub pointer: String,
-    /// The value.
+    /// The changed value.
     pub value: Value,
 }
 
 impl CompleteConfig {
-    /// The config that has what `changes` say and is `base` everywhere else.
+    /// The config `base` with some changes.
     #[must_use]
     pub fn changed(base: &Self, changes: Box<[Arc<Change>]>) -> Self {
         let base = match &*base.0 {
@@ -55,7 +55,7 @@ impl CompleteConfig {
         Self(Arc::new(Form { base, changes, whole }))
     }
 
-    /// The config, to be changed; what shares it stays as it is.
+    /// The config, to be changed; configs that share it stay as they are.
     pub fn make_mut(&mut self) -> &mut Value {
         let is_plain = self.0.changes.is_empty() && Arc::strong_count(&self.0.base) == 1;
         if !is_plain || Arc::get_mut(&mut self.0).is_none() {
@@ -77,13 +77,13 @@ impl CompleteConfig {
         }
     }
 
-    /// True where both are one in memory.
+    /// Whether both are one in memory.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
-    /// What tells it from all others that are in memory.
+    /// Address that tells the config from all others in memory.
     #[must_use]
     pub fn address(&self) -> usize {
         Arc::as_ptr(&self.0).addr()
@@ -130,7 +130,7 @@ impl<'de> Deserialize<'de> for CompleteConfig {
     }
 }
 
-/// Where `value` differs from `base`, which together with the changes is `value` again.
+/// The changes that turn `base` into `value`.
 #[must_use]
 pub fn changes(base: &Value, value: &Value) -> Vec<Change> {
     let mut found = Vec::new();

@@ -1,10 +1,10 @@
-//! Data files that a config names under the key `file`: what one holds is part of a trial's id, and the trial
-//! gets just that.
+//! Data files that a config names under the key `file`: the content of one is part of a trial's id, and the trial gets
+//! exactly this content.
 //!
-//! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins
-//! a config with the content beside the path: however often a plugin is built, and whatever becomes of the
-//! file meanwhile, it reads the same. Binary files may be larger than memory: of them a config gets the hash,
-//! and plugins read them by their path.
+//! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins a config
+//! with the content beside the path: a plugin that is built several times reads the same content, even if the file
+//! changes meanwhile. Binary files may be larger than memory: a config gets their hash, and plugins read them by their
+//! path.
 
 use crate::{Error, digest, panics, parquet};
 use document::input_file::{self, Use};
@@ -29,7 +29,7 @@ pub struct DataFile {
     digest: Option<Arc<str>>,
 }
 
-/// What stands in a config.
+/// The form of a data file in a config.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "the path of a data file")]
 enum Form {
@@ -38,7 +38,7 @@ enum Form {
     Checked { path: PathBuf, digest: String },
 }
 
-/// How a file holds what it holds, as its first bytes say.
+/// The format of a file, by its first bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FileFormat {
     /// Text, as far as its first bytes go.
@@ -77,7 +77,7 @@ fn first_bytes(file: &mut impl Read) -> io::Result<Vec<u8>> {
     Ok(first)
 }
 
-/// True where the first bytes of a file are UTF-8, maybe cut inside a character, without control characters.
+/// Whether the first bytes of a file are UTF-8, maybe cut inside a character, without control characters.
 fn is_text(first: &[u8]) -> bool {
     let whole = match str::from_utf8(first) {
         Ok(text) => text,
@@ -99,13 +99,13 @@ impl DataFile {
         }
     }
 
-    /// Where the file lies, for messages.
+    /// Path of the file, for messages.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What the file holds: inside a trial what the trial's id names, elsewhere what lies there now.
+    /// Text of the file: inside a trial the text that the trial's id names, elsewhere the present one.
     ///
     /// # Errors
     /// [`Error::File`] where it cannot be read or is no UTF-8.
@@ -119,18 +119,17 @@ impl DataFile {
         }
     }
 
-    /// Copies what the file holds into a folder, under its own name: who is given a path then has what nobody else
-    /// changes.
+    /// Copies the file into a folder, under its own name, so that no other program changes the copy while it is read.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`] where it holds not what the trial's id names, and [`Error::File`].
+    /// [`Error::DataFileChanged`] where the content is not the one that the trial's id names, and [`Error::File`].
     pub fn copy_into(&self, folder: &Path) -> Result<PathBuf, Error> {
         let copy = folder.join(self.path.file_name().unwrap_or_default());
         self.copy_to(&copy)?;
         Ok(copy)
     }
 
-    /// Copies what the file holds to a place.
+    /// Copies the file to a path.
     ///
     /// # Errors
     /// As [`copy_into`](Self::copy_into).
@@ -144,10 +143,10 @@ impl DataFile {
         self.held_against(|| digest_of(copy))
     }
 
-    /// Held against the trial's id once more, after a plugin read the file by its path.
+    /// Holds the file against the trial's id once more, after a plugin read it by its path.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`] where it holds something else by now, and [`Error::File`].
+    /// [`Error::DataFileChanged`] where the content has changed, and [`Error::File`].
     pub fn unchanged(&self) -> Result<(), Error> {
         self.held_against(|| digest_of(&self.path))
     }
@@ -161,7 +160,7 @@ impl DataFile {
         }
     }
 
-    /// How the file holds what it holds.
+    /// The format of the file.
     ///
     /// # Errors
     /// [`Error::File`] where it cannot be read.
@@ -172,7 +171,7 @@ impl DataFile {
         }
     }
 
-    /// Hash of what the file holds: inside a trial the one that the trial's id names.
+    /// Hash of the content: inside a trial the one that the trial's id names.
     ///
     /// # Errors
     /// [`Error::File`] where it cannot be read.
@@ -184,10 +183,10 @@ impl DataFile {
         }
     }
 
-    /// The bytes of a file that is no text: inside a trial those that the trial's id names.
+    /// The bytes of a binary file: inside a trial those that the trial's id names.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read, [`Error::DataFileChanged`] where it holds something else by now.
+    /// [`Error::File`] where it cannot be read, [`Error::DataFileChanged`] where its content has changed.
     pub fn bytes(&self) -> Result<Vec<u8>, Error> {
         let bytes = input_file::read(&self.path, Use::Bytes).map_err(Error::file("read", &self.path))?;
         self.held_against(|| Ok(digest::of_bytes(&bytes)))?;
@@ -246,7 +245,7 @@ impl JsonSchema for DataFile {
     }
 }
 
-/// Hash of what the file at `path` holds, as it enters ids.
+/// Hash of the content of the file at `path`, as it enters ids.
 ///
 /// # Errors
 /// [`Error::File`] where it cannot be read.
@@ -281,7 +280,7 @@ pub fn read(named: &str, expected: &str) -> Result<Value, Error> {
     })
 }
 
-/// The text of a file, `None` where it is binary; the file is opened once, and what is read is what is held
+/// The text of a file, `None` where it is binary; the file is opened once, so that the text is the one that was held
 /// against the hash.
 fn content(path: &Path, expected: &str) -> Result<Option<String>, Error> {
     let of_file = || Error::file("read", path);

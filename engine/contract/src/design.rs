@@ -1,4 +1,4 @@
-//! Designs that a search chose: what lies in `choice.json` of its trial, for other trials to build again.
+//! Designs that a search chose: the content of `choice.json` of its trial, for other trials to build again.
 
 use crate::{Error, Space};
 use serde::{Deserialize, Serialize};
@@ -7,14 +7,14 @@ use std::{collections::BTreeMap, fs, path::Path};
 /// The file of chosen designs inside a trial's folder.
 pub const FILE: &str = "choice.json";
 
-/// One design: what was done at each step of an episode.
+/// One design: the actions at each step of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Design {
-    /// Its place among the candidates of the search, from 0.
+    /// Place among the candidates of the search, from 0.
     pub candidate: u64,
-    /// What it returned when the search tried it.
+    /// Return when the search tried it.
     pub observed_return: f64,
-    /// What it was chosen by; absent where that is the return.
+    /// The metric that it was chosen by; absent where that is the return.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chosen_by: Option<Observed>,
     /// The action of the only seat, step by step.
@@ -27,21 +27,21 @@ pub struct Design {
 /// A metric of the environment, as a search observed it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Observed {
-    /// Which one.
+    /// Name of the metric.
     pub metric: String,
-    /// Its value over the episode.
+    /// Value over the episode.
     pub value: f64,
 }
 
 /// The best designs of a search, the best one first; no two of them take the same options.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Designs {
-    /// The designs.
+    /// The designs, the best one first.
     pub designs: Vec<Design>,
 }
 
 impl Designs {
-    /// Reads what a search left in the folder of its trial.
+    /// Reads the designs that a search left in the folder of its trial.
     ///
     /// # Errors
     /// [`Error::File`] where the file is missing, [`Error::Damaged`] where it holds something else.
@@ -54,7 +54,7 @@ impl Designs {
         })
     }
 
-    /// Writes them into the folder of a trial.
+    /// Writes the designs into the folder of a trial.
     ///
     /// # Errors
     /// [`Error::File`] where the file cannot be written.

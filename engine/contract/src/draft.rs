@@ -1,8 +1,8 @@
-//! Studies that are made from what a person has already: the command of a program, or the file of a sweep.
+//! Drafts of studies, made from a program's command or from the file of a sweep.
 
 use std::{path::Path, time::Duration};
 
-/// Why no study is made of it; it says what would be one.
+/// Why no study can be made; the message says what it can be made from.
 pub type DraftError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The command or sweep that a study is made from.
@@ -23,10 +23,10 @@ pub trait Draft {
     /// The commands that have to run before it can be written.
     fn starts(&self) -> Vec<Vec<String>>;
 
-    /// Runs them, and looks at what they write.
+    /// Runs the commands, and reads what they write.
     ///
     /// # Errors
-    /// Where they fail, or write nothing that can be read.
+    /// Where a command fails, or writes nothing that can be read.
     fn look(&mut self) -> Result<(), DraftError>;
 
     /// The study, in YAML with comments.

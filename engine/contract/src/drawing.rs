@@ -1,4 +1,4 @@
-//! Drawings that trials leave: the graph of a design that was found, and samples of what was made.
+//! Drawings that trials leave: the graph of a design that was found, and samples of generated images.
 //!
 //! A protocol whose environment has something to draw calls [`leave_drawings`](crate::protocol::leave_drawings) after
 //! an episode. `graph.json` holds a
@@ -17,7 +17,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Most bytes of pixels that are read; a file that claims more is refused before anything is set aside for it.
+/// Largest number of bytes of pixels that are read; a file that claims more is refused before memory is set aside for
+/// it.
 const MOST_BYTES: u64 = 1 << 28;
 
 /// A design as boxes and arrows along a flow.
@@ -38,14 +39,14 @@ pub struct Graph {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Node {
-    /// What stands in it; a single character, as `+`, stands in a circle.
+    /// Text in the box; a single character, as `+`, stands in a circle.
     pub label: String,
-    /// Its place along the flow. Only the order counts, as of the lanes.
+    /// Place along the flow. Only the order counts, as of the lanes.
     pub column: u32,
-    /// Its place across the flow.
+    /// Place across the flow.
     #[serde(default)]
     pub lane: i32,
-    /// The name of the frame that it stands in, as `cell 1`; empty for none.
+    /// Name of the frame around the box, as `cell 1`; empty for none.
     #[serde(default)]
     pub group: String,
 }
@@ -58,10 +59,10 @@ pub struct Edge {
     pub from: usize,
     /// Number of the node where it ends.
     pub to: usize,
-    /// What stands beside it; empty for nothing.
+    /// Text beside the arrow; empty for none.
     #[serde(default)]
     pub label: String,
-    /// True for a skip or a shortcut, which is drawn dashed and around what it passes.
+    /// Whether the arrow is a skip or a shortcut, which is drawn dashed and around the boxes that it passes.
     #[serde(default)]
     pub bypass: bool,
 }
@@ -77,19 +78,19 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// What a trial left to be shown.
+/// Drawings that a trial left.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Drawings {
     /// The graph of a design.
     pub graph: Option<Graph>,
     /// Samples, all of one size.
     pub images: Vec<Image>,
-    /// Why something that it left cannot be shown.
+    /// Why a drawing that it left cannot be shown.
     pub problem: Option<String>,
 }
 
 impl Drawings {
-    /// Reads what a trial's folder holds of one kind; other kinds of artifacts are nothing to be shown.
+    /// Reads the drawings of one kind from a trial's folder; other kinds of artifacts are no drawings.
     ///
     /// # Errors
     /// As [`Graph::read`] and [`Image::read_all`].
@@ -104,10 +105,10 @@ impl Drawings {
 }
 
 impl Graph {
-    /// Holds the graph against what can be drawn.
+    /// Checks that the graph can be drawn.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first fault.
     pub fn check(&self) -> Result<(), DrawingError> {
         if self.nodes.is_empty() {
             return Err(DrawingError::NoNode);
@@ -172,7 +173,7 @@ impl Graph {
 }
 
 impl Image {
-    /// Holds the pixels against the size.
+    /// Checks the number of pixels against the size.
     ///
     /// # Errors
     /// [`DrawingError::Pixels`] or [`DrawingError::NoPixel`].
@@ -236,7 +237,7 @@ impl Image {
     /// The image as a PNG file.
     ///
     /// # Errors
-    /// What [`check`](Self::check) says.
+    /// Errors of [`check`](Self::check).
     pub fn png(&self) -> Result<Vec<u8>, DrawingError> {
         self.check()?;
         let refused = |error: png::EncodingError| DrawingError::Encoder {
@@ -302,7 +303,7 @@ fn stacked(images: &[Image]) -> Result<Image, DrawingError> {
     })
 }
 
-/// What an 8-bit RGB PNG holds; else what it is instead.
+/// The image in an 8-bit RGB PNG; as the error, the kind of image that it is instead.
 fn decoded(bytes: &[u8]) -> Result<Image, String> {
     let words = |error: png::DecodingError| error.to_string();
     let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(words)?;

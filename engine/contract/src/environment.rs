@@ -1,4 +1,4 @@
-//! What an environment is: seats with spaces, `reset`, `step`.
+//! The interface of environments: seats with spaces, `reset`, `step`.
 
 use crate::{
     Error, Rng,
@@ -26,8 +26,8 @@ pub struct Channel {
     pub center: f64,
     /// A typical deviation from `center`, above zero; agents that scale their inputs divide by it.
     pub spread: f64,
-    /// For an entry of an action: what `low` and `high` stand for in the environment's own numbers, where these are
-    /// others. Code of the person who wrote the environment thinks in them.
+    /// For an entry of an action: the environment's own limits that `low` and `high` stand for, where these differ.
+    /// Code of the person who wrote the environment uses the own limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_limits: Option<(f64, f64)>,
 }
@@ -63,7 +63,7 @@ impl Channel {
         Self { low, high, ..self }
     }
 
-    /// The same channel, whose limits stand for these in the environment's own numbers.
+    /// The same channel, whose limits stand for these limits of the environment's own.
     #[must_use]
     pub fn standing_for(self, low: f64, high: f64) -> Self {
         Self {
@@ -99,7 +99,7 @@ impl Space {
         }
     }
 
-    /// True for a space without entries.
+    /// Whether the space has no entries.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -114,11 +114,11 @@ impl Space {
         }
     }
 
-    /// The action that another program writes so.
+    /// The action of this space for the entries that another program writes.
     ///
     /// # Errors
-    /// [`Error::Action`] for another number of entries, and for a number that is no position of an option; what else
-    /// lies outside the space is refused by the environment.
+    /// [`Error::Action`] for another number of entries, and for a number that is no position of an option; other values
+    /// outside the space are refused by the environment.
     pub fn asked(&self, entries: &[f64]) -> Result<Vec<f64>, Error> {
         if entries.len() != self.n_asked() {
             let problem = format!(
@@ -149,18 +149,18 @@ impl Space {
     }
 }
 
-/// What one agent sees and does. A single-agent environment has one seat.
+/// Spaces of one actor. A single-agent environment has one seat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Seat {
     /// Name, for example `agent_0`; empty for the only seat of a single-agent environment.
     pub name: String,
-    /// What the seat observes.
+    /// Space of the observations.
     pub observation: Space,
-    /// What the seat does.
+    /// Space of the actions.
     pub action: Space,
 }
 
-/// Everything an agent needs to know of an environment to be built for it.
+/// The description of an environment that an agent is built for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
     /// The seats, in order.
@@ -178,7 +178,7 @@ pub enum End {
     Truncated,
 }
 
-/// What all seats see at one time.
+/// Observations of all seats at one time.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Observation {
     /// One vector per seat.
@@ -190,12 +190,12 @@ pub struct Observation {
 /// One vector per seat.
 pub type Action = Vec<Vec<f64>>;
 
-/// What one step gives back.
+/// Result of one step.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Step {
-    /// What each seat sees now.
+    /// Observation of each seat after the step.
     pub observations: Vec<Vec<f64>>,
-    /// What each seat earned.
+    /// Reward of each seat.
     pub rewards: Vec<f64>,
     /// Set on the last step of an episode.
     pub end: Option<End>,
@@ -232,7 +232,7 @@ impl Step {
         values.into_iter().fold(self, record)
     }
 
-    /// The value that was recorded of a metric.
+    /// The recorded value of a metric; `None` where the step did not record it.
     #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let named = self.metrics.iter().find(|(metric, _)| metric == name);
@@ -271,16 +271,16 @@ pub struct Metric {
     pub name: String,
     /// SI unit, empty where there is none.
     pub unit: String,
-    /// What it is, in one line.
+    /// Meaning of the metric, in one line.
     pub about: String,
-    /// The better direction.
+    /// Whether larger or smaller values are better.
     pub better: Better,
-    /// How steps become an episode.
+    /// How the values of steps become one value of an episode.
     pub per_episode: PerEpisode,
 }
 
 impl Metric {
-    /// A metric of which more is better, summed over an episode.
+    /// A metric whose larger values are better, summed over an episode.
     #[must_use]
     pub fn new(name: &str, unit: &str, about: &str) -> Self {
         Self {
@@ -315,7 +315,7 @@ impl Metric {
     }
 }
 
-/// A reward over two actions, point by point: what contour figures draw.
+/// A reward over two actions, point by point, for contour figures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RewardSurface {
     /// Names of the two actions and of the reward, as they are traced.
@@ -337,7 +337,7 @@ pub trait Environment: Send {
         &[]
     }
 
-    /// Starts an episode and returns what each seat sees.
+    /// Starts an episode and returns the observation of each seat.
     ///
     /// # Errors
     /// Where the start that the config asks for does not exist.
@@ -352,9 +352,9 @@ pub trait Environment: Send {
         self.reset(rng)
     }
 
-    /// Told the actions of the next [`step`](Self::step), which follows with the same ones. All environments that
-    /// are stepped together are told before the first of them is stepped, so that those that compute elsewhere
-    /// can do it together; others have nothing to do.
+    /// Announces the actions of the next [`step`](Self::step), which follows with the same ones. The actions of all
+    /// environments that are stepped together are announced before the first of them is stepped, so that environments
+    /// that compute in another process can do it together; others have nothing to do.
     ///
     /// # Errors
     /// As `step`.
@@ -379,10 +379,10 @@ pub trait Environment: Send {
         Vec::new()
     }
 
-    /// Channels of [`Environment::trace`]: what a rollout writes besides actions and rewards.
+    /// Channels of [`Environment::trace`]: values that a rollout writes besides actions and rewards.
     fn trace_channels(&self) -> Vec<Channel>;
 
-    /// What a rollout writes of the present time, one value per trace channel; `NaN` becomes an empty cell.
+    /// Traced values of the present time, one per trace channel; `NaN` becomes an empty cell.
     fn trace(&self) -> Vec<f64>;
 
     /// The reward over two actions, where two actions are all that it depends on. Protocols that trace
@@ -391,14 +391,14 @@ pub trait Environment: Send {
         None
     }
 
-    /// What the design of the episode that just ended looks like, where an environment has designs. Protocols
-    /// that search leave it for figures.
+    /// Graph of the design of the episode that just ended, where an environment has designs. Protocols that search
+    /// leave it for figures.
     fn graph(&self) -> Option<Graph> {
         None
     }
 
-    /// Samples of what the design of the episode that just ended makes, square and of one size; none where it
-    /// makes nothing to be seen. Protocols that search leave them for figures.
+    /// Samples that the design of the episode that just ended generates, square and of one size; none where there is
+    /// nothing to show. Protocols that search leave them for figures.
     ///
     /// # Errors
     /// Where they cannot be made.
@@ -406,7 +406,7 @@ pub trait Environment: Send {
         Ok(Vec::new())
     }
 
-    /// Everything that changes during an episode, so that a stopped trial continues to the same bits.
+    /// The state that changes during an episode, so that a stopped trial continues to the same bits.
     fn snapshot(&self) -> serde_json::Value;
 
     /// Continues from a snapshot of an environment with the same config.
@@ -415,17 +415,17 @@ pub trait Environment: Send {
     /// [`Error::Checkpoint`] where the snapshot does not fit.
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error>;
 
-    /// Tried out by `check`, before any trial runs: an environment whose code is not this program's own refuses
-    /// here what would make trials that nobody can repeat, and says what it doubts, each an [`Error::Config`] with its
-    /// key. `None` where there is nothing to try, as for all code of this program's own.
+    /// Tries out an environment whose code is not this program's own. `check` calls it before any trial runs: the
+    /// environment refuses a config whose trials could not be repeated, and returns its doubts, each an
+    /// [`Error::Config`] with its key. `None` where there is nothing to try, as for all code of this program's own.
     ///
     /// # Errors
-    /// What must not run.
+    /// A problem with which it must not run.
     fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {
         Ok(None)
     }
 
-    /// What agents are built for.
+    /// The interface that agents are built for.
     fn interface(&self) -> Interface {
         Interface {
             seats: self.seats().to_vec(),

@@ -1,9 +1,9 @@
-//! The metrics of an episode, taken together from those of its steps.
+//! Metrics of an episode, aggregated over its steps.
 
 use crate::{Error, Metric, PerEpisode, Step, exact};
 use serde::{Deserialize, Serialize};
 
-/// The metrics of an episode under way.
+/// Metrics of an episode under way.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct EpisodeMetrics {
     /// Sum, largest, smallest or last value so far of each metric, in the order of the environment's metrics.
@@ -13,7 +13,7 @@ pub struct EpisodeMetrics {
 }
 
 impl EpisodeMetrics {
-    /// No step was taken yet; `metrics` are those of the environment.
+    /// Metrics of an episode before its first step; `metrics` are those of the environment.
     #[must_use]
     pub fn new(metrics: &[Metric]) -> Self {
         Self {
@@ -22,7 +22,7 @@ impl EpisodeMetrics {
         }
     }
 
-    /// Takes in what a step recorded.
+    /// Adds the values that a step recorded.
     ///
     /// # Errors
     /// [`Error::Recorded`] where the step did not record each of `metrics` once.

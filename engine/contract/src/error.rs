@@ -1,4 +1,4 @@
-//! Every way in which the engine can fail below the spec, as one enum.
+//! Errors of the engine and of plugins, as one enum. Mistakes in a study are diagnostics, and not among them.
 
 use crate::ending::{Ending, signal_name};
 use document::{plain_text, reach};
@@ -15,11 +15,11 @@ pub enum Error {
     /// A file could not be read or written.
     #[error("cannot {doing} `{}`: {source}", path.display())]
     File {
-        /// What was tried, as in "read".
+        /// The action that failed, as in "read".
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// A value of a plugin's config is wrong in a way that its schema cannot say.
@@ -27,7 +27,7 @@ pub enum Error {
     Config {
         /// The key inside the plugin's config, dotted.
         key: String,
-        /// What is wrong and what to write instead.
+        /// The mistake, and what to write instead.
         problem: String,
     },
     /// This machine lacks something that a plugin needs, or has another version of it. The config may be right.
@@ -35,7 +35,7 @@ pub enum Error {
     Unavailable {
         /// The key inside the plugin's config that names what is missing, dotted.
         key: String,
-        /// What is missing and how to get it.
+        /// The missing thing, and how to get it.
         problem: String,
     },
     /// An agent cannot be used with an environment.
@@ -43,7 +43,7 @@ pub enum Error {
     Mismatch {
         /// The agent.
         agent: &'static str,
-        /// What it needs.
+        /// The property that is missing.
         problem: String,
     },
     /// A data file changed after its content had become part of the trial's id.
@@ -60,9 +60,9 @@ pub enum Error {
     /// A number that must be finite is not.
     #[error("{what} is not finite at step {step}: {value}")]
     NotFinite {
-        /// Which number.
+        /// Meaning of the number.
         what: String,
-        /// At which step of the trial.
+        /// Step of the trial.
         step: u64,
         /// The value.
         value: f64,
@@ -70,7 +70,7 @@ pub enum Error {
     /// An action lies outside its space.
     #[error("action outside its space: {problem}")]
     Action {
-        /// Which entry, which value, which limit.
+        /// The entry, its value and the limit.
         problem: String,
     },
     /// A step of an environment did not record each of the environment's metrics once.
@@ -86,18 +86,18 @@ pub enum Error {
     Model {
         /// The model.
         model: &'static str,
-        /// What failed, with time and values.
+        /// The failure, with time and values.
         problem: String,
     },
     /// A checkpoint or snapshot does not fit.
     #[error("checkpoint of {what} does not fit: {problem}")]
     Checkpoint {
-        /// Whose checkpoint.
+        /// Owner of the checkpoint.
         what: &'static str,
-        /// What does not fit.
+        /// The part that does not fit.
         problem: String,
     },
-    /// What another trial left for this one cannot be used.
+    /// An artifact that another trial left for this one cannot be used.
     #[error("what trial {trial} left cannot be used: {problem}")]
     Source {
         /// Id of the trial that leaves it.
@@ -105,7 +105,7 @@ pub enum Error {
         /// The fault.
         problem: String,
     },
-    /// What a trial left as its policy is of no form that other runtimes can be given.
+    /// The policy that a trial left is of no form that other runtimes can be given.
     #[error(
         "what trial {trial} of `{agent}` left as its policy acts on no observation in a form that is known here: {}",
         known.join(", ")
@@ -121,26 +121,26 @@ pub enum Error {
     /// A dataset was gathered in an environment whose seats see or do something else.
     #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
     OtherInterface {
-        /// What differs, as in "observed channel 3".
+        /// The property that differs, as in "observed channel 3".
         what: String,
-        /// What it is in the dataset.
+        /// Its value in the dataset.
         found: String,
-        /// What it is here.
+        /// Its value in this environment.
         expected: String,
     },
     /// Designs were to be proposed in an environment that has not exactly one seat.
     #[error("a search proposes the designs of one seat; this environment has {seats} seats")]
     ManySeats {
-        /// How many seats there are.
+        /// Number of seats of the environment.
         seats: usize,
     },
-    /// A dataset was to be made of seats of which some choose and others do not.
+    /// A dataset was to be made of seats some of which choose and others do not.
     #[error(
         "a dataset holds {what} of one kind; in this environment those of some seats are choices and those of others \
          are not"
     )]
     MixedSeats {
-        /// What is of two kinds, as in "actions".
+        /// The vectors of two kinds, as in "actions".
         what: &'static str,
     },
     /// A dataset was to be made of an environment without seats.
@@ -149,59 +149,59 @@ pub enum Error {
     /// A process that computes for the trial was ended from outside: no fault of the trial.
     #[error("{what} was ended by signal {signal}")]
     Ended {
-        /// Which process.
+        /// Name of the process.
         what: &'static str,
         /// The number of the signal.
         signal: i32,
     },
-    /// A program that trains an agent did not end well, by its own doing.
+    /// A program that trains an agent did not end well, by its own fault.
     #[error("`{program}` {}{}", ending(*how), last_words(said))]
     Program {
-        /// Its first words.
+        /// First words of its command.
         program: String,
-        /// How it ended.
+        /// How the process ended.
         how: Ending,
         /// Its last lines on standard error.
         said: String,
     },
-    /// Nothing was heard of a training for longer than the study allows.
+    /// A training was silent for longer than the study allows.
     #[error("nothing was heard of it for the limit of {} s", limit.as_secs_f64())]
     Silent {
-        /// How long that may be.
+        /// Longest silence that is allowed.
         limit: Duration,
     },
     /// A plugin stopped without an answer.
     #[error("it stopped with `{said}`, which is a mistake of its code")]
     Panicked {
-        /// What it said, and where in the source code.
+        /// Message of the panic, and its place in the source code.
         said: String,
     },
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,
-    /// A file that a person gave is not what it should be.
+    /// A file that a person gave is not valid.
     #[error("`{}`{}: {}", path.display(), place(*line, column.as_deref()), said(path, problem))]
     Input {
         /// The file.
         path: PathBuf,
-        /// The line, from 1, where one is to blame.
+        /// The line, from 1, where one is at fault.
         line: Option<u64>,
-        /// The name of the column, where one is to blame.
+        /// The name of the column, where one is at fault.
         column: Option<String>,
-        /// What is wrong there.
+        /// The mistake at this place.
         problem: String,
     },
     /// A bucket of object storage cannot be used.
     #[error("cannot {doing} `{address}`: {problem}")]
     Bucket {
-        /// What was tried, as in "list the trials in".
+        /// The action that failed, as in "list the trials in".
         doing: String,
         /// The bucket, as `s3://bucket/prefix`.
         address: String,
-        /// What the service said, or what is missing.
+        /// Error of the service, or what is missing.
         problem: String,
     },
-    /// A stored file is not what it should be.
+    /// A stored file is damaged.
     #[error("`{}` is damaged: {}", path.display(), said(path, problem))]
     Damaged {
         /// The file.
@@ -209,12 +209,12 @@ pub enum Error {
         /// The fault.
         problem: String,
     },
-    /// A stored file is of a later program; it is left as it is.
+    /// A stored file was written by a later version of the program; it is left as it is.
     #[error("`{}` was written by a newer program ({problem}) and is left as it is: use that program", path.display())]
     Newer {
         /// The file.
         path: PathBuf,
-        /// What says so.
+        /// The entry that shows the later version.
         problem: String,
     },
     /// A file in a folder of results is not as its report wrote it, so that no report can be made of it.
@@ -235,21 +235,21 @@ pub enum Error {
     /// A table, figure or claim could not be made from what is stored.
     #[error("{what}: {problem}")]
     Render {
-        /// Which table, figure or claim.
+        /// Name of the table, figure or claim.
         what: String,
-        /// What is missing.
+        /// The missing thing.
         problem: String,
     },
     /// The store cannot be written: a full disk, missing rights.
     #[error("the store cannot be written: {problem}")]
     Store {
-        /// What was tried, where, and what the system said.
+        /// The action, the path, and the error of the operating system.
         problem: String,
     },
     /// A worker process misbehaved.
     #[error("worker process: {problem}")]
     Worker {
-        /// What happened.
+        /// Description of the fault.
         problem: String,
     },
 }
@@ -257,20 +257,20 @@ pub enum Error {
 /// Why something cannot be drawn.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DrawingError {
-    /// A graph without a node.
+    /// A graph has no node.
     #[error("the graph has no node")]
     NoNode,
-    /// An edge leads from or to a node that is not there.
+    /// An edge leads from or to a node that does not exist.
     #[error("edge {edge} names node {node}, but the nodes are 0 to {last}", last = nodes - 1)]
     NoSuchNode {
         /// Number of the edge, from 0.
         edge: usize,
-        /// The node that it names.
+        /// Number of the missing node.
         node: usize,
-        /// How many nodes there are.
+        /// Number of nodes in the graph.
         nodes: usize,
     },
-    /// An edge that does not lead along the flow.
+    /// An edge does not lead along the flow.
     #[error("edge {edge} leads from column {from} to column {to}, which is not along the flow")]
     AgainstTheFlow {
         /// Number of the edge, from 0.
@@ -280,19 +280,19 @@ pub enum DrawingError {
         /// Column of the node where it ends.
         to: u32,
     },
-    /// Two nodes at one place.
+    /// Two nodes lie at one place.
     #[error("nodes {one} and {other} both stand in column {column}, lane {lane}")]
     SamePlace {
         /// Number of a node, from 0.
         one: usize,
         /// Number of the other one.
         other: usize,
-        /// Their column.
+        /// Column of both.
         column: u32,
-        /// Their lane.
+        /// Lane of both.
         lane: i32,
     },
-    /// The pixels are not as many as the size says.
+    /// The number of pixels differs from the size.
     #[error("an image of {width} x {height} pixels has {expected} bytes, but {found} are given")]
     Pixels {
         /// Pixels in a row.
@@ -301,7 +301,7 @@ pub enum DrawingError {
         height: u32,
         /// Bytes of such an image.
         expected: u64,
-        /// Bytes that are there.
+        /// Bytes of this image.
         found: usize,
     },
     /// An image is not square, or of another size than the first.
@@ -316,21 +316,21 @@ pub enum DrawingError {
         /// Side of all images: the first one's width.
         side: u32,
     },
-    /// No image, or images without pixels.
+    /// There is no image, or the images have no pixels.
     #[error("there is no pixel to draw")]
     NoPixel,
-    /// More pixels than can be kept in one file.
+    /// There are more pixels than fit into one file.
     #[error("{images} images of {side} x {side} pixels are too many for one file")]
     TooMany {
-        /// How many images.
+        /// Number of images.
         images: usize,
-        /// Their side.
+        /// Side of each, in pixels.
         side: u32,
     },
     /// The encoder of the file refuses.
     #[error("the images cannot be encoded: {problem}")]
     Encoder {
-        /// What it says.
+        /// Error of the encoder.
         problem: String,
     },
 }

@@ -6,11 +6,11 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// What can be written exactly: a number, a list or a map of such.
+/// A value that can be written exactly: a number, a list or a map of such.
 pub trait Exact: Sized {
-    /// As JSON.
+    /// The value as JSON.
     fn write(&self) -> Value;
-    /// From JSON; `None` where it is something else.
+    /// The value from JSON; `None` where it is of another kind.
     fn read(value: &Value) -> Option<Self>;
 }
 
@@ -58,15 +58,15 @@ impl<T: Exact> Exact for BTreeMap<String, T> {
 /// Writes a value exactly.
 ///
 /// # Errors
-/// What the serializer says.
+/// Errors of the serializer.
 pub fn serialize<T: Exact, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
     value.write().serialize(serializer)
 }
 
-/// Reads what [`serialize`] wrote.
+/// Reads a value of [`serialize`].
 ///
 /// # Errors
-/// Where it is something else.
+/// Where it is of another kind.
 pub fn deserialize<'de, T: Exact, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
     let value = Value::deserialize(deserializer)?;
     T::read(&value).ok_or_else(|| D::Error::custom(format!("no exact numbers: {value}")))

@@ -1,5 +1,5 @@
-//! Agents that train themselves, such as programs that are not ours: the protocol waits while they do, takes in
-//! what they measure, and steps no environment.
+//! Agents that train themselves, such as programs of others: the protocol waits for them, records what they measure,
+//! and steps no environment.
 
 use crate::{Error, Metric, resources::Share};
 use schemars::JsonSchema;
@@ -15,7 +15,7 @@ pub const MEASURED: &str = "measured";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Measured {
-    /// When the training asks for it, which is then asked for actions.
+    /// When the training asks for it; then the training gives the actions.
     Calls,
     /// Once the training has ended, by the policy that it left.
     Policy,
@@ -24,21 +24,21 @@ pub enum Measured {
 /// The task that an agent trains for.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Assignment {
-    /// The trial's id.
+    /// Id of the trial.
     pub trial: String,
     /// The replicate.
     pub seed: u64,
     /// Steps of the training.
     pub steps: u64,
-    /// Steps between two measurements; 0 where there are none but the last.
+    /// Steps between two measurements; 0 where only the last one is taken.
     pub evaluate_every: u64,
-    /// The complete config of the environment, with what the environment is called elsewhere.
+    /// Complete config of the environment, with the names that the environment has in other programs.
     pub environment: Value,
-    /// The environment as others can make it.
+    /// Description by which other programs can make the environment.
     pub simulator: Simulator,
 }
 
-/// An environment for those who make it themselves.
+/// Description of an environment for programs that make it themselves.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Simulator {
     /// Name of the plugin.
@@ -49,16 +49,16 @@ pub struct Simulator {
     pub stream_id: String,
 }
 
-/// Where a training has its files, how long it has, and what of the machine.
+/// Folder, time and share of the machine of a training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     /// The folder of the trial's work, which stays until the trial ends.
     pub folder: PathBuf,
-    /// The step at which the trial pauses, once that is measured.
+    /// Step at which the trial pauses, after the measurement there; `None` where it goes to its end.
     pub until: Option<u64>,
-    /// The time for which nothing may be heard of it; `None` for any.
+    /// Longest silence of the training; `None` for any.
     pub patience: Option<Duration>,
-    /// Its share of the machine.
+    /// Share of the machine.
     pub share: Share,
 }
 
@@ -67,7 +67,7 @@ pub struct Place {
 pub struct Curve {
     /// The metric.
     pub metric: Metric,
-    /// How many of the last values make what is measured at a step.
+    /// Number of last values whose mean is the measurement at a step.
     pub last: u64,
     /// Steps with values.
     pub values: Vec<(u64, f64)>,
@@ -76,18 +76,18 @@ pub struct Curve {
 /// How a training stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Advance {
-    /// It goes on; whether something was heard of it since the last question.
+    /// The training goes on.
     Running {
-        /// True for output, or a file that grew.
+        /// Whether there was output, or a file that grew, since the last question.
         heard: bool,
     },
-    /// It asks to be measured.
+    /// The training asks to be measured.
     Asks(Asked),
-    /// It has ended well.
+    /// The training has ended well.
     Ended,
 }
 
-/// Which measurement a training asks for.
+/// A measurement that a training asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Asked {
     /// The one during the training that is due at this step, if any.
@@ -104,10 +104,10 @@ pub trait OwnTraining {
     /// [`Error::Config`] where the assignment lacks what the words name.
     fn command(&self, of: &Assignment) -> Result<Vec<String>, Error>;
 
-    /// The words of the command as they are written, with the program that runs here in the first place.
+    /// Words of the command as they are written, with the program that runs here in the first place.
     fn written(&self) -> Vec<String>;
 
-    /// True where the training goes on after an interruption, and does not begin anew.
+    /// Whether the training goes on after an interruption instead of beginning anew.
     fn goes_on(&self) -> bool;
 
     /// Settings that can be run and are probably not meant, each an [`Error::Config`] with its key.
@@ -130,18 +130,19 @@ pub trait OwnTraining {
     /// The measurements so far, by metric; `last` once the training has ended, when everything has to be there.
     ///
     /// # Errors
-    /// Where what was written cannot be read; while the training runs nothing is refused that may become whole.
+    /// Where a written file cannot be read; while the training runs, a file that is still being written is not refused.
     fn curves(&mut self, last: bool) -> Result<&[Curve], Error>;
 
-    /// How the protocol measures it; `None` where the training alone says what is measured.
+    /// How the protocol measures the agent; `None` where the training alone gives the measurements.
     fn measured(&self) -> Option<Measured> {
         None
     }
 
-    /// Told what the measurement came to that was asked for: the mean of each metric; `None` where none was due.
+    /// Gives the training the result of the measurement that it asked for: the mean of each metric; `None` where none
+    /// was due.
     ///
     /// # Errors
-    /// Where the training cannot be told.
+    /// Where the training cannot be reached.
     fn answer(&mut self, _means: Option<&BTreeMap<String, f64>>) -> Result<(), Error> {
         Ok(())
     }
@@ -149,7 +150,7 @@ pub trait OwnTraining {
     /// Takes up the policy that the training left, once it has ended.
     ///
     /// # Errors
-    /// Where there is none, or it does not fit the environment.
+    /// Where there is no policy, or it does not fit the environment.
     fn take_up(&mut self) -> Result<(), Error> {
         Ok(())
     }
@@ -157,7 +158,7 @@ pub trait OwnTraining {
     /// Tells the training to end, and waits until it has.
     fn stop(&mut self);
 
-    /// The output of the training in this process; `None` where that is nothing.
+    /// Output of the training in this process; `None` where there is none.
     fn output(&self) -> Option<Vec<u8>> {
         None
     }

@@ -1,5 +1,5 @@
-//! Panics that are caught and told: nothing of them is printed, what they say and where they come from goes into the
-//! error or the end of the trial that tells of them.
+//! Panics that are caught: they print nothing, and the error or the end of the trial holds their message and their
+//! place in the source code.
 
 use crate::Error;
 use std::{
@@ -16,7 +16,7 @@ thread_local! {
     static PLACE: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// Lets panics that are caught print nothing; all others are printed as before.
+/// Keeps caught panics from printing; all others are printed as before.
 pub fn print_no_caught_ones() {
     let before = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic: &PanicHookInfo<'_>| {
@@ -28,10 +28,10 @@ pub fn print_no_caught_ones() {
     }));
 }
 
-/// What `run` gives.
+/// The result of `run`, or the message of its panic.
 ///
 /// # Errors
-/// What a panic says, with the place in the source code where it is known.
+/// The message of a panic, with its place in the source code where that is known.
 pub fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     UNDER_WAY.set(UNDER_WAY.get() + 1);
     let outcome = catch_unwind(AssertUnwindSafe(run));
@@ -44,10 +44,10 @@ pub fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// As [`caught`], of what reads a file: a reader may panic over a file that nobody wrote as it is.
+/// As [`caught`], for the reader of a file: a reader may panic over damaged content.
 ///
 /// # Errors
-/// [`Error::Damaged`] for a panic, and what `read` says.
+/// [`Error::Damaged`] for a panic, and the errors of `read`.
 pub fn or_damaged<T>(path: &Path, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     caught(read).unwrap_or_else(|said| {
         let problem = format!("it cannot be read: its reader stopped with `{said}`");

@@ -20,16 +20,16 @@ pub struct Part {
     pub version: u32,
     /// Config with every default filled in; the trials of a plan share it.
     pub config: CompleteConfig,
-    /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers,
-    /// its path does not.
+    /// Hashes of the data files that the config names, by JSON pointer: the content of a file determines numbers, its
+    /// path does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
-    /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers,
+    /// Artifacts of other trials that the config takes, by JSON pointer: the trial that leaves one determines numbers,
     /// its name in a study does not.
     #[serde(rename = "products", default, skip_serializing_if = "BTreeMap::is_empty")]
     pub artifacts: BTreeMap<String, Taken>,
-    /// Keys of the config that say where it is computed and not what, by name: they determine no numbers. The
-    /// plugin's schema says `x-identity: false` of them.
+    /// Names of keys of the config that say where it is computed: they determine no numbers. The plugin's schema marks
+    /// them with `x-identity: false`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub of_machine: Vec<String>,
 }
@@ -63,8 +63,8 @@ impl Part {
         digest::of_bytes(&text)
     }
 
-    /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that say
-    /// only how it is looked at ([`About::looking_keys`]). Settings that differ in these meet the same episodes.
+    /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that concern
+    /// observation only ([`About::looking_keys`]). Settings that differ in these meet the same episodes.
     #[must_use]
     pub fn stream_id(&self, about: &About) -> String {
         let mut looking = about.looking_keys().peekable();
@@ -78,8 +78,8 @@ impl Part {
         happening.id()
     }
 
-    /// The config with the content of data files in place of their paths, and trials in place of names, without
-    /// what is of a machine: what enters the hash.
+    /// The hashed form of the config: with the content of data files instead of their paths, with trials instead of
+    /// names, and without keys of the machine.
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
         if self.files.is_empty() && self.artifacts.is_empty() && self.of_machine.is_empty() {
@@ -102,11 +102,11 @@ impl Part {
         Cow::Owned(config)
     }
 
-    /// The config as its plugin is built from it: with what its data files hold, each read once and held
-    /// against its hash, and with the folders of artifacts, which `find` looks up.
+    /// The config as its plugin is built from it: with the content of its data files, each read once and held against
+    /// its hash, and with the folders of artifacts, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and what `find` says.
+    /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and the errors of `find`.
     pub fn loaded(&self, find: FindArtifact<'_>) -> Result<Cow<'_, Value>, Error> {
         if self.files.is_empty() && self.artifacts.is_empty() {
             return Ok(Cow::Borrowed(&self.config));

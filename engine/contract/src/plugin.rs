@@ -4,7 +4,7 @@ use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-/// What a plugin's config must be.
+/// The config of a plugin.
 ///
 /// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then
 /// reads what its id names, whatever happens to the file.
@@ -23,17 +23,17 @@ pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static 
 /// A named setting of a plugin: keys that replace the defaults.
 #[derive(Debug, Clone, Serialize)]
 pub struct Preset {
-    /// The name, as in `preset: thesis`.
+    /// Name of the preset, as in `preset: thesis`.
     pub name: &'static str,
-    /// Where it comes from.
+    /// Source of the values.
     pub about: &'static str,
     /// A JSON object with the keys that differ.
     pub values: Value,
 }
 
-/// What the engine knows of every plugin.
+/// Facts on a plugin, the same for every kind.
 pub struct About {
-    /// One line.
+    /// Description in one line.
     pub about: &'static str,
     /// Raised whenever a change of code changes the numbers of a trial.
     pub version: u32,
@@ -48,14 +48,14 @@ pub struct About {
 }
 
 impl About {
-    /// Keys of the config that say only how the plugin is looked at and never what happens in it: those that the
-    /// schema marks with `x-looks`. They belong to a trial's identity and not to its random streams.
+    /// Keys of the config that concern observation of the plugin only, and no event in it: those that the schema marks
+    /// with `x-looks`. They belong to a trial's identity and not to its random streams.
     pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
         self.marked("x-looks", true)
     }
 
-    /// Keys of the config that say where it is computed and not what: those that the schema marks with
-    /// `x-identity: false`. They belong neither to a trial's identity nor to its random streams.
+    /// Keys of the config that say where it is computed: those that the schema marks with `x-identity: false`. They
+    /// belong neither to a trial's identity nor to its random streams.
     pub fn machine_keys(&self) -> impl Iterator<Item = &str> {
         self.marked("x-identity", false)
     }
@@ -78,5 +78,5 @@ impl About {
     }
 }
 
-/// Fills in the defaults of a config and refuses what does not fit.
+/// Fills in the defaults of a config and refuses one that does not fit.
 pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;

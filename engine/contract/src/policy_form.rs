@@ -5,13 +5,13 @@ use std::path::Path;
 
 /// A form of policy files that can be written for other runtimes.
 pub struct PolicyForm {
-    /// Its name, as messages and properties say it.
+    /// Name of the form, as messages and properties say it.
     pub name: &'static str,
     /// Reads the policies in a folder that holds `policy.safetensors`; `None` where it is of another form.
     pub read: ReadPolicies,
 }
 
-/// What reads the policies of one form.
+/// Reads the policies of one form from a folder.
 ///
 /// # Errors
 /// Where the file cannot be read, or is of this form and not whole.
@@ -25,8 +25,8 @@ pub struct PortablePolicy {
     pub inputs: Vec<String>,
     /// Names of the entries of the action, in order.
     pub outputs: Vec<String>,
-    /// How what its network gives out becomes an action, in a word.
+    /// Name of the function from the output of the network to an action.
     pub head: String,
-    /// An ONNX file of it, with properties by name.
+    /// Writes the policy as an ONNX file, with properties by name.
     pub to_onnx: Box<dyn Fn(&[(String, String)]) -> Vec<u8>>,
 }

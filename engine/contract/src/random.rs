@@ -22,7 +22,7 @@ pub fn stream(words: &[&str]) -> Rng {
     Rng::from_seed(*hasher.finalize().as_bytes())
 }
 
-/// What the environment draws in a rollout with this seed, which belongs to no trial.
+/// The environment's stream of a rollout with this seed, which belongs to no trial.
 #[must_use]
 pub fn rollout(seed: u64) -> Rng {
     stream(&["rollout", "environment", &seed.to_string()])
@@ -30,9 +30,9 @@ pub fn rollout(seed: u64) -> Rng {
 
 /// The streams of one trial.
 ///
-/// What the environment draws depends on the environment and the seed only, never on the agent, so that all
-/// agents of a study meet the same starts and the same demands (common random numbers). What the agent draws
-/// depends on the whole trial.
+/// Streams of the environment depend on the environment and the seed only, never on the agent, so that all agents of a
+/// study meet the same starts and the same demands (common random numbers). Streams of the agent depend on the whole
+/// trial.
 #[derive(Debug, Clone)]
 pub struct Streams {
     trial_id: String,
@@ -58,8 +58,8 @@ impl Streams {
         &self.environment_id
     }
 
-    /// What the environment draws in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth
-    /// measurement, `final`.
+    /// The environment's stream in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth measurement,
+    /// `final`.
     #[must_use]
     pub fn environment(&self, phase: &str, episode: u64) -> Rng {
         stream(&[
@@ -71,7 +71,7 @@ impl Streams {
         ])
     }
 
-    /// What the agent draws, by purpose (`initialise`, `act`, `learn`, `evaluate`).
+    /// The agent's stream for a purpose (`initialise`, `act`, `learn`, `evaluate`).
     #[must_use]
     pub fn agent(&self, purpose: &str) -> Rng {
         stream(&["agent", &self.trial_id, purpose])

@@ -1,4 +1,4 @@
-//! What a running trial records: numbers in long form, one row per value.
+//! Records of running trials: numbers in long form, one row per value.
 
 use crate::{Error, exact};
 use serde::{Deserialize, Serialize};
@@ -8,13 +8,13 @@ use std::{collections::BTreeMap, time::Duration};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
-    /// While learning: losses, temperatures, training returns.
+    /// Values while learning: losses, temperatures, training returns.
     Train,
-    /// A measurement during learning; what learning curves show.
+    /// A measurement during learning, for learning curves.
     Evaluate,
-    /// The measurement at the end; what tables show.
+    /// The measurement at the end, for tables.
     Final,
-    /// Step-by-step values of recorded episodes; what trajectory figures show.
+    /// Step-by-step values of recorded episodes, for trajectory figures.
     Trace,
 }
 
@@ -22,7 +22,7 @@ impl Phase {
     /// All phases, in order.
     pub const ALL: [Phase; 4] = [Phase::Train, Phase::Evaluate, Phase::Final, Phase::Trace];
 
-    /// The word that is stored.
+    /// Name of the phase, as it is stored.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -37,7 +37,7 @@ impl Phase {
 /// One recorded value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
-    /// The part of the trial.
+    /// Part of the trial.
     pub phase: Phase,
     /// Environment steps (all environments together) or examples seen when it was recorded; in a trace, the
     /// decision.
@@ -48,7 +48,7 @@ pub struct Row {
     pub seat: u16,
     /// Index into [`Recorder::names`].
     pub metric: u16,
-    /// The value.
+    /// Recorded value, in the metric's unit.
     pub value: f64,
 }
 
@@ -63,15 +63,15 @@ pub struct Recorder {
     deciding: Deciding,
 }
 
-/// How long the agent took for the decisions of the final measurement, of those made in this process: a
-/// measurement of the machine, which is no row.
+/// Time that the agent took for the decisions of the final measurement, of those made in this process: a measurement of
+/// the machine, which is no row.
 #[derive(Debug, Clone, Copy, Default)]
 struct Deciding {
     decisions: usize,
     time: Duration,
 }
 
-/// What has not become rows yet.
+/// Means and latest values that have not become rows yet.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Running {
     means: BTreeMap<String, Mean>,
@@ -129,7 +129,7 @@ impl Recorder {
         self.add_rows(&other.rows, &other.names);
     }
 
-    /// Takes over how long decisions took in another record.
+    /// Takes over the decision times of another record.
     pub fn decided_as(&mut self, other: &Self) {
         self.deciding = other.deciding;
     }
@@ -180,8 +180,7 @@ impl Recorder {
         }
     }
 
-    /// Refuses a record that holds something else than numbers, whatever was recorded and by whom: no mean of
-    /// it would be one.
+    /// Refuses a record that holds a number which is not finite, from any plugin: its means would not be finite either.
     ///
     /// # Errors
     /// [`Error::NotFinite`] for the first such row, and [`Error::Config`] for more metrics than rows can tell

@@ -15,7 +15,7 @@ use crate::{
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// The same for an agent that trains itself, by how it is measured.
+/// As [`Resolve`], for an agent that trains itself, by how it is measured.
 pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
 /// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
 /// config may be one that is refused elsewhere.
@@ -34,7 +34,7 @@ pub struct EnvironmentEntry {
 }
 
 impl EnvironmentEntry {
-    /// A config of the environment, with what that is called elsewhere where no key of its own has the name.
+    /// A config of the environment, with its names in other programs where no key of its own has the name.
     #[must_use]
     pub fn named(&self, config: &Value) -> Value {
         let mut named = config.clone();
@@ -81,11 +81,11 @@ pub struct ProtocolEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
-    /// The config for an agent that does not learn: measurements alone, at the steps at which those that
-    /// learn are measured, so that its trials do not depend on the rest of a training budget.
+    /// The config for an agent that does not learn: measurements alone, at the steps at which learning agents are
+    /// measured, so that its trials do not depend on the rest of a training budget.
     pub without_training: Resolve,
-    /// The config for an agent that trains itself: how long, and how often measurements are taken in. `None` where the
-    /// protocol has nothing for such agents.
+    /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` where the
+    /// protocol has no form for such agents.
     pub own_training: Option<ResolveOwn>,
 }
 
@@ -100,17 +100,17 @@ pub struct Registry {
     pub agents: BTreeMap<&'static str, AgentEntry>,
     /// Protocols by name.
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
-    /// Makes the part of a trial's key for a protocol that measures so many whole episodes of policies which learn no
-    /// more.
+    /// Makes the part of a trial's key for a protocol that measures so many whole episodes of policies that no longer
+    /// learn.
     pub measuring: Option<fn(u64) -> Part>,
     /// Forms of policies that can be written for other runtimes, by name.
     pub policy_forms: BTreeMap<&'static str, PolicyForm>,
     /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
     /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
     pub numerics_version: u32,
-    /// The source code that the program was built from, where it knows.
+    /// The source code that the program was built from; `None` where that is unknown.
     pub build: Option<crate::Build>,
-    /// Environment and agent of the study that `new` writes where a person names neither.
+    /// Environment and agent of the study that `new` writes where the command names neither.
     pub first_study: Option<(&'static str, &'static str)>,
     /// Begins the study that `new --from` writes.
     pub draft: Option<crate::draft::BeginDraft>,
@@ -119,21 +119,20 @@ pub struct Registry {
 /// Facts that the registration of an agent gives besides the constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
-    /// False for rules.
+    /// Whether the agent learns; false for rules.
     pub learns: bool,
-    /// What `learn` records, and what measurements record of its decisions.
+    /// Metrics that `learn` records, and that measurements record of the agent's decisions.
     pub metrics: Vec<Metric>,
-    /// True where `learn` reads observations and states alone, so that it can be given examples instead of
-    /// decisions.
+    /// Whether `learn` reads observations and states alone, so that it can be given examples instead of decisions.
     pub learns_from_examples: bool,
-    /// Whether it can learn from what others gathered.
+    /// Whether the agent can learn from transitions that others gathered.
     pub datasets: UseOfDatasets,
-    /// True where it proposes whole designs, one after the other, and has to be asked for them by a protocol.
+    /// Whether the agent proposes whole designs, one after the other, for which a protocol must ask.
     pub designs: bool,
-    /// True where it trains itself, as [`Agent::own_training`] does.
+    /// Whether the agent trains itself, as [`Agent::own_training`] does.
     pub trains_itself: bool,
-    /// For code that is not this program's own: what a config says in the place of `learns` and `metrics`. `learns` is
-    /// then whether any config can learn.
+    /// For code that is not this program's own: reads `learns` and `metrics` from a config. `learns` is then whether
+    /// any config can learn.
     pub by_config: Option<ByConfig>,
 }
 
@@ -143,16 +142,15 @@ pub enum UseOfDatasets {
     /// It learns from its own decisions, or from more than a dataset holds, such as the full state.
     #[default]
     Never,
-    /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn`
-    /// does not ask who decided.
+    /// It learns from its own decisions and, where it gets them in batches, from those of others: `learn` does not
+    /// depend on who decided.
     Also,
-    /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told
-    /// of.
+    /// It is made for datasets: every call of `learn` is one batch drawn from the one that `survey` got.
     Only,
 }
 
 impl Default for Registry {
-    /// No plugin yet, and the version of the engine's own numerical code.
+    /// A registry without plugins, with the version of the engine's own numerical code.
     fn default() -> Self {
         Self {
             environments: BTreeMap::new(),

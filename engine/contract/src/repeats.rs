@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub enum Repeats {
     /// Every bit of so many values is the same.
     ToTheBit(usize),
-    /// They differ by less than this power of ten, relative to the larger value.
+    /// They differ by less than ten to this power, relative to the larger value.
     Within(i32),
     /// They differ by more, or stand at other steps.
     Not,
@@ -27,11 +27,11 @@ pub struct Recorded<'a> {
     pub rows: &'a [Row],
 }
 
-/// A larger relative difference comes from more than the order of sums.
+/// Power of ten above which a relative difference comes from more than the order of sums.
 const LARGEST_POWER: i32 = -3;
 
 impl Repeats {
-    /// Compares two runs up to a step, but for what is measured at their ends. Only one of them may have gone further,
+    /// Compares two runs up to a step, without the measurements at their ends. Only one of them may have gone further,
     /// and metrics that only one of them has are passed over.
     #[must_use]
     pub fn of(one: Recorded<'_>, other: Recorded<'_>, until: Option<u64>) -> Self {
@@ -72,7 +72,7 @@ impl Repeats {
     }
 }
 
-/// Where a value stands: its phase, step, number at that step and metric.
+/// Place of a value: its phase, step, number at that step and metric.
 type Place<'a> = (Phase, u64, u64, &'a str);
 
 impl<'a> Recorded<'a> {

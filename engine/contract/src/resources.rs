@@ -1,4 +1,4 @@
-//! Cores and graphics cards: what a trial needs, what a machine has, and how the trials of a machine share it.
+//! Cores and graphics cards: the needs of a trial, the capacity of a machine, and how the trials of a machine share it.
 //!
 //! A trial has one core and no card of its own, unless its agent is a program that says otherwise. No resource is part
 //! of a trial's id: they decide when and where a trial runs.
@@ -8,7 +8,7 @@ use document::count::count;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The key of an agent that trains itself with what a trial of it needs.
+/// The key of an agent that trains itself under which it names the needs of a trial.
 pub(crate) const NEEDS: &str = "needs";
 
 /// A card, in the thousandths by which cards are shared.
@@ -35,7 +35,7 @@ impl Default for Needs {
 }
 
 impl Needs {
-    /// Refuses what no machine can give.
+    /// Refuses needs that no machine can meet.
     ///
     /// # Errors
     /// [`Error::Config`] with the key.
@@ -84,7 +84,7 @@ pub struct Capacity {
 }
 
 impl Capacity {
-    /// True where a trial fits while nothing else runs.
+    /// Whether a trial fits while nothing else runs.
     #[must_use]
     pub fn fits(&self, needs: &Needs) -> bool {
         self.cores >= needs.cores as usize && self.gpus.len() * CARD as usize >= needs.of_cards() as usize
@@ -106,7 +106,7 @@ impl Capacity {
 pub struct Share {
     /// Cores.
     pub cores: u32,
-    /// The cards that it sees; `None` where it sees what the machine shows.
+    /// The cards that it sees; `None` where it sees all cards of the machine.
     pub gpus: Option<Vec<String>>,
 }
 
@@ -116,7 +116,7 @@ impl Default for Share {
     }
 }
 
-/// A machine that trials share: what of it is free.
+/// Free cores and cards of a machine that trials share.
 #[derive(Debug, Clone)]
 pub struct Pool {
     capacity: Capacity,
@@ -137,19 +137,19 @@ impl Pool {
         }
     }
 
-    /// True where a trial fits while nothing else runs.
+    /// Whether a trial fits while nothing else runs.
     #[must_use]
     pub fn could_fit(&self, needs: &Needs) -> bool {
         self.capacity.fits(needs)
     }
 
-    /// True where no core is free.
+    /// Whether no core is free.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.cores == 0
     }
 
-    /// Takes what a trial needs; `None` where it is not free.
+    /// Takes the share that a trial needs; `None` where it is not free.
     pub fn take(&mut self, needs: &Needs) -> Option<Share> {
         let cards = self.free_cards(needs)?;
         self.cores = self.cores.checked_sub(needs.cores as usize)?;
@@ -166,7 +166,7 @@ impl Pool {
         })
     }
 
-    /// Gives back what a trial was given.
+    /// Gives back the share of a trial.
     pub fn give_back(&mut self, needs: &Needs, share: &Share) {
         self.cores += share.cores as usize;
         for (card, name) in self.capacity.gpus.iter().enumerate() {

@@ -26,7 +26,7 @@ impl Setting {
             .collect()
     }
 
-    /// True without a sweep.
+    /// Whether the point has no keys: there is no sweep.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

@@ -6,10 +6,10 @@ use serde_json::Value;
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
-/// How far an agent trained that trains itself: the last step for which it gave a value.
+/// The metric of agents that train themselves: the last step for which they gave a value.
 pub const OWN_STEPS: &str = "own_steps";
 
-/// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
+/// The metric of studies that define success: 1 for a seed with success, 0 for one without.
 pub const SUCCESS: &str = "success";
 
 /// The metric that every measured episode records once: how many decisions it took.
@@ -26,11 +26,11 @@ pub const TIME_PER_UPDATE: &str = "time_per_update";
 /// took for a decision there, in seconds.
 pub const TIME_PER_DECISION: &str = "time_per_decision";
 
-/// What is said wherever a time is shown.
+/// The sentence that stands wherever a time is shown.
 pub const TIMES_ARE_OF_THE_MACHINE: &str = "Times are measurements of the machine that computed the trials \
                                             and of what else it did; they differ from run to run.";
 
-/// What [`OWN_STEPS`] says, for names, units and directions.
+/// Description of [`OWN_STEPS`], for names, units and directions.
 #[must_use]
 pub fn own_steps_metric() -> Metric {
     Metric::new(
@@ -41,13 +41,13 @@ pub fn own_steps_metric() -> Metric {
     .per_episode(PerEpisode::Last)
 }
 
-/// What [`UPDATES`] says, for names, units and directions.
+/// Description of [`UPDATES`], for names, units and directions.
 #[must_use]
 pub fn updates_metric() -> Metric {
     Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
 }
 
-/// What [`WALL_TIME`] says, for names, units and directions.
+/// Description of [`WALL_TIME`], for names, units and directions.
 #[must_use]
 pub fn wall_time_metric() -> Metric {
     Metric::new(WALL_TIME, "s", "wall-clock time of the trial")
@@ -55,7 +55,7 @@ pub fn wall_time_metric() -> Metric {
         .per_episode(PerEpisode::Last)
 }
 
-/// What [`TIME_PER_UPDATE`] says, for names, units and directions.
+/// Description of [`TIME_PER_UPDATE`], for names, units and directions.
 #[must_use]
 pub fn time_per_update_metric() -> Metric {
     let about = "wall-clock time of the trial over the updates that the agent made";
@@ -64,7 +64,7 @@ pub fn time_per_update_metric() -> Metric {
         .per_episode(PerEpisode::Last)
 }
 
-/// What [`TIME_PER_DECISION`] says, for names, units and directions.
+/// Description of [`TIME_PER_DECISION`], for names, units and directions.
 #[must_use]
 pub fn time_per_decision_metric() -> Metric {
     let about = "wall-clock time that the agent took for a decision of the final measurement";
@@ -79,7 +79,7 @@ pub fn root_of_squares(metric: &str) -> String {
     format!("rms({metric})")
 }
 
-/// True where one of the words of `asked`, a part of a study, is the name of a time.
+/// Whether one of the words of `asked`, a part of a study, is the name of a time.
 #[must_use]
 pub fn names_times(asked: &impl Serialize) -> bool {
     serde_json::to_value(asked).is_ok_and(|asked| has_time(&asked))

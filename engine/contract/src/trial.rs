@@ -1,4 +1,4 @@
-//! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its
+//! One trial: an environment, an agent, a protocol and a seed, with an identity made of everything that determines its
 //! numbers.
 
 use crate::{artifact::Taken, cast::Actors, digest, part::Part, setting::Setting};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
-/// What is shared is stored as what it is.
+/// Serialisation of shared values: in the form of the value itself.
 mod shared {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
     use std::sync::Arc;
@@ -73,7 +73,7 @@ pub struct TrialKey {
     /// The environment.
     #[serde(with = "shared")]
     pub environment: Arc<Part>,
-    /// Who acts.
+    /// The agent or the policies that act.
     #[serde(with = "shared")]
     pub agent: Arc<Actors>,
     /// The protocol.
@@ -94,7 +94,7 @@ impl TrialKey {
         Self { seed, ..self.clone() }
     }
 
-    /// True where another key shares its parts in memory, so that they are equal without a look at them.
+    /// Whether another key shares its parts in memory, so that they are equal without a comparison.
     pub fn shares_parts(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.environment, &other.environment)
             && Arc::ptr_eq(&self.agent, &other.agent)
@@ -118,7 +118,7 @@ impl TrialKey {
         [self.environment.id(), self.agent.id(), self.protocol.id()]
     }
 
-    /// The artifacts of other trials that it takes.
+    /// Artifacts of other trials that the trial takes.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
         let of = |part: &Part| part.artifacts.values().cloned().collect();
@@ -128,7 +128,7 @@ impl TrialKey {
         all
     }
 
-    /// The data files that its configs name, without a `./` before them, with the hashes of what they hold.
+    /// Data files that the configs name, without a `./` before them, with the hashes of their content.
     pub fn data_files(&self) -> Vec<(&Path, &str)> {
         let parts = [&*self.environment, &*self.protocol]
             .into_iter()
@@ -142,7 +142,7 @@ impl TrialKey {
         files.collect()
     }
 
-    /// True where it takes something from another trial.
+    /// Whether the trial takes an artifact from another trial.
     #[must_use]
     pub fn takes(&self) -> bool {
         let takes = |part: &Part| !part.artifacts.is_empty();
@@ -154,8 +154,8 @@ impl TrialKey {
             }
     }
 
-    /// Of these, what it takes by names of its own: a cast takes policies, and what their agents were made
-    /// from is theirs.
+    /// Of these, the artifacts that the trial itself names: a cast takes policies, and the artifacts behind their
+    /// agents belong to their own trials.
     #[must_use]
     pub fn taken_by_name(&self) -> Vec<Taken> {
         match self.agent.cast() {
@@ -195,19 +195,19 @@ impl TrialKey {
 /// A trial of a study: its key and the names under which tables and figures speak of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// Hash of `key`.
+    /// Hash of `key`, as 32 hexadecimal digits.
     pub id: String,
-    /// What it is in the study; the trials of all seeds share it.
+    /// Place of the trial in the study; the trials of all seeds share it.
     #[serde(flatten, with = "shared")]
     pub cell: Arc<TrialCell>,
-    /// What determines the numbers.
+    /// Everything that determines the numbers.
     pub key: TrialKey,
 }
 
-/// Environment, agent and setting, by their names in the study: what seeds are replicates of.
+/// Environment, agent and setting, by their names in the study; seeds are replicates of these.
 pub type CellName = (String, String, String);
 
-/// What a trial is in its study: all but its seed.
+/// Place of a trial in its study, without its seed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrialCell {
     /// Name of the environment in the study.
@@ -219,7 +219,7 @@ pub struct TrialCell {
     /// The same with the values themselves; empty in trials that were stored before it was recorded.
     #[serde(default, skip_serializing_if = "Setting::is_empty")]
     pub point: Setting,
-    /// What it is for.
+    /// Purpose of the trial.
     #[serde(default)]
     pub purpose: Purpose,
 }
@@ -242,7 +242,7 @@ impl TrialCell {
     }
 }
 
-/// What a trial is for in its study.
+/// The purpose of a trial in its study.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Purpose {
@@ -261,7 +261,7 @@ pub enum Purpose {
 }
 
 impl Purpose {
-    /// True for a trial that measures a setting for a search.
+    /// Whether the trial measures a setting for a search.
     #[must_use]
     pub fn is_tried(&self) -> bool {
         matches!(self, Self::Tried(_))
@@ -269,7 +269,7 @@ impl Purpose {
 }
 
 impl Trial {
-    /// What it is in the study, to be changed for this trial alone.
+    /// Place of the trial in the study, to be changed for this trial alone.
     pub fn cell_mut(&mut self) -> &mut TrialCell {
         Arc::make_mut(&mut self.cell)
     }

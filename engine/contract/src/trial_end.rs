@@ -22,8 +22,8 @@ pub enum EndState {
     Nan,
     /// The worker process was killed from outside.
     Killed,
-    /// It has come to a pause of a search, and what it recorded up to there is stored. It has not ended, and no limit
-    /// names this state.
+    /// It has come to a pause of a search, and its record up to there is stored. It has not ended, and no limit names
+    /// this state.
     #[schemars(skip)]
     Paused,
 }
@@ -39,7 +39,7 @@ impl EndState {
         EndState::Killed,
     ];
 
-    /// The word that is stored and shown.
+    /// Name of the state, as it is stored and shown.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -55,24 +55,24 @@ impl EndState {
     }
 }
 
-/// What is stored when a trial has ended.
+/// The stored end of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialEnd {
-    /// How it ended.
+    /// State in which it ended.
     pub state: EndState,
-    /// Why, for everything but `ok`; one line.
+    /// Reason for every state but `ok`; one line.
     #[serde(deserialize_with = "read_brief")]
     pub reason: String,
-    /// Wall-clock time it took.
+    /// Wall-clock time of the trial, in seconds.
     pub wall_s: f64,
-    /// Mean wall-clock time of a decision of the final measurement, where one was made.
+    /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` where none was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
     /// Hash of the metrics file, empty where there is none.
     pub digest: String,
 }
 
-/// True where a trial has to run: it never did, or was killed from outside.
+/// Whether a trial has to run: it never did, or was killed from outside.
 #[must_use]
 pub fn is_missing(end: Option<&TrialEnd>) -> bool {
     end.is_none_or(|end| matches!(end.state, EndState::Killed | EndState::Paused))

@@ -1,4 +1,4 @@
-//! A trial with what it recorded.
+//! A trial with its record.
 
 use crate::{
     recorder::{self, Phase, Row},
@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// One trial of a study with what it recorded.
+/// One trial of a study with its record.
 #[derive(Debug, Clone)]
 pub struct TrialResult {
     /// The trial, which the plan has as well.
@@ -21,7 +21,7 @@ pub struct TrialResult {
     pub end: Option<Box<TrialEnd>>,
     /// Metric names that `rows` point into; trials with the same ones share them.
     pub names: Arc<Vec<String>>,
-    /// What it recorded; empty unless it ended `ok`.
+    /// Recorded rows; empty unless it ended `ok`.
     pub rows: Vec<Row>,
 }
 
@@ -48,39 +48,38 @@ impl TrialResult {
         self.trial.cell.names()
     }
 
-    /// True for a run of another program.
+    /// Whether it is a run of another program.
     #[must_use]
     pub fn is_imported(&self) -> bool {
         self.trial.cell.purpose == Purpose::Imported
     }
 
-    /// True where the trial ended `ok`.
+    /// Whether the trial ended `ok`.
     #[must_use]
     pub fn is_ok(&self) -> bool {
         self.end.as_deref().is_some_and(|end| end.state == EndState::Ok)
     }
 
-    /// How many updates the agent had made at the end; `None` where it does not learn, and where nothing was
+    /// Number of updates that the agent had made at the end; `None` where it does not learn, and where nothing was
     /// recorded.
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
         self.select(Phase::Final, UPDATES).last().map(|row| row.value)
     }
 
-    /// True where the agent learned in the trial: it recorded its updates, or how far it trained itself.
+    /// Whether the agent learned in the trial: it recorded its updates, or the last step of its own training.
     #[must_use]
     pub fn trains(&self) -> bool {
         self.updates().is_some() || self.select(Phase::Final, OWN_STEPS).next().is_some()
     }
 
-    /// Whether the trial was a success; `None` where the study does not say what that is, and where nothing
-    /// was recorded.
+    /// Whether the trial was a success; `None` where the study does not define success, and where nothing was recorded.
     #[must_use]
     pub fn succeeded(&self) -> Option<bool> {
         self.mean(Phase::Final, SUCCESS).map(|share| share > 0.5)
     }
 
-    /// Adds the metric `success`, from what the trial measured at the end.
+    /// Adds the metric `success`, from the final measurement.
     pub fn judge_success(&mut self, success: &Success) {
         let Some(value) = self.mean(Phase::Final, &success.metric).filter(|_| self.is_ok()) else {
             return;
@@ -111,7 +110,7 @@ impl TrialResult {
             (TIME_PER_DECISION, per_decision),
         ];
         for (name, value) in times {
-            // What a plugin records under the name is what the name means then.
+            // A metric that a plugin records under the name takes precedence.
             if let Some(value) = value.filter(|_| !self.names.iter().any(|known| known == name)) {
                 self.add(name, value, last);
             }
@@ -198,8 +197,7 @@ impl TrialResult {
     }
 }
 
-/// What counts as a success of a seed, for outcomes that come in two kinds: a mean over both describes
-/// neither.
+/// The criterion by which a seed counts as a success, for outcomes of two kinds: a mean over both describes neither.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Success {

@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
 impl TrialKey {
-    /// As [`run_after`](Self::run_after), for a trial that takes nothing from another one.
+    /// As [`run_after`](Self::run_after), for a trial that takes no artifact from another one.
     ///
     /// # Errors
     /// As there, and [`Error::Source`] for a trial that takes artifacts.
@@ -27,9 +27,9 @@ impl TrialKey {
         self.run_after(registry, &no_artifact, folder, progress, keeper)
     }
 
-    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start;
-    /// `progress` is told steps done and steps in all. `find` looks up what other trials left; what this one
-    /// leaves goes into `folder`.
+    /// Builds the parts and runs the protocol from the state that `keeper` has of this trial, or from the start;
+    /// `progress` gets steps done and steps in all. `find` looks up artifacts of other trials; artifacts of this one go
+    /// into `folder`.
     ///
     /// # Errors
     /// Whatever a plugin reports, [`Error::Source`] for an artifact of another trial that cannot be used, and
@@ -44,7 +44,7 @@ impl TrialKey {
     ) -> Result<Recorder, Error> {
         loop {
             match self.attempt(registry, find, folder, progress, keeper) {
-                // What the trial continued from does not fit it: the next attempt takes up something older or
+                // The checkpoint of the trial does not fit it: the next attempt takes up an older one or
                 // begins anew.
                 Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
                 outcome => return outcome,
@@ -110,7 +110,7 @@ impl TrialKey {
         }
     }
 
-    /// The environment as others can make it, who need not know where the study was started.
+    /// Description of the environment for other programs, which need not know where the study was started.
     fn simulator(&self, streams: &Streams) -> Simulator {
         let mut config = self.environment.config.whole().into_owned();
         for key in self.environment.files.keys() {
@@ -127,7 +127,7 @@ impl TrialKey {
         }
     }
 
-    /// What acts, freshly made; `find` as in [`run_after`](Self::run_after).
+    /// The agent or the policies, freshly made; `find` as in [`run_after`](Self::run_after).
     ///
     /// # Errors
     /// The error of the constructor, and [`Error::Source`] for an artifact that cannot be used.

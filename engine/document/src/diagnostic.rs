@@ -1,4 +1,4 @@
-//! What is wrong with a study, where, and what to write instead.
+//! Mistakes in a study: message, place, and advice.
 //!
 //! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came
 //! from.
@@ -38,7 +38,7 @@ struct Source {
     /// Where each line begins.
     starts: Vec<usize>,
     numbered: bool,
-    /// True where messages quote nothing of it.
+    /// Whether messages quote no text of it.
     is_foreign: bool,
 }
 
@@ -54,8 +54,8 @@ impl Source {
 }
 
 impl Sources {
-    /// Adds a file under the name that messages show, its path; returns its index. Of one that is not the study's no
-    /// text is kept.
+    /// Adds a file under the name that messages show, its path; returns its index. The text of a file that is not the
+    /// study's is not kept.
     pub fn add_file(&mut self, name: &str, text: &str) -> usize {
         let is_foreign = reach::is_foreign(Path::new(name));
         let index = self.add(name, if is_foreign { "" } else { text }, true);
@@ -96,8 +96,8 @@ impl Sources {
         }
     }
 
-    /// A letter among those that a span points at which is not what it looks like. In longer texts, which are
-    /// sentences, dashes and curly quotation marks are meant.
+    /// A letter in the text of a span that looks like another one. In longer texts, which are sentences, dashes and
+    /// curly quotation marks are meant.
     fn lookalike(&self, span: Span) -> Option<(String, Place)> {
         const LONGEST: usize = 60;
         let source = self.sources.get(span.source).filter(|_| span.length <= LONGEST)?;
@@ -112,7 +112,7 @@ impl Sources {
         Some((found.sentence(), self.place(at)))
     }
 
-    /// As [`error`](Self::error), of something that can be run and is probably not meant.
+    /// As [`error`](Self::error), of a setting that can be run and is probably not meant.
     #[must_use]
     pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
         self.error(span, path, message).as_warning()
@@ -137,8 +137,8 @@ impl Sources {
     }
 }
 
-/// A line, or of a long one what stands around a column, and how many characters stand in front of that: a
-/// message holds no line of any length.
+/// A line, or the part of a long one around a column, with the number of characters in front of that part: no message
+/// holds a line of unlimited length.
 fn piece(line: &str, column: usize) -> (String, usize) {
     const LONGEST: usize = 2000;
     if line.len() <= LONGEST {
@@ -161,7 +161,7 @@ pub struct Place {
     pub length: usize,
     /// The line's text; of a very long line the part around the column.
     pub text: String,
-    /// How many characters of the line stand in front of it.
+    /// Number of characters of the line in front of `text`.
     #[serde(skip)]
     left_out: usize,
     #[serde(skip)]
@@ -173,7 +173,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The beginning of a text about what stands here; without words of a file that is not the study's.
+    /// The beginning of a text for a message; without words of a file that is not the study's.
     fn said(&self, text: &str, longest: usize) -> String {
         if self.is_foreign {
             shortened(&reach::without_words(text), longest)
@@ -184,7 +184,7 @@ impl Place {
 }
 
 impl Place {
-    /// True for an option of the command line.
+    /// Whether it is an option of the command line.
     #[must_use]
     pub fn is_option(&self) -> bool {
         !self.numbered
@@ -208,22 +208,22 @@ pub enum Severity {
 pub struct Diagnostic {
     /// Whether the study can be run all the same.
     pub severity: Severity,
-    /// What is wrong, one lower-case fragment.
+    /// The mistake, as one lower-case fragment.
     pub message: String,
     /// Dotted path of the key, empty for the whole file.
     pub path: String,
-    /// Where.
+    /// Place of the mistake.
     pub place: Place,
-    /// What the key means: description, type, range, unit.
+    /// Meaning of the key: description, type, range, unit.
     pub about: Option<String>,
-    /// What to write instead.
+    /// The advice.
     pub help: Option<String>,
     /// Other places that belong to the mistake, each with a remark.
     pub notes: Vec<(String, Place)>,
 }
 
 impl Diagnostic {
-    /// The same of something that can be run and is probably not meant.
+    /// The same diagnostic, of a setting that can be run and is probably not meant.
     #[must_use]
     pub fn as_warning(self) -> Self {
         Self {
@@ -232,7 +232,7 @@ impl Diagnostic {
         }
     }
 
-    /// The same of something that this machine lacks.
+    /// The same diagnostic, of a thing that this machine lacks.
     #[must_use]
     pub fn as_unavailable(self) -> Self {
         Self {
@@ -248,7 +248,7 @@ impl Diagnostic {
         Self { help, ..self }
     }
 
-    /// The same diagnostic with what the key means; nothing where that is empty.
+    /// The same diagnostic with the meaning of the key; no change where that is empty.
     #[must_use]
     pub fn about(self, about: String) -> Self {
         Self {
@@ -269,14 +269,14 @@ impl Diagnostic {
     }
 }
 
-/// True where a study is refused for what this machine lacks, and for nothing else that was found.
+/// Whether a study is refused only because this machine lacks something.
 #[must_use]
 pub fn are_unavailable(diagnostics: &[Diagnostic]) -> bool {
     let has = |severity| diagnostics.iter().any(|it| it.severity == severity);
     has(Severity::Unavailable) && !has(Severity::Error)
 }
 
-/// Sorts by position and drops what says the same twice.
+/// Sorts by position and drops repeated ones.
 #[must_use]
 pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     diagnostics.sort_by_key(Diagnostic::order);
@@ -285,7 +285,7 @@ pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     kept
 }
 
-/// Adds a diagnostic, unless one of the last says the same.
+/// Adds a diagnostic, unless one of the last is the same.
 pub fn say_once(kept: &mut Vec<Diagnostic>, diagnostic: Diagnostic) {
     let said =
         |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;

@@ -1,8 +1,7 @@
 //! Files that a person names: studies, data, curves, runs of other programs.
 //!
-//! Only regular files are opened: a device has no end, and a pipe may never begin. None is read that is larger
-//! than what is usual for its use, unless more was asked for. How much is read reaches no result: a file is read
-//! whole or refused.
+//! Only regular files are opened: a device has no end, and a pipe may never begin. A file larger than usual for its use
+//! is not read, unless a larger limit was asked for. The limit reaches no result: a file is read whole or refused.
 
 use std::{
     fs::{self, File},
@@ -11,14 +10,14 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// The variable that says how much is read, in megabytes; an option of every command stands for it.
+/// The variable with the limit in megabytes; an option of every command stands for it.
 pub const VARIABLE: &str = "REGIMEN_INPUT_MB";
 const MEGABYTE: u64 = 1_000_000;
 
-/// What was asked for, in megabytes; 0 where nothing was.
+/// The limit that was asked for, in megabytes; 0 for none.
 static ASKED_MB: AtomicU64 = AtomicU64::new(0);
 
-/// What a file is read for.
+/// Use of a file, which decides how large it may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// A study, or a part of one.
@@ -45,7 +44,7 @@ pub fn allow(megabytes: u64) {
     ASKED_MB.store(megabytes, Ordering::Relaxed);
 }
 
-/// What was asked for.
+/// The limit that was asked for, in megabytes.
 #[must_use]
 pub fn asked() -> Option<u64> {
     Some(ASKED_MB.load(Ordering::Relaxed)).filter(|megabytes| *megabytes > 0)
@@ -54,8 +53,8 @@ pub fn asked() -> Option<u64> {
 /// A file that is read up to a length.
 pub type Opened = Take<File>;
 
-/// Opens a file to be read. One that says it holds nothing is not read: what the system makes as it is read (`/proc`)
-/// says so, and may never end.
+/// Opens a file to be read. A file of length 0 is not read: files that the system makes on reading (`/proc`) have this
+/// length, and may never end.
 ///
 /// # Errors
 /// Where it cannot be opened, is no regular file, or is too large; the message says what helps.
@@ -72,7 +71,7 @@ pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
     Ok(file.take(if data.len() == 0 { 0 } else { largest + 1 }))
 }
 
-/// What a file holds.
+/// The bytes of a file.
 ///
 /// # Errors
 /// As [`open`], and where it grows meanwhile.

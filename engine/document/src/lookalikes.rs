@@ -1,7 +1,7 @@
-//! Letters that look like others, or like nothing: what comes with a text from a web page, a PDF file or a word
-//! processor and is no mistake to the eye.
+//! Letters that look like others, or are invisible: they come with a text from a web page, a PDF file or a word
+//! processor, and no reader sees the mistake.
 
-/// A letter that is not what it looks like.
+/// A letter that looks like another one, or is invisible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lookalike {
     /// The letter.
@@ -10,7 +10,7 @@ pub struct Lookalike {
     pub name: String,
     /// The letter to write in its place; `None` where it is to be removed.
     pub instead: Option<char>,
-    /// Which place it has in the text, in characters from 0.
+    /// Place in the text, in characters from 0.
     pub index: usize,
 }
 
@@ -38,15 +38,14 @@ impl Lookalike {
         }
     }
 
-    /// True for what looks like a space or like nothing.
+    /// Whether the letter looks like a space, or is invisible.
     #[must_use]
     pub fn is_invisible(&self) -> bool {
         matches!(self.instead, None | Some(' ' | '\n'))
     }
 }
 
-/// The first letter of a text that is not what it looks like. Letters of other scripts count only beside those
-/// that they look like.
+/// The first lookalike in a text. Letters of other scripts count only beside those that they look like.
 #[must_use]
 pub fn first(text: &str) -> Option<Lookalike> {
     let mixed = text.chars().any(|letter| letter.is_ascii_alphabetic());
@@ -55,7 +54,7 @@ pub fn first(text: &str) -> Option<Lookalike> {
         .find_map(|(index, letter)| of(letter, index).or_else(|| homoglyph(letter, index).filter(|_| mixed)))
 }
 
-/// The text with what its letters look like in their place.
+/// The text with plain letters instead of their lookalikes.
 #[must_use]
 pub fn straightened(text: &str) -> String {
     let replaced = text.chars().filter_map(|letter| match of(letter, 0) {
@@ -65,7 +64,7 @@ pub fn straightened(text: &str) -> String {
     replaced.collect()
 }
 
-/// A sign, a space or a mark that is not what it looks like.
+/// The lookalike of a sign, a space or a mark.
 pub fn of(letter: char, index: usize) -> Option<Lookalike> {
     let (name, instead): (&str, Option<char>) = match letter {
         '\u{a0}' => ("a non-breaking space", Some(' ')),

@@ -1,15 +1,14 @@
-//! Text from outside as people see it: nothing that a terminal acts on, nothing that turns the order of letters
-//! round, and nothing that no document may hold.
+//! Text from outside as people see it: without characters that control a terminal, that change the order of letters, or
+//! that no document may hold.
 //!
-//! All that this program prints goes through [`message`] or [`printable`], whoever wrote it; colours are put on last
-//! ([`coloured`]), so that none comes from a text. Words of others about a failure are cut where they are taken
-//! in ([`brief`]).
+//! All output of this program goes through [`message`] or [`printable`]; colours are put on last ([`coloured`]), so
+//! that none comes from a text. Reports of others about a failure are shortened where they are taken in ([`brief`]).
 
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 
-/// True for characters that are no text: those that control a terminal, those that change the direction of what stands
-/// around them, and those that XML does not know.
+/// Whether a character is not text: one that controls a terminal, changes the direction of the text around it, or is
+/// unknown to XML.
 #[must_use]
 pub fn is_unprintable(letter: char) -> bool {
     letter.is_control() && !matches!(letter, '\n' | '\t')
@@ -23,7 +22,7 @@ fn is_direction(letter: char) -> bool {
     matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// The text with a sign in the place of every character that is none.
+/// The text with a sign instead of every character that is not text.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if text.contains(is_unprintable) {
@@ -37,12 +36,12 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 const LONGEST_LINE: usize = 4000;
 /// Most lines of a message.
 const MOST_LINES: usize = 2000;
-/// Longest text that others say of a failure, in characters.
+/// Longest report of others about a failure, in characters.
 const LONGEST_BRIEF: usize = 1000;
 /// Longest end of an output that a failure quotes, in characters: less than [`LONGEST_BRIEF`] by a long sentence.
 const LONGEST_LAST_WORDS: usize = 800;
 
-/// A message for a terminal: printable, and of a length that somebody reads.
+/// A message for a terminal: printable, and of limited length.
 #[must_use]
 pub fn message(text: &str) -> Cow<'_, str> {
     let is_short = text.len() <= LONGEST_LINE || text.lines().all(|line| line.len() <= LONGEST_LINE);
@@ -60,7 +59,7 @@ pub fn message(text: &str) -> Cow<'_, str> {
     Cow::Owned(printable(&shown.join("\n")).into_owned())
 }
 
-/// The beginning of a line with so many characters, of which the last says that there is more.
+/// The beginning of a line with so many characters, the last one an ellipsis.
 fn cut(line: &str, longest: usize) -> Cow<'_, str> {
     match line.char_indices().nth(longest) {
         Some(_) => {
@@ -71,7 +70,7 @@ fn cut(line: &str, longest: usize) -> Cow<'_, str> {
     }
 }
 
-/// What somebody else says of a failure, as it is kept and shown: one line, printable, not long.
+/// A report of others about a failure, as it is kept and shown: one line, printable, not long.
 #[must_use]
 pub fn brief(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -91,7 +90,7 @@ pub fn last_words(output: &str) -> String {
     }
 }
 
-/// Reads a text as [`brief`] keeps it: who stored it may have been another program.
+/// Reads a text as [`brief`] keeps it: another program may have stored it.
 ///
 /// # Errors
 /// Where there is no text.

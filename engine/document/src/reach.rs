@@ -1,10 +1,10 @@
-//! Which files a study may name, and which of them a message may quote.
+//! Files that a study may name, and those of them that a message may quote.
 //!
-//! The files of a study lie in its folder, or in the project that the folder is part of: all that lies under the
-//! nearest folder above it with a file `regimen.toml`, and for a folder of results without one the current
-//! folder, where that holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that
-//! lies elsewhere is named by its absolute path. Whatever lies outside the study's own folder is foreign: messages say
-//! where a mistake in it is and of which kind, and quote no word of it.
+//! The files of a study lie in its folder, or in the project that the folder is part of: everything under the nearest
+//! folder above it with a file `regimen.toml`, and for a folder of results without one the current folder, where that
+//! holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that lies elsewhere is named by its
+//! absolute path. A file outside the study's own folder is foreign: messages name the place and the kind of a mistake
+//! in it, and quote no word of it.
 //!
 //! Every key that names files asks [`Reach::find`], and every message that quotes one asks [`quoted`].
 
@@ -41,7 +41,7 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// What to do instead.
+    /// Advice for such a name.
     pub const HELP: &str = "move the file into that folder, write its absolute path, or put a file `regimen.toml` into \
                             the folder of the project that holds both";
 }
@@ -95,7 +95,7 @@ impl Reach {
         Ok(path)
     }
 
-    /// True for a path to a place inside the study's folder or its project, whatever links say.
+    /// Whether a path leads to a place inside the study's folder or its project, links followed.
     #[must_use]
     pub fn holds(&self, path: &Path) -> bool {
         without_links(path).starts_with(&self.project)
@@ -103,13 +103,13 @@ impl Reach {
 }
 
 /// The current folder, where it holds a folder that a report wrote: the study with all defaults written out, which is
-/// among the results, names the files of the study that they are of.
+/// among the results, names files as the original study does.
 fn project_of_results(own: &Path) -> Option<PathBuf> {
     let current = without_links(Path::new("."));
     (own.join(REPORTED).is_file() && own.starts_with(&current)).then_some(current)
 }
 
-/// The place of a path without links; of what is not there as far as it is there.
+/// The path without links; the part of it that does not exist stays as it is.
 fn without_links(path: &Path) -> PathBuf {
     // The folder of a file that is named alone is empty.
     let path = if path.as_os_str().is_empty() {
@@ -136,7 +136,7 @@ fn without_links(path: &Path) -> PathBuf {
 
 /// Files that a study named and that lie outside its folder.
 static FOREIGN: RwLock<BTreeSet<PathBuf>> = RwLock::new(BTreeSet::new());
-/// True in a process that does not know whose files are read.
+/// Whether this process does not know which study the files belong to.
 static ALL_FOREIGN: AtomicBool = AtomicBool::new(false);
 
 fn note_foreign(path: &Path) {
@@ -149,18 +149,18 @@ pub fn quote_nothing() {
     ALL_FOREIGN.store(true, Ordering::Relaxed);
 }
 
-/// True for a file that a study named and that lies outside its folder.
+/// Whether a study named the file and it lies outside its folder.
 #[must_use]
 pub fn is_foreign(path: &Path) -> bool {
     let foreign = FOREIGN.read().unwrap_or_else(PoisonError::into_inner);
     !foreign.is_empty() && path.ancestors().any(|part| foreign.contains(part))
 }
 
-/// What stands in a message for words of a foreign file.
+/// Sign in a message for words of a foreign file.
 const UNSAID: &str = "…";
 
-/// A piece of what the file at `path` holds, for a message: short, nothing that a terminal acts on, and nothing
-/// at all of a foreign file.
+/// A piece of the content of the file at `path`, for a message: short, without characters that control a terminal, and
+/// empty for a foreign file.
 #[must_use]
 pub fn quoted(path: &Path, cell: &str) -> String {
     if is_foreign(path) || ALL_FOREIGN.load(Ordering::Relaxed) {
@@ -200,8 +200,8 @@ pub fn quoted_names<'a>(path: &Path, names: impl IntoIterator<Item = &'a str>) -
     all[..all.len().min(MOST)].join(", ") + more
 }
 
-/// A message about a foreign text without what stands between its first and its last quotation mark, and without what
-/// follows a semicolon: both may be words of that text.
+/// A message about a foreign text without the text between its first and its last quotation mark, and without the text
+/// after a semicolon: both may be words of that file.
 #[must_use]
 pub fn without_words(message: &str) -> String {
     const MARKS: [char; 2] = ['`', '"'];

@@ -4,10 +4,10 @@ use super::mapping::{Mapping, Patterns};
 use super::pattern::parts;
 use document::{diagnostic::nearest, reach};
 
-/// The columns of a file that were chosen.
+/// The columns of a file that hold metrics.
 #[derive(Debug, PartialEq)]
 pub(super) struct Chosen {
-    /// The runs that stand beside each other, by the column of each; without a name where there is one.
+    /// The runs of the file, by the column of each; without a name where there is one.
     pub(super) runs: Vec<Option<String>>,
     /// The columns, each with its run and its metric.
     pub(super) slots: Vec<Slot>,
@@ -68,7 +68,8 @@ impl Missing {
     }
 }
 
-/// Names of columns for a message. A file with one column may be no table at all, so that little of it is quoted.
+/// Names of columns for a message. A file with one column may be no table at all, so that its text is not quoted at
+/// length.
 pub(super) fn named(names: &[String]) -> String {
     const MOST: usize = 20;
     if let [one] = names {
@@ -86,7 +87,7 @@ pub(super) fn named(names: &[String]) -> String {
     named.take(MOST).map(shown).collect::<Vec<_>>().join(", ") + more
 }
 
-/// Whether a column is one of the two that W&B writes beside every one for the extremes of what it joined.
+/// Whether a column is one of the two that W&B adds to each for the extremes of the values that it joined.
 pub(super) fn is_bound(name: &str, known: &[String]) -> bool {
     let of = name.strip_suffix("__MIN").or_else(|| name.strip_suffix("__MAX"));
     of.is_some_and(|of| known.iter().any(|other| other == of))
@@ -96,7 +97,7 @@ impl Chosen {
     /// The columns that hold the metrics among `known`.
     ///
     /// # Errors
-    /// Which column is missing, stands twice, or belongs to no run.
+    /// The column that is missing, stands twice, or belongs to no run.
     pub(super) fn of(known: &[String], mapping: &Mapping) -> Result<Self, Missing> {
         let mut chosen = Self {
             runs: Vec::new(),

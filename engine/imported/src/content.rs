@@ -1,5 +1,5 @@
-//! Files as they are read: unpacked, told from files of other kinds by their first bytes, and counted once where
-//! one is a copy of another.
+//! Content of files: unpacked, told from files of other kinds by the first bytes, and counted once where one is a copy
+//! of another.
 
 use super::event_file::begins_record;
 use contract::Error;
@@ -116,7 +116,7 @@ impl Content {
     /// The kind of the file.
     ///
     /// # Errors
-    /// [`Error::Input`] that says of which kind it is, where such are not read.
+    /// [`Error::Input`] with the kind of the file, where that kind is not read.
     pub(super) fn form(&self) -> Result<Form, Error> {
         let is = |magic: &[u8]| self.bytes.starts_with(magic);
         if is_event_file(&self.path) || begins_record(&self.bytes) {
@@ -170,7 +170,7 @@ impl Content {
         input(&self.path, line, None, problem)
     }
 
-    /// The last part of the path.
+    /// Name of the file, without its folder.
     pub(super) fn name(&self) -> String {
         self.path
             .file_name()
@@ -223,8 +223,8 @@ fn is_event_file(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().contains("tfevents"))
 }
 
-/// The files without those that are copies of others, with a sentence on those that are not counted. A file that
-/// another one begins with is an earlier copy of it.
+/// The files without copies of others, with a sentence on those that are not counted. A file that another one begins
+/// with is an earlier copy of it.
 pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Option<String>) {
     let copies: Vec<Option<String>> = (0..files.len()).map(|place| copy(place, &files)).collect();
     let mut counted = Vec::new();

@@ -6,7 +6,7 @@
 
 use prost::Message;
 
-/// What the first event says of the form of the file.
+/// Version of the format, in the first event of a file.
 const FILE_VERSION: &str = "brain.Event:2";
 
 /// One event.
@@ -56,7 +56,7 @@ pub struct Summary {
 /// A value under a name.
 #[derive(Clone, PartialEq, Message)]
 pub struct Scalar {
-    /// The name; what stands before a slash groups charts.
+    /// Name of the value; the part before a slash groups charts.
     #[prost(string, tag = "1")]
     pub tag: String,
     /// The value, in single precision.
@@ -78,7 +78,7 @@ impl Scalar {
     }
 }
 
-/// What `tensor.proto` says of a tensor, as far as one number needs it.
+/// A tensor of `tensor.proto`, as far as one number needs it.
 #[derive(Clone, PartialEq, Message)]
 pub struct Tensor {
     /// The kind of its entries, by `types.proto`.
@@ -157,7 +157,7 @@ pub fn begins_record(bytes: &[u8]) -> bool {
 /// The events of a file, up to a record that was not written to its end.
 ///
 /// # Errors
-/// What is wrong with the file, in words.
+/// A description of the fault in the file.
 pub fn events(file: &[u8]) -> Result<Vec<Event>, String> {
     let (mut events, mut rest) = (Vec::new(), file);
     while let Some((head, behind)) = rest.split_at_checked(12) {

@@ -1,5 +1,5 @@
 //! Runs in TensorBoard's event files, read as TensorBoard reads them: every folder is a run, which may go on in several
-//! files, and a start of the program that names a step purges what was logged from that step on
+//! files, and a start of the program at a step purges the values logged from that step on
 //! (`tensorboard/backend/event_processing/event_accumulator.py`, `_MaybePurgeOrphanedData`).
 
 use super::{
@@ -122,8 +122,8 @@ impl Log {
         Ok(())
     }
 
-    /// Takes away what a crash made void: from the second version of the form on a start of the program says from which
-    /// step, before that steps say it that go back.
+    /// Removes values that a crash made void: from the second version of the format on a start of the program gives the
+    /// step, in older files steps that go back show it.
     fn purge(&mut self, event: &Event) {
         if self.version >= 2.0 {
             if event.starts() {

@@ -1,4 +1,4 @@
-//! The runs that were found in files of other programs, and what has to be said of how they were read.
+//! The runs in files of other programs, and remarks on how they were read.
 
 use super::{
     content::{input, listed},
@@ -16,24 +16,24 @@ pub struct Found {
     pub runs: Vec<Run>,
     /// Sentences on copies, on lines that were not written to their end, and on logs that belong together.
     pub notes: Vec<String>,
-    /// How many values were left out because they are not finite.
+    /// Number of values that were left out because they are not finite.
     pub not_finite: usize,
-    /// How many runs were told apart from another one in the same log because steps go back.
+    /// Number of runs that were told apart from another one in the same log because steps go back.
     pub restarted: usize,
-    /// How many values stand at a step of a run that has another one.
+    /// Number of values at a step of a run that has another value.
     pub repeated: usize,
-    /// How many values were purged because the run went on from an earlier step.
+    /// Number of values that were purged because the run went on from an earlier step.
     pub purged: usize,
 }
 
 /// One run of another program.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
-    /// Which of the runs it is, for messages.
+    /// Name of the run, for messages.
     pub name: String,
     /// The file in which it begins.
     pub file: PathBuf,
-    /// Its seed, where the files say it.
+    /// Seed of the run, where the files have it.
     pub seed: Option<u64>,
     /// Steps with values, by metric of the study; a step may occur more than once.
     pub curves: BTreeMap<String, Vec<(u64, f64)>>,
@@ -113,7 +113,7 @@ impl Found {
         }
     }
 
-    /// What has to be said of how the files were read, in sentences without a stop.
+    /// Remarks on how the files were read, in sentences without a full stop.
     #[must_use]
     pub fn said(&self, mapping: &Mapping) -> Vec<String> {
         let mut said = self.notes.clone();

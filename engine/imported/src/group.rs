@@ -1,5 +1,5 @@
-//! The values that an entry tells no further apart by files and columns: they are one run, or several where steps
-//! go back or several columns are runs.
+//! Groups of values with the same key of files and columns: they are one run, or several where steps go back or several
+//! columns are runs.
 
 use super::{
     columns::Chosen,
@@ -10,10 +10,10 @@ use super::{
 use contract::Error;
 use std::path::PathBuf;
 
-/// What is read of a group while its files are read.
+/// The values of a group while its files are read.
 #[derive(Debug, Default)]
 pub(super) struct Group {
-    /// Which it is, for messages.
+    /// Name of the group, for messages.
     pub(super) name: String,
     pub(super) seed: Option<u64>,
     /// The file in which it begins.
@@ -47,7 +47,7 @@ impl Group {
         places
     }
 
-    /// Tells the runs apart and adds them to what was found.
+    /// Tells the runs apart and adds them to those that were found.
     pub(super) fn end(self, rules: &Rules, files: &[&Content], found: &mut Found) -> Result<(), Error> {
         let mut columns: Vec<&Option<String>> = Vec::new();
         for (_, column) in &self.slots {

@@ -12,8 +12,8 @@ use std::{borrow::Cow, collections::BTreeMap};
 const FORMS: &str = "JSON is read as an object on every line, a list of objects, an object of lists, and as metrics.json and \
                      info.json of Sacred: convert it with pandas.DataFrame(...).to_csv(\"log.csv\")";
 
-/// The key of a line that is no record: a program goes on from a checkpoint here, and what it logs from now on counts in
-/// the place of what stands before at the same and later steps.
+/// The key of a line that is no record: the program goes on from a checkpoint here, and values that it logs from now on
+/// replace earlier ones at the same and later steps.
 pub const BEGINS_AGAIN: &str = "regimen_begins_again";
 
 /// The table that a file holds.
@@ -68,7 +68,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
     Ok(rows.table(file))
 }
 
-/// The values of an object on a line, by names joined as in tables; `None` where something else stands there.
+/// The values of an object on a line, by names joined as in tables; `None` where the line holds no object.
 #[must_use]
 pub fn of_line(line: &str) -> Option<Vec<(String, String)>> {
     let Ok(Value::Object(object)) = serde_json::from_str(&with_numbers_quoted(line)) else {

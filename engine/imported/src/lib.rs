@@ -44,10 +44,10 @@ use contract::{
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// What the id of every imported run begins with; ids of own trials are digits alone.
+/// Beginning of the id of every imported run; ids of own trials are digits alone.
 pub const MARK: &str = "imported-";
-/// The seed of the first run of the first entry. Every entry has a block of as many seeds of its own: equal
-/// numbers mean equal random streams here, and those of other programs are none of ours.
+/// The seed of the first run of the first entry. Every entry has a block of so many seeds of its own: equal numbers
+/// mean equal random streams here, and runs of other programs have none.
 pub const FIRST_SEED: u64 = 1_000_000;
 
 /// A name that tells imported runs from our own wherever it is shown.
@@ -70,7 +70,7 @@ impl Found {
     /// how the files were read.
     ///
     /// # Errors
-    /// What is wrong with the seeds of the runs, in words.
+    /// A description of the fault in the seeds of the runs.
     pub fn trials(
         &self,
         name: &str,
@@ -147,8 +147,8 @@ impl Found {
     }
 }
 
-/// The rows of a run: every value as a measurement while learning, values of one step as episodes of one, and
-/// the mean of the last ones as what was measured at the end.
+/// The rows of a run: every value as a measurement while learning, values of one step as its episodes, and the mean of
+/// the last ones as the final measurement.
 fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
     let (mut names, mut rows) = (Vec::new(), Vec::new());
     for (metric, curve) in &run.curves {

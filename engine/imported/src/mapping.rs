@@ -186,7 +186,7 @@ impl From<Vec<String>> for Patterns {
 }
 
 impl Patterns {
-    /// All of them.
+    /// All patterns, in the order of the study.
     #[must_use]
     pub fn all(&self) -> &[String] {
         match self {
@@ -206,7 +206,7 @@ fn one() -> u64 {
 pub struct Mapping {
     /// Columns or tags by metric.
     pub metrics: BTreeMap<String, Patterns>,
-    /// Where steps stand.
+    /// Source of the steps.
     pub step: Step,
     /// The column with the seed.
     pub seed: Option<String>,
@@ -231,12 +231,12 @@ pub struct Mapping {
     pub only: BTreeMap<String, String>,
     /// How many of the last values make the final one.
     pub last: u64,
-    /// True for the files of an own trial, which is judged as one: values that are not finite stay, and a metric
-    /// may have no value yet.
+    /// Whether the files are those of an own trial, which is judged as one: values that are not finite stay, and a
+    /// metric may have no value yet.
     #[serde(skip)]
     pub is_own: bool,
-    /// How many lines of a file stood there when an own trial went on from a checkpoint: what stands behind them counts in
-    /// the place of what stands before at the same and later steps.
+    /// Line numbers at which an own trial went on from a checkpoint, by file: values after such a line replace earlier
+    /// ones at the same and later steps.
     #[serde(skip)]
     pub begins: BTreeMap<PathBuf, BTreeSet<u64>>,
 }
@@ -262,7 +262,7 @@ impl Default for Mapping {
 }
 
 impl Mapping {
-    /// Whether such parts are left out.
+    /// Whether these parts are left out.
     #[must_use]
     pub fn leaves_out(&self, part: LeftOut) -> bool {
         self.leave_out.contains(&part)

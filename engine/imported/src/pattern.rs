@@ -1,4 +1,4 @@
-//! Files by patterns in which `*` stands for any part of one name, and `**` for folders of any depth.
+//! Files by patterns, where `*` stands for any part of one name, and `**` for folders of any depth.
 
 use contract::Error;
 use document::reach::{Outside, Reach};
@@ -13,13 +13,13 @@ const MOST_NAMES: usize = 200_000;
 /// Why the files of a pattern cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum PatternError {
-    /// It, or a link that it leads to, leads out of the study's folder and project.
+    /// The pattern, or a link that it leads to, leads out of the study's folder and project.
     #[error(transparent)]
     Outside(Outside),
     /// A folder on the way cannot be read.
     #[error(transparent)]
     Unreadable(Error),
-    /// Its folders have too many names.
+    /// The folders of the pattern have too many names.
     #[error("more than {MOST_NAMES} names would be looked at for `{0}`: name the folder of the runs")]
     TooMany(String),
 }

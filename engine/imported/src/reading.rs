@@ -1,4 +1,4 @@
-//! Files of other programs are read: the runs in them, and the columns that they have.
+//! Reading of files of other programs: their runs and their columns.
 
 use super::{
     columns::{is_bound, named},

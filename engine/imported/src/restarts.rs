@@ -17,7 +17,7 @@ pub(super) struct Entry {
     /// The index of the file, and the line or record in it.
     pub(super) place: (usize, u64),
     pub(super) step: u64,
-    /// The column or tag that it is of.
+    /// The column or tag of the value.
     pub(super) slot: usize,
     pub(super) value: f64,
 }
@@ -36,13 +36,13 @@ pub(super) struct Pass {
     /// The place at which it begins, where that is not the beginning of the log.
     pub(super) from: Option<(usize, u64)>,
     pub(super) entries: Vec<Entry>,
-    /// How many values stand at a step that has another one.
+    /// Number of values at a step that has another one.
     pub(super) repeated: usize,
-    /// How many values were purged.
+    /// Number of values that were purged.
     pub(super) purged: usize,
 }
 
-/// How logs are read.
+/// The rules by which logs are read.
 pub(super) struct Rules {
     restart: Option<Restart>,
     same_step: Option<SameStep>,
@@ -63,7 +63,7 @@ impl Rules {
         }
     }
 
-    /// For records of event files, each of which has one writer.
+    /// For records of event files; each file has one writer.
     pub(super) fn of_event_files(mapping: &Mapping) -> Self {
         Self {
             restart: mapping.restart,
@@ -73,10 +73,10 @@ impl Rules {
         }
     }
 
-    /// The runs in a log whose values have one of `slots` places.
+    /// The runs in a log whose values are of one of `slots`.
     ///
     /// # Errors
-    /// [`Error::Input`] with the place at which steps go back or repeat, where nothing says the meaning.
+    /// [`Error::Input`] with the place at which steps go back or repeat, where the study does not give the meaning.
     pub(super) fn told_apart(
         &self,
         mut log: Log,
@@ -84,7 +84,7 @@ impl Rules {
         files: &[&Content],
     ) -> Result<Vec<Pass>, Error> {
         match overlap(&log.entries) {
-            // Files of which each goes on where another ends may have names in any order.
+            // The names of files that follow one another may be in any order.
             None => by_steps(&mut log.entries),
             Some(pair) if self.restart.is_none() => return Err(self.two_files(pair.map(|file| files[file]))),
             Some(_) => {}
@@ -189,7 +189,7 @@ impl Rules {
 }
 
 impl Entry {
-    /// Whether it stands behind another one that is not before it. In another file an equal step was logged by another
+    /// Whether its step is not above that of an earlier value. In another file an equal step was logged by another
     /// start of the program.
     fn goes_back(&self, before: &Self) -> bool {
         let is_other_file = self.place.0 != before.place.0;
@@ -411,7 +411,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// No value is lost where runs are told apart, and a run that went on is what the naive purge leaves.
+        /// No value is lost where runs are told apart, and a run that went on has the values of a naive purge.
         #[test]
         fn steps_never_go_back_in_what_is_read(steps in proptest::collection::vec(0_u64..20, 1..60)) {
             let logged: Vec<(u64, f64)> = steps.iter().zip(0_u32..).map(|(step, at)| (*step, f64::from(at))).collect();

@@ -7,9 +7,10 @@ use super::{
 use contract::Error;
 use csv::{ReaderBuilder, StringRecord};
 
-/// In the order in which they are tried. Spaces separate in files that begin with a comment, as NumPy writes them.
+/// Separators, in the order in which they are tried. Spaces separate in files that begin with a comment, as NumPy
+/// writes them.
 const SEPARATORS: [u8; 5] = [b',', b'\t', b';', b'|', b' '];
-/// How many lines tell the separator.
+/// Number of lines by which the separator is found.
 const LOOKED_AT: usize = 20;
 
 /// A line with its number.

@@ -1,4 +1,4 @@
-//! Tables, whatever file they come from: names of columns, and lines of cells as text.
+//! Tables of any file format: names of columns, and lines of cells as text.
 
 use super::{columns::Missing, content::input, mapping::Mapping};
 use contract::Error;
@@ -18,9 +18,9 @@ pub(super) struct Table {
     pub(super) decimals: Decimals,
     /// The time at which a log of the Monitor of Stable-Baselines3 begins, in seconds since 1970.
     pub(super) started: Option<f64>,
-    /// Whether it is made of the logs of several environments, by the order of time.
+    /// Whether it was merged from the logs of several environments, in the order of time.
     pub(super) is_merged: bool,
-    /// Sentences on what was not taken as it stands.
+    /// Remarks on values that were not taken as they stand.
     pub(super) notes: Vec<String>,
 }
 
@@ -87,7 +87,7 @@ impl Table {
         Err(input(&self.path, self.head(), None, problem.into()))
     }
 
-    /// The error that says which column is missing.
+    /// The error about a column that is missing.
     pub(super) fn lacks(&self, missing: &Missing) -> Error {
         self.has_names().err().unwrap_or_else(|| {
             input(

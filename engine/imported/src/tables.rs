@@ -117,7 +117,7 @@ struct Gathered<'m> {
     /// In the order in which they begin.
     groups: Vec<Sums>,
     places: BTreeMap<Key, usize>,
-    /// How many lines have the values of `only`.
+    /// Number of lines that have the values of `only`.
     counted: usize,
     not_finite: usize,
 }

@@ -41,7 +41,7 @@ struct History {
 struct Item {
     #[prost(string, tag = "1")]
     key: String,
-    /// The parts of a name, from the outside to the inside, in the place of `key`.
+    /// The parts of a nested name, from the outside to the inside, instead of `key`.
     #[prost(string, repeated, tag = "2")]
     nested_key: Vec<String>,
     #[prost(string, tag = "16")]
@@ -172,7 +172,7 @@ fn fragment(bytes: &[u8]) -> Option<(u8, &[u8])> {
     Some((head[6], bytes.get(FRAGMENT_HEAD..FRAGMENT_HEAD + length)?))
 }
 
-/// True for a fragment with its checksum.
+/// Whether a fragment fits its checksum.
 fn is_intact(fragment: &[u8]) -> bool {
     let said = u32::from_le_bytes([fragment[0], fragment[1], fragment[2], fragment[3]]);
     crc32fast::hash(&fragment[FRAGMENT_HEAD - 1..]) == said

@@ -1,10 +1,8 @@
 //! Runs that were measured at steps of their own, at steps that they share: a value holds until the next one is
 //! measured.
-//!
-//! The steps are those at which any of the runs was measured, from the one at which the last of them began to the
-//! one at which the first of them ended. So every run has a value at each of them, none is made up by looking
-//! ahead, and nothing is said of a run before it began or after it ended. Runs with the same steps have these,
-//! and their own values.
+//! The steps are those at which any of the runs was measured, from the one at which the last of them began to the one
+//! at which the first of them ended. So every run has a value at each of them, and no value comes from before a run
+//! began or from after it ended. Runs with the same steps have these, and their own values.
 
 /// A run: steps in ascending order, with a value each.
 pub type Run = Vec<(u64, f64)>;

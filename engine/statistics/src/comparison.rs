@@ -83,7 +83,7 @@ pub struct PermutationTest {
 }
 
 impl PermutationTest {
-    /// Says so where no result at all could be significant at `alpha`.
+    /// The remark that no result at all could be significant at `alpha`, where that is so.
     #[must_use]
     pub fn note(&self, alpha: f64) -> Option<String> {
         (self.smallest_p > alpha).then(|| {

@@ -126,8 +126,8 @@ pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
     2.0 * sum
 }
 
-/// Mean over tasks of how much the seeds of a task lie below `target` on average, where what lies above
-/// counts as `target` (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
+/// Mean over tasks of the average distance of a task's seeds below `target`, where values above count as `target`
+/// (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
 #[must_use]
 pub fn suite_optimality_gap(tasks: &[Vec<f64>], target: f64) -> f64 {
     let capped =
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn gaps_and_profiles_by_hand() {
-        // The first task misses 1 by 0.5 and 0, what it gains above counts nothing; the second by 1 and 2.
+        // The first task misses 1 by 0.5 and 0, where the excess of 3 counts nothing; the second by 1 and 2.
         let tasks = [vec![0.5, 3.0], vec![0.0, -1.0]];
         assert_eq!(suite_optimality_gap(&tasks, 1.0), 0.875);
         assert_eq!(

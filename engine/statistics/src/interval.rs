@@ -14,7 +14,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// True where `value` lies in the interval, ends included.
+    /// Whether `value` lies in the interval, ends included.
     #[must_use]
     pub fn contains(&self, value: f64) -> bool {
         self.low <= value && value <= self.high

@@ -1,8 +1,8 @@
 //! Statistics over seeds: estimates with intervals, comparisons, and verdicts on published values and on
 //! claims.
 //!
-//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the
-//! order of the seeds. What resamples or permutes at random draws from a stream with a fixed name.
+//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the order of
+//! the seeds. Resampling and random permutation draw from a stream with a fixed name.
 //!
 //! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before
 //! anything of this module sees it. A seed that occurs twice counts once, with the mean of its values.
@@ -45,7 +45,7 @@ pub use verdict::{Judgement, Reference, Sample, Seeds, Verdict};
 
 use serde::{Deserialize, Serialize};
 
-/// What a cell of a table says about its seeds.
+/// Summary of the seeds of a cell of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Number of seeds.

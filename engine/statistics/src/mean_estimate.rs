@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// No verdict asks for more seeds than this in all.
 pub const MOST_SEEDS: u32 = 1000;
 
-/// The mean of one sample, or the difference between the means of two independent samples, with what its
+/// The mean of one sample, or the difference between the means of two independent samples, with the numbers that its
 /// interval needs.
 ///
 /// The standard error is `sqrt(sum of s^2 / n)` over the samples and the degrees of freedom are those of
@@ -31,14 +31,14 @@ struct Sample {
     source: Source,
 }
 
-/// Where a sample comes from.
+/// Source of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Source {
     /// Seeds of a study, which may have more.
     Seeds,
     /// Runs of others, to which none can be added.
     Runs,
-    /// Runs of others of which only mean and spread are known.
+    /// Runs of others that only published their mean and spread.
     Published,
 }
 
@@ -124,7 +124,7 @@ impl MeanEstimate {
         counted.map(|sample| sample.n).min().unwrap_or(0)
     }
 
-    /// True where every sample has at least two seeds and all seeds of a sample gave the same number.
+    /// Whether every sample has at least two seeds and all seeds of a sample gave the same number.
     #[must_use]
     pub fn has_no_spread(&self) -> bool {
         self.samples.iter().all(|sample| sample.variance == 0.0)

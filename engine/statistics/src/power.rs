@@ -10,12 +10,12 @@
 //! samples of unequal spread the degrees of freedom are approximate. The integral over `U` is done
 //! numerically, with an error below 1e-9 for two and more degrees of freedom.
 //!
-//! A number of seeds that rests on an estimated mean and spread is an estimate itself: it says what would
-//! suffice if both were right.
+//! A number of seeds that rests on an estimated mean and spread is an estimate itself: that many would suffice if both
+//! were right.
 
 use super::{normal, quadrature, student_t};
 
-/// The power that is asked for where nothing else is.
+/// The default power.
 pub const POWER: f64 = 0.8;
 
 /// Distances from an estimate to the edges that the ends of its interval must not reach; infinite where there

@@ -1,4 +1,4 @@
-//! Group-sequential levels: how much each of several planned looks at a growing number of seeds may ask for.
+//! Group-sequential levels: the nominal level of each of several planned looks at a growing number of seeds.
 //!
 //! Who tests at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A
 //! [`Design`] names its looks before the first seed and spends the error step by step, by the function of
@@ -150,8 +150,8 @@ fn spent(alpha: f64, time: f64) -> f64 {
     alpha * ((E - 1.0) * time).ln_1p()
 }
 
-/// The paths that have crossed at no look so far: the density of `Z` on the rising points of a quadrature,
-/// times their weights.
+/// The paths that have not crossed at any look so far: the density of `Z` on the rising points of a quadrature, times
+/// their weights.
 struct Paths {
     time: f64,
     points: Vec<(f64, f64)>,
@@ -166,8 +166,8 @@ impl Paths {
         }
     }
 
-    /// What `Z` must reach at `time` so that, of all paths, the share that does so for the first time is what
-    /// may be spent between the looks.
+    /// The boundary at `time`: the share of all paths that reach it for the first time there is the level spent between
+    /// the looks.
     fn boundary(&self, time: f64, alpha: f64) -> f64 {
         let newly = spent(alpha, time) - spent(alpha, self.time);
         // Among the paths that are high enough now are all that cross now, and not all of them cross for the
@@ -358,9 +358,9 @@ mod tests {
 
     const LOOKS: [u32; 6] = [5, 10, 15, 20, 25, 30];
 
-    /// How often a rule calls a value reproduced whose truth lies exactly at the edge of the band, with
-    /// margins of half a standard deviation, one and two, and the mean number of seeds where the truth is the
-    /// published value, margin one.
+    /// The share of studies that a rule calls reproduced though the truth lies exactly at the edge of the band, with
+    /// margins of half a standard deviation, one and two, and the mean number of seeds where the truth is the published
+    /// value, margin one.
     fn operating_characteristics(levels: &[f64]) -> ([f64; 3], f64) {
         let (rule, runs) = (rule(levels), 60_000);
         let mut rng = contract::random::stream(&["test", "sequential equivalence"]);
@@ -395,14 +395,14 @@ mod tests {
         assert_characteristics(&levels, [0.034, 0.052, 0.053], 13.3);
     }
 
-    /// What the design is for.
+    /// Without spending, the level does not hold.
     #[test]
     fn without_spending_the_level_does_not_hold() {
         assert_characteristics(&[0.05; 6], [0.113, 0.144, 0.147], 9.6);
     }
 
     proptest! {
-        /// Never more than what may be spent by then, never less than what is spent there, and all of them
+        /// Never more than the level that may be spent by then, never less than the level spent there, and all of them
         /// together more than the whole, since crossings at several looks count once.
         #[test]
         fn levels_are_bounded(

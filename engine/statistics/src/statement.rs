@@ -1,4 +1,4 @@
-//! A statement about one number, looked at once or several times as planned, and what the seeds decide of it.
+//! Statements about one number, tested at one look or at several planned ones, and the decisions of the seeds.
 //!
 //! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both
 //! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
@@ -17,10 +17,10 @@ use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Desi
 /// Below this many seeds nothing is decided, unless seeds make no difference at all.
 pub const FEWEST_SEEDS: usize = 3;
 
-/// The least share of a level that is looked at: no family is larger than a million.
+/// The least share of a level that is tried: no family is larger than a million.
 const LEAST_SHARE: f64 = 1e-6;
 
-/// What the seeds say of a number, as far as its interval needs it.
+/// The evidence of the seeds on a number, as far as its interval needs it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
     /// A mean, or a difference of two means: Student-t.
@@ -36,9 +36,9 @@ pub enum Evidence {
     BetweenMeans {
         /// The difference.
         difference: MeanEstimate,
-        /// What is left of the value less the lower limit.
+        /// The value less the lower limit.
         above_low: MeanEstimate,
-        /// The same of the upper limit.
+        /// The value less the upper limit.
         above_high: MeanEstimate,
     },
 }
@@ -83,7 +83,7 @@ impl Evidence {
         }
     }
 
-    /// True where the seeds of each sample of a mean all gave the same number.
+    /// Whether the seeds of each sample of a mean all gave the same number.
     #[must_use]
     pub fn has_no_spread(&self) -> bool {
         match self {
@@ -144,14 +144,14 @@ impl Region {
         }
     }
 
-    /// True for a value between the ends.
+    /// Whether a value lies between the ends.
     #[must_use]
     pub fn contains(&self, value: f64) -> bool {
         self.low < value && value < self.high
     }
 
-    /// What an interval around a value must stay clear of to decide: both ends from inside, the nearer one
-    /// from outside.
+    /// Distances that an interval around a value must keep to decide: to both ends from inside, to the nearer one from
+    /// outside.
     #[must_use]
     pub fn room(&self, value: f64) -> Room {
         if self.contains(value) {
@@ -164,31 +164,31 @@ impl Region {
 /// The seeds at one look.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
-    /// What the seeds of this look say.
+    /// Evidence of the seeds at this look.
     pub evidence: Evidence,
     /// The values for which the statement holds.
     pub region: Region,
     /// The values that differ too little to matter; `None` where any difference does.
     pub alike: Option<Region>,
-    /// True where seeds make no difference, so that a few of them tell as much as many. Equal seeds alone do not say
-    /// so: counts and outcomes of 0 and 1 are equal by chance.
+    /// Whether seeds make no difference, so that a few of them tell as much as many. Equal seeds alone do not show it:
+    /// counts and outcomes of 0 and 1 are equal by chance.
     pub deterministic: bool,
 }
 
-/// Something that seeds decide.
+/// A statement that seeds decide.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statement {
     /// The looks that are complete, in order; at least one.
     pub looks: Vec<Look>,
     /// The looks that were planned; `None` where the number of seeds is fixed.
     pub design: Option<Design>,
-    /// True where the last complete look decides, whatever an earlier one said: looks that were not planned together.
+    /// Whether the last complete look decides, and not an earlier one: looks that were not planned together.
     pub by_last: bool,
     /// Probability of a wrong decision on each side, all looks together.
     pub alpha: f64,
 }
 
-/// What seeds say of a statement.
+/// The outcome of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// The whole interval lies in the region.
@@ -204,7 +204,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// False where further looks, or a less strict level, may say more.
+    /// Whether further looks, or a less strict level, cannot change the outcome.
     fn is_final(self) -> bool {
         !matches!(self, Outcome::Direction | Outcome::Open)
     }
@@ -222,14 +222,14 @@ pub struct Decision {
 }
 
 impl Statement {
-    /// What the seeds decide at the statement's own level.
+    /// The decision at the statement's own level.
     #[must_use]
     pub fn decide(&self) -> Decision {
         self.decide_at(self.alpha)
     }
 
-    /// What the seeds decide where each side may be wrong with probability `alpha`: at the first look that
-    /// decides, or at the last one.
+    /// The decision where each side may be wrong with probability `alpha`: at the first look that decides, or at the
+    /// last one.
     #[must_use]
     pub fn decide_at(&self, alpha: f64) -> Decision {
         let levels = self
@@ -320,7 +320,7 @@ impl Look {
     }
 }
 
-/// Two one-sided tests against limits that are means: of what is left above the lower and above the upper one.
+/// Two one-sided tests against limits that are means: of the value less the lower limit, and less the upper one.
 fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome {
     match (above_low, above_high) {
         (Some(low), Some(high)) if low.low >= 0.0 && high.high <= 0.0 => Outcome::Holds,
@@ -329,7 +329,7 @@ fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome
     }
 }
 
-/// Which statements of a family are decided together, so that the probability of any wrong decision among them is
+/// The statements of a family that are decided together, so that the probability of any wrong decision among them is
 /// that of a single one: from the strictest share of its level at which each is decided, `None` where it is open alone.
 #[must_use]
 pub fn holm(strictest: &[Option<f64>]) -> Vec<bool> {

@@ -15,7 +15,7 @@ pub enum SuiteStatistic {
     InterquartileMean,
     /// The mean over tasks of the means over seeds.
     Mean,
-    /// How much scores lie below 1 on average, where what lies above counts as 1; less is better.
+    /// Average distance of scores below 1, where scores above count as 1; less is better.
     OptimalityGap,
 }
 
@@ -29,7 +29,7 @@ pub struct Estimate {
 }
 
 impl SuiteStatistic {
-    /// All of them, in the order in which the paper shows them.
+    /// All statistics, in the order in which the paper shows them.
     pub const ALL: [Self; 4] = [
         Self::Median,
         Self::InterquartileMean,
@@ -37,7 +37,7 @@ impl SuiteStatistic {
         Self::OptimalityGap,
     ];
 
-    /// What it is called.
+    /// Name of the statistic.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -1,11 +1,11 @@
-//! Long lines, thinned to what a picture can show: of the points that lie in one column of the picture, one after the
-//! other, the first, the lowest, the highest and the last. No peak is lost, and the line looks the same.
+//! Thinning of long lines to the resolution of a picture: of consecutive points in one column of the picture, the
+//! first, the lowest, the highest and the last are kept. No peak is lost, and the line looks the same.
 
 /// A line of more points than these is thinned.
 pub const MOST: usize = 5000;
 
-/// The places in `items` of those that stay. `column` is the column of the picture in which an item lies, `height` how
-/// high it lies there.
+/// The indices of the kept items. `column` is the column of the picture in which an item lies, `height` its height
+/// there.
 #[must_use]
 pub fn kept<T>(items: &[T], column: impl Fn(&T) -> i64, height: impl Fn(&T) -> f64) -> Vec<usize> {
     let mut kept = Vec::new();

@@ -12,7 +12,7 @@ pub struct TrainingShare {
 }
 
 impl TrainingShare {
-    /// True where the training was so short that what it did not reach says nothing against the source.
+    /// Whether the training was so short that a failure to reach a result says nothing against the source.
     #[must_use]
     pub fn is_too_small(self) -> bool {
         self.own.saturating_mul(2) < self.paper

@@ -22,7 +22,7 @@ use std::{collections::BTreeMap, fmt};
 /// Probability of a wrong verdict on each side; a single look has an interval of 90 %.
 pub const ALPHA: f64 = 0.05;
 
-/// The word for what does not hold after much less training than that of the source.
+/// The word for a failed comparison after much less training than that of the source.
 pub const NOT_AT_THIS_BUDGET: &str = "NOT AT THIS BUDGET";
 
 /// How a reproduced cell compares with the published value.
@@ -38,7 +38,7 @@ pub enum Verdict {
     Inconclusive,
     /// It would be reproduced, and the published value was used to choose a setting, so that this says nothing.
     Calibrated,
-    /// The cell is what it is by construction, of another system, or of a budget that no result comes from.
+    /// The cell is fixed by construction, of another system, or of a budget that no result comes from.
     NotJudged,
     /// An agent behind the cell made no update.
     NotTrained,
@@ -49,7 +49,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// All of them, in the order in which they are counted.
+    /// All verdicts, in the order in which they are counted.
     pub const ALL: [Verdict; 9] = [
         Verdict::Reproduced,
         Verdict::Differs,
@@ -62,7 +62,7 @@ impl Verdict {
         Verdict::Failed,
     ];
 
-    /// The word that is shown.
+    /// Word of the verdict in reports.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -78,7 +78,7 @@ impl Verdict {
         }
     }
 
-    /// True where the seeds were asked.
+    /// Whether seeds decided the verdict.
     #[must_use]
     pub fn is_judged(self) -> bool {
         matches!(
@@ -98,7 +98,7 @@ impl Verdict {
         }
     }
 
-    /// The verdict on a published value for what the seeds decide.
+    /// The verdict on a published value for an outcome of the seeds.
     #[must_use]
     pub fn of(outcome: Outcome) -> Self {
         match outcome {
@@ -116,7 +116,7 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A published value and what counts as the same.
+/// A published value, with the band of values that count as the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference {
     /// The value.
@@ -141,7 +141,7 @@ impl Reference {
         }
     }
 
-    /// What is to be added to the evidence for a value as it is shown: evidence against an uncertain value is
+    /// The number that turns evidence on a value into the value as it is shown: evidence against an uncertain value is
     /// the difference from it.
     fn offset(&self, is_share: bool) -> f64 {
         match (self.share, self.runs) {
@@ -152,14 +152,14 @@ impl Reference {
     }
 }
 
-/// Which seeds a statement may be decided on.
+/// The seeds by which a statement may be decided.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seeds {
     /// The looks that were planned; `None` where the number of seeds is fixed.
     pub design: Option<Design>,
     /// The number below which seeds count, for each look that is complete.
     pub limits: Vec<u64>,
-    /// How many rounds of seeds are taken together, of which none was planned with the one before; 0 for one round.
+    /// Number of rounds of seeds that are taken together, none planned with the one before; 0 for one round.
     pub rounds: usize,
 }
 
@@ -180,14 +180,14 @@ impl Seeds {
         self.limits.len()
     }
 
-    /// True where rounds are taken together: all of their seeds decide, and not the first look that does.
+    /// Whether rounds are taken together: all of their seeds decide, and not the first look that does.
     #[must_use]
     pub fn is_pooled(&self) -> bool {
         self.rounds > 0
     }
 }
 
-/// Where in a design a statement stands.
+/// The stage of a statement in a design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stage {
     /// The look that decided, or the last complete one, from 1; 0 where none is complete.
@@ -215,7 +215,7 @@ impl Stage {
         })
     }
 
-    /// True where no look is left.
+    /// Whether no look is left.
     #[must_use]
     pub fn is_last(&self) -> bool {
         self.look == self.of
@@ -250,7 +250,8 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// The verdict when all judged values of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<Verdict>,
-    /// The strictest share of its level at which it is decided so; `None` where it is open, and until that is sought.
+    /// The strictest share of its level at which it is decided alike; `None` where it is open, and before that share is
+    /// sought.
     pub strictest: Option<f64>,
     /// Seeds it rests on.
     pub n: usize,
@@ -260,12 +261,12 @@ pub struct Judgement {
     pub interval: Option<Interval>,
     /// The published value.
     pub reference: Reference,
-    /// Where in the design it stands; `None` where the number of seeds is fixed.
+    /// Stage in the design; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
     /// About how many more seeds would decide with a power of 80 %; `None` where that is known to be too many
     /// or of no use.
     pub more_seeds: Option<u32>,
-    /// What was decided; `None` where nothing could be.
+    /// The decided statement; `None` where nothing could be decided.
     pub statement: Option<Statement>,
 }
 
@@ -289,8 +290,8 @@ impl Judgement {
         }
     }
 
-    /// What to do about an inconclusive verdict, or at which look it was passed, in one phrase; empty where
-    /// nothing is to be said.
+    /// Advice for an inconclusive verdict, or the look at which it was passed, in one phrase; empty where there is
+    /// nothing to add.
     #[must_use]
     pub fn note(&self) -> String {
         if !self.verdict.is_judged() {
@@ -318,7 +319,7 @@ impl Judgement {
     }
 }
 
-/// What is said of seeds that are alike and may be so by chance.
+/// The remark on seeds that are alike and may be so by chance.
 pub const ALIKE: &str = "all seeds gave the same whole number, as counts do by chance, which decides nothing";
 
 /// That so few seeds decide nothing, as a phrase.
@@ -348,12 +349,12 @@ pub fn default_margin(published: f64) -> f64 {
 pub struct Sample<'a> {
     /// The numbers as all seeds give them.
     pub values: &'a [(u64, f64)],
-    /// The numbers as the seeds below some number give them, where other seeds move them; `None` where none does.
+    /// The numbers computed from the seeds below a number, where other seeds change them; `None` where none does.
     pub as_of: Option<&'a BTreeMap<u64, Vec<(u64, f64)>>>,
 }
 
 impl<'a> Sample<'a> {
-    /// Numbers that no other seed moves.
+    /// Numbers that no other seed changes.
     #[must_use]
     pub fn of(values: &'a [(u64, f64)]) -> Self {
         Self { values, as_of: None }
@@ -464,8 +465,8 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     }
 }
 
-/// True where two seeds or more all gave the same number and it is no whole one: a whole number may be a count, of
-/// which equal seeds say little about the next one.
+/// Whether two seeds or more all gave the same number that is no whole one: a whole number may be a count, and equal
+/// counts say little about the next seed.
 #[must_use]
 pub fn make_no_difference(values: &[f64]) -> bool {
     let is_whole = |value: &f64| value.fract() == 0.0;

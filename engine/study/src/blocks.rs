@@ -41,7 +41,7 @@ pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), 
 struct Blocks<'a> {
     named: &'a [Entry],
     sources: &'a Sources,
-    /// The blocks around the place that is being filled, which must not stand in it.
+    /// The blocks around the place that is being filled; none of them may stand there.
     open: Vec<&'a str>,
     /// How many values blocks may still add.
     left: usize,
@@ -79,7 +79,7 @@ impl Blocks<'_> {
         }
     }
 
-    /// What `<<` takes, as one mapping; `own` are the keys beside it.
+    /// The values that `<<` takes, as one mapping; `own` are the keys beside it.
     fn under(&mut self, taken: &Node, own: &Node, at: &str, place: Option<&View<'_>>) -> Node {
         let mut whole = Node::empty_mapping(taken.span);
         let wanted = match &taken.kind {

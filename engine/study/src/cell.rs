@@ -1,5 +1,6 @@
 //! The cells of a study: each combination of environment, agent and setting that is not left out, each entry of
-//! `prepare`, and what searches try. A study may have a million combinations, so that one is made when it is asked for.
+//! `prepare`, and the settings that searches try. A study may have a million combinations, so a cell is made when it is
+//! asked for.
 
 use super::{
     grid::{self, Grid},
@@ -18,20 +19,20 @@ use std::{
     sync::Arc,
 };
 
-/// What trials of different seeds have in common.
+/// The common part of trials of different seeds.
 #[derive(Debug, Clone)]
 pub struct Cell {
-    /// What it is in the study.
+    /// Place of the cell in the study.
     pub place: Place,
     /// The point of the sweep.
     pub point: Setting,
     /// Environment, agent and protocol.
     pub parts: [Arc<Resolved>; 3],
-    /// What the parts take from other cells.
+    /// Artifacts that the parts take from other cells.
     pub sources: Arc<[Source]>,
 }
 
-/// What a cell is in the study.
+/// The place of a cell in its study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// A combination of an environment and an agent, by their indices.
@@ -40,18 +41,18 @@ pub enum Place {
     Prepared(usize),
     /// A setting that the search with this index tries.
     Tried(usize),
-    /// What leads an environment and an agent, by their indices, to the last setting of a schedule.
+    /// A stretch of a schedule that leads an environment and an agent, by their indices, to its last setting.
     Leading(usize, usize),
 }
 
 /// An artifact that a cell takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Which of the cell's parts takes it: 0 the environment, 1 the agent, 2 the protocol.
+    /// The part of the cell that takes it: 0 the environment, 1 the agent, 2 the protocol.
     pub part: usize,
-    /// Where in the part's config, as a JSON pointer.
+    /// Its place in the part's config, as a JSON pointer.
     pub pointer: String,
-    /// What is taken.
+    /// Kind of the artifact.
     pub kind: ArtifactKind,
     /// Index of the cell whose trial leaves it.
     pub cell: usize,
@@ -60,7 +61,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// The seed of the trial that leaves what a trial with `seed` takes.
+    /// The seed of the trial that leaves the artifact for a trial with `seed`.
     #[must_use]
     pub fn seed_for(&self, seed: u64) -> u64 {
         self.seed.unwrap_or(seed)
@@ -68,7 +69,7 @@ impl Source {
 }
 
 impl Place {
-    /// Indices of environment and agent; `None` for what is no combination.
+    /// Indices of environment and agent; `None` for a cell that is no combination.
     #[must_use]
     pub fn pair(self) -> Option<(usize, usize)> {
         match self {
@@ -79,7 +80,7 @@ impl Place {
 }
 
 impl Cell {
-    /// A cell that takes nothing from others.
+    /// A cell that takes no artifact.
     #[must_use]
     pub fn new(place: Place, point: Setting, parts: [Arc<Resolved>; 3]) -> Self {
         Self {
@@ -90,25 +91,25 @@ impl Cell {
         }
     }
 
-    /// Indices of environment and agent; `None` for what is no combination.
+    /// Indices of environment and agent; `None` for a cell that is no combination.
     #[must_use]
     pub fn pair(&self) -> Option<(usize, usize)> {
         self.place.pair()
     }
 
-    /// The search and the place there of the setting that the agent has.
+    /// The search that tries the agent's setting, and the setting's place there.
     #[must_use]
     pub fn tried(&self) -> Option<(usize, usize)> {
         self.parts[1].given.tried
     }
 
-    /// True where the agent is the policy of another trial.
+    /// Whether the agent is the policy of another trial.
     #[must_use]
     pub fn is_policy(&self) -> bool {
         self.parts[1].part.plugin == cast::POLICY
     }
 
-    /// The same cell with what it takes named by cells: two parts with one config are two where they take from
+    /// The same cell, whose artifacts are named by cells: two parts with one config differ where they take from
     /// different cells.
     fn taking(mut self, sources: &Arc<[Source]>) -> Self {
         for (place, resolved) in self.parts.iter_mut().enumerate() {
@@ -135,7 +136,7 @@ impl Cell {
 pub(super) struct Swept {
     /// Its dimension.
     pub(super) dimension: usize,
-    /// How it is written.
+    /// The key as settings write it.
     pub(super) word: Arc<str>,
     /// Its value at every point of the dimension.
     pub(super) values: Arc<[Value]>,
@@ -184,7 +185,7 @@ pub struct Cells {
     combinations: Vec<(usize, Combination)>,
     n_combinations: usize,
     others: Vec<Cell>,
-    /// By index, where a cell takes something.
+    /// By index of a cell that takes an artifact.
     sources: BTreeMap<usize, Arc<[Source]>>,
 }
 
@@ -202,13 +203,13 @@ impl Cells {
         cells
     }
 
-    /// How many they are.
+    /// Number of cells.
     #[must_use]
     pub fn len(&self) -> usize {
         self.n_combinations + self.others.len()
     }
 
-    /// How many of them are combinations; these come first.
+    /// Number of combinations among the cells; these come first.
     #[must_use]
     pub fn n_combinations(&self) -> usize {
         self.n_combinations
@@ -234,12 +235,12 @@ impl Cells {
         }
     }
 
-    /// All of them, one after the other.
+    /// All cells, one after the other.
     pub fn iter(&self) -> impl Iterator<Item = Cell> {
         (0..self.len()).map(|index| self.at(index))
     }
 
-    /// What the cell with an index is in the study.
+    /// Place in the study of the cell with an index.
     #[must_use]
     pub fn place(&self, index: usize) -> Place {
         match self.combination(index) {
@@ -255,7 +256,7 @@ impl Cells {
         found.map_or(0..0, |(first, it)| *first..first + it.n_cells())
     }
 
-    /// The first cell besides combinations for which something holds.
+    /// The first cell that is no combination and for which `holds` is true.
     pub fn other(&self, holds: impl Fn(&Cell) -> bool) -> Option<usize> {
         let place = self.others.iter().position(holds)?;
         Some(self.n_combinations + place)
@@ -276,13 +277,13 @@ impl Cells {
         settings
     }
 
-    /// What the cell with an index takes from others.
+    /// Artifacts that the cell with an index takes.
     #[must_use]
     pub fn sources(&self, index: usize) -> &[Source] {
         self.sources.get(&index).map_or(&[], |sources| &**sources)
     }
 
-    /// The cells of which a config names an artifact.
+    /// The cells whose configs name an artifact.
     pub(super) fn naming(&self) -> impl Iterator<Item = usize> {
         let names = |(_, it): &&(usize, Combination)| it.parts.iter().any(|grid| grid.names_artifacts);
         let combinations = self.combinations.iter().filter(names);
@@ -291,14 +292,14 @@ impl Cells {
             .chain(self.n_combinations..self.len())
     }
 
-    /// How many parts and changes are in memory for combinations.
+    /// Number of parts and changes in memory for combinations.
     #[cfg(test)]
     pub(super) fn n_kept(&self) -> usize {
         let grids = self.combinations.iter().flat_map(|(_, it)| &it.parts);
         grids.map(|grid| grid.n_kept()).sum()
     }
 
-    /// The same cells with what they take.
+    /// The same cells with the artifacts that they take.
     pub(super) fn taking(self, sources: BTreeMap<usize, Arc<[Source]>>) -> Self {
         Self { sources, ..self }
     }

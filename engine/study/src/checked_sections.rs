@@ -25,7 +25,7 @@ use std::path::Path;
 /// Largest number of trials of one study.
 pub const MOST_TRIALS: u64 = 1_000_000;
 
-/// All that cells are made of.
+/// Everything that cells are made of.
 pub struct Sections<'a> {
     /// The named parts.
     pub written: &'a Written,
@@ -45,11 +45,11 @@ pub struct Sections<'a> {
     pub searches: &'a [Searched<'a>],
     /// Combinations that are left out.
     pub excluded: &'a [Selection],
-    /// What one trial may use.
+    /// Limits of one trial.
     pub limits: &'a Limits,
-    /// What environments announced before, where that is known.
+    /// Announcements of environments that were tried out before, where these are known.
     pub announced: Option<&'a Announcements>,
-    /// True without a profile and options of the command line.
+    /// Whether the study is read without a profile and options of the command line.
     pub is_as_written: bool,
 }
 

@@ -26,13 +26,13 @@ use std::{collections::BTreeMap, path::PathBuf};
 pub struct Study {
     /// Name of the study and of its folder of results.
     pub name: String,
-    /// What it is about, as a heading; empty where absent.
+    /// Subject of the study, as a heading; empty where absent.
     pub title: String,
-    /// Where the published numbers come from; empty where absent.
+    /// Source of the published numbers; empty where absent.
     pub source: String,
     /// The verdicts that are read together with those of this study; its own alone where absent.
     pub family: Option<String>,
-    /// What it came to, with placeholders; `None` where absent.
+    /// Summary of the results, with placeholders; `None` where absent.
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
@@ -42,18 +42,18 @@ pub struct Study {
     pub environments: Vec<String>,
     /// Names of the agents, in order.
     pub agents: Vec<String>,
-    /// All seeds that it may use.
+    /// All seeds that the study may use.
     pub seeds: Vec<u64>,
     /// The looks at which seeds are added until all that is judged is decided; `None` where their number is
     /// fixed.
     pub design: Option<Design>,
-    /// What counts as a success of a seed.
+    /// The criterion by which a seed counts as a success.
     pub success: Option<Success>,
-    /// How long the source trained.
+    /// Length of the source's training.
     pub paper_budget: Option<PaperBudget>,
-    /// Agents that a trained one must be better than to have learned.
+    /// Floors: a trained agent has learned if it is better than all of them.
     pub floors: Vec<String>,
-    /// Which difference matters for claims that do not say it.
+    /// The difference that matters for claims that name none.
     pub relevance: Option<Relevance>,
     /// The profile that was used.
     pub profile: Option<String>,
@@ -69,16 +69,16 @@ pub struct Study {
     pub plays: Vec<Play>,
     /// Runs of other programs, in order; their names are among those of the agents.
     pub imported: Vec<Imported>,
-    /// What one trial may use.
+    /// Limits of one trial.
     pub limits: Limits,
-    /// True where an environment was not tried out, since it is known what it announced.
+    /// Whether an environment was not tried out, since its announcement is known.
     pub is_recalled: bool,
-    /// What environments that are not this program's own announced when they were tried out, by id.
+    /// Announcements of environments that are not this program's own and were tried out, by id.
     pub announced: BTreeMap<String, Value>,
-    /// What can be run and is probably not meant, sorted by position.
+    /// Doubts: settings that can be run and are probably not meant, sorted by position.
     pub warnings: Vec<Diagnostic>,
-    /// Everything that its trials record, by name; where parts share a name, the first of protocol,
-    /// environments and agents.
+    /// Every metric that the trials record, by name; where parts share a name, the first of protocol, environments and
+    /// agents.
     pub metrics: Vec<Metric>,
     /// Names of the entries of `prepare`, in order.
     pub prepared: Vec<String>,

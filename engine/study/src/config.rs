@@ -39,7 +39,7 @@ pub struct Plugin<'a> {
 pub struct Files<'a> {
     folder: &'a Path,
     reach: Reach,
-    /// Where each lies and the hash of what it holds, or why it cannot be used, by its name.
+    /// Path and hash of each file, or why it cannot be used, by its name.
     known: BTreeMap<String, Result<(PathBuf, String), Unusable>>,
 }
 
@@ -60,7 +60,7 @@ impl Unusable {
         }
     }
 
-    /// What is wrong with the file that `text` names.
+    /// The message about the file that `text` names.
     fn message(&self, text: &str) -> String {
         match self {
             Self::Outside(outside) => outside.to_string(),
@@ -92,7 +92,7 @@ impl<'a> Files<'a> {
         }
     }
 
-    /// The path of a file by its name in the study, and the hash of what it holds.
+    /// The path of a file by its name in the study, and the hash of its content.
     fn find(&mut self, text: &str) -> Result<(PathBuf, String), Unusable> {
         if let Some(known) = self.known.get(text) {
             return known.clone();
@@ -110,7 +110,7 @@ impl<'a> Files<'a> {
 /// The complete config of a plugin.
 ///
 /// # Errors
-/// What the plugin refuses, and data files that do not exist.
+/// Values that the plugin refuses, and data files that do not exist.
 pub fn resolve(
     plugin: &Plugin<'_>,
     given: &Node,
@@ -148,7 +148,7 @@ pub fn resolve(
     })
 }
 
-/// Replaces lists of patterns, where a plugin asks for files by such, by the files that they name: each under its
+/// Replaces lists of patterns, where a plugin asks for files by patterns, by the files that they name: each under its
 /// name as seen from the study's folder.
 fn list_files(
     plugin: &Plugin<'_>,
@@ -209,7 +209,7 @@ fn in_a_word(
     sources.error(span, &at, message).help(help)
 }
 
-/// Why a config does not fit its plugin: what the schema says of it, or else what the plugin's reader says.
+/// The fault in a config: a misfit with the schema, or else the error of the plugin's reader.
 fn refused(
     plugin: &Plugin<'_>,
     config: &Node,
@@ -307,8 +307,8 @@ fn missing_files(
     }
 }
 
-/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by JSON
-/// pointer. Returns the first that cannot be used, with its name and why.
+/// Makes the paths under `file` usable from the current folder and notes the hash of each content, by JSON pointer.
+/// Returns the first that cannot be used, with its name and why.
 fn name_files(
     value: &mut Value,
     at: &str,
@@ -338,8 +338,7 @@ fn name_files(
     }
 }
 
-/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where nothing of
-/// it is.
+/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where no part is.
 #[must_use]
 pub fn locate(config: &Node, key: &str) -> Option<Span> {
     let (mut here, mut span) = (config, None);

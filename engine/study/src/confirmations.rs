@@ -1,8 +1,8 @@
-//! `confirm`: claims and published values of a study that are held against seeds which nobody has seen.
+//! `confirm`: claims and published values of a study that are tested on fresh seeds.
 //!
 //! A claim that is open after all seeds of its study is no better for a few more of them, which were added because of
-//! what was seen. A confirmation says before its first trial which claims it puts to which seeds. It is computed as a
-//! study of its own, with the same combinations, and the last word is that of all rounds together.
+//! the results. A confirmation names its claims and its seeds before its first trial. It is computed as a study of its
+//! own, with the same combinations, and the last word is that of all rounds together.
 
 use super::seeds::{SeedPlan, SeedsText};
 use document::{
@@ -76,7 +76,7 @@ impl Confirmation {
     pub fn claim(&self, claim: &ClaimSpec) -> ClaimSpec {
         ClaimSpec {
             min_effect: self.min_effect.or(claim.min_effect),
-            // It is put to seeds that nobody has seen.
+            // The seeds of a round are fresh.
             exploratory: false,
             ..claim.clone()
         }
@@ -93,7 +93,7 @@ impl Confirmation {
     }
 }
 
-/// Reads the section, and holds it against the rest of the study. `used` are the seeds of the study and of its
+/// Reads the section, and checks it against the rest of the study. `used` are the seeds of the study and of its
 /// searches.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Plays: who meets whom, in which environment, with what to be trained before.
+//! Plays: players of each role, the environment, and the trainings that come before.
 
 use super::{
     cell::Cells,
@@ -113,7 +113,7 @@ impl Reader<'_> {
         })
     }
 
-    /// Which seeds meet; what is written was held against the schema.
+    /// Pairs of seeds that meet; the section was checked against the schema.
     fn pairs(&self) -> Pairs {
         let written = self.named.config.get("pairs").map(Node::to_value);
         written

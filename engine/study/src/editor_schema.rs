@@ -1,17 +1,17 @@
 //! The schema of a study for editors. `check` sees a study after includes and blocks are in their places; an editor
-//! sees what is written, where any mapping may take blocks with `<<` and so lack what is required of it, and any key
-//! may stand without a value, which takes away what is included under it.
+//! sees the text, where any mapping may take blocks with `<<` and so lack a required key, and any key may stand without
+//! a value, which removes the included one.
 
 use serde_json::{Map, Value, json};
 
-/// What stands behind `<<`.
+/// Name of the definition of the value of `<<`.
 const TAKEN: &str = "taken_blocks";
 
 /// The schema with `<<` wherever keys may stand.
 #[must_use]
 pub fn for_editors(mut schema: Value) -> Value {
     loosen(&mut schema);
-    // What a study lacks may also be in a file that it includes.
+    // A key that a study lacks may also be in a file that it includes.
     if let Some(Value::Array(ways)) = schema.pointer_mut("/allOf/0/anyOf") {
         ways.push(json!({ "required": ["include"] }));
     }
@@ -43,7 +43,7 @@ fn loosen(schema: &mut Value) {
     }
 }
 
-/// True for the schema of a mapping, false for a mapping of schemas.
+/// Whether this is the schema of a mapping; false for a mapping of schemas.
 fn is_mapping(keys: &Map<String, Value>) -> bool {
     keys.get("type") == Some(&json!("object"))
 }
@@ -67,7 +67,7 @@ fn or_nothing(schema: &mut Value) {
         ways.push(nothing);
         return;
     }
-    // What editors show of a key stays where they look for it.
+    // The description of a key stays where editors look for it.
     let shown = ["description", "default"];
     let mut around: Map<String, Value> = shown
         .into_iter()
@@ -77,7 +77,7 @@ fn or_nothing(schema: &mut Value) {
     *schema = around.into();
 }
 
-/// Allows `<<` in a mapping, which may hold what else is required.
+/// Allows `<<` in a mapping, which may hold the keys that are required besides.
 fn take(keys: &mut Map<String, Value>) {
     let taken = json!({ "$ref": format!("#/$defs/{TAKEN}") });
     let properties = keys.entry("properties").or_insert_with(|| json!({}));

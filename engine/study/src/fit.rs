@@ -1,23 +1,23 @@
-//! Which agents fit which environments: both are built with their defaults, as `check` builds what a study names.
+//! Fit of agents and environments: both are built with their defaults, as `check` builds those that a study names.
 
 use contract::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
 use serde::Serialize;
 
-/// How much `describe` finds out by building plugins.
+/// Options of `describe`: facts that it finds by building plugins.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Asked {
-    /// Which agents fit an environment, and which environments fit an agent.
+    /// Whether to find the agents that fit an environment, and the environments that fit an agent.
     pub fits: bool,
-    /// Why the others do not.
+    /// Whether to find why the others do not fit.
     pub why: bool,
 }
 
-/// What cannot be used together, and why.
+/// An agent or an environment that cannot be used, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Unfit {
     /// The agent, or the environment.
     pub name: String,
-    /// What it lacks.
+    /// The misfit, in words.
     pub reason: String,
 }
 

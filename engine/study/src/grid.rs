@@ -1,5 +1,5 @@
 //! The configs of one part at every point of the dimensions that concern it. A sweep may have a million points: each is
-//! resolved once, on all cores, and then only that is kept of it which does not follow from its dimensions one by one.
+//! resolved once, on all cores, and only the parts that do not follow from the dimensions one by one are kept.
 
 use super::{
     checked_sections::Sections,
@@ -21,14 +21,14 @@ use std::{
     },
 };
 
-/// Of so many points each is kept; from there on they are also shared out among the cores.
+/// Number of points up to which each is kept; larger numbers are also shared out among the cores.
 const MANY: usize = 2000;
-/// So many points are resolved between two looks at what was found.
+/// Number of points that are resolved between two looks at the mistakes.
 const AT_ONCE: usize = 20 * MANY;
-/// So many mistakes of one part are told; those of a sweep mostly come from one key.
+/// Number of mistakes of one part that are shown; those of a sweep mostly come from one key.
 const MOST_MISTAKES: usize = 100;
 
-/// What one point of one dimension changes of the first point's config; `None` where that is not all that differs.
+/// The changes of one point of one dimension to the first point's config; `None` where these are not all that differs.
 type Changed = Option<Box<[Arc<Change>]>>;
 
 /// A part at every point of some dimensions.
@@ -42,15 +42,16 @@ pub(super) struct Grid {
     single: Vec<Vec<Changed>>,
     /// Parts that are kept, by their place among all points.
     kept: BTreeMap<usize, Arc<Resolved>>,
-    /// True where some config names an artifact of another trial.
+    /// Whether some config names an artifact of another trial.
     pub(super) names_artifacts: bool,
 }
 
 impl Grid {
-    /// Resolves what `given` says at every point of some dimensions; `first` is the part at the first of them.
+    /// Resolves the part that `given` describes at every point of some dimensions; `first` is the part at the first of
+    /// them.
     ///
     /// # Errors
-    /// What keeps points from being resolved.
+    /// Mistakes for which points cannot be resolved.
     pub(super) fn resolve(
         sections: &Sections<'_>,
         files: &Files<'_>,
@@ -105,7 +106,7 @@ impl Grid {
         Resolved::new(part, Given { points, ..given }).into()
     }
 
-    /// How many parts and changes are in memory.
+    /// Number of parts and changes in memory.
     #[cfg(test)]
     pub(super) fn n_kept(&self) -> usize {
         self.kept.len() + self.single.iter().map(Vec::len).sum::<usize>()
@@ -123,7 +124,7 @@ pub(super) fn points(dimensions: &[(usize, usize)], mut place: usize) -> Vec<(us
     points
 }
 
-/// The changes of all points; `None` where that of one is not all that differs.
+/// The changes of all points; `None` where those of one are not all that differs.
 fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option<Vec<&'a Arc<Change>>> {
     let mut all = Vec::new();
     for (changes, (_, point)) in single.iter().zip(points).filter(|(_, (_, point))| *point > 0) {
@@ -160,7 +161,7 @@ impl Maker<'_> {
         Ok(resolved)
     }
 
-    /// What each point of each dimension changes alone. A grid of few points keeps them all instead.
+    /// The changes of each point of each dimension alone. A grid of few points keeps all parts instead.
     fn single(&self, dimensions: &[(usize, usize)]) -> Vec<Vec<Changed>> {
         let count: usize = dimensions.iter().map(|(_, count)| count).product();
         if count <= MANY {

@@ -1,4 +1,4 @@
-//! The section `imported`: runs of other programs, which stand where the study's own agents stand.
+//! The section `imported`: runs of other programs, which stand beside the study's own agents.
 
 use super::{checked_sections::Sections, seeds::SeedPlan, way::name_written_out};
 use analysis::results::Origin;
@@ -13,7 +13,7 @@ use presentation::vocabulary::Vocabulary;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Reads the section and lets tables, figures and claims know what the runs recorded.
+/// Reads the section and enters the metrics of the runs for tables, figures and claims.
 pub(super) fn resolve(
     root: &Node,
     sections: &Sections<'_>,
@@ -53,7 +53,7 @@ impl Reader<'_> {
             .push(if help.is_empty() { error } else { error.help(help) });
     }
 
-    /// Runs of others come in one number, and no seed of theirs may look like one of ours.
+    /// Runs of others come in one number, and their seeds are above all seeds of the study.
     fn seeds(&mut self, section: &Entry, plan: &SeedPlan) {
         if plan.design.is_some() {
             let message = "seeds of this study are added look by look, and runs of others cannot be";
@@ -129,7 +129,7 @@ impl Reader<'_> {
         (self.found.len() == before).then_some(whole)
     }
 
-    /// A sentence in which files are named as the study names them, wherever it lies.
+    /// A sentence in which files are named as seen from the study's folder.
     fn seen_from_folder(&self, sentence: &str) -> String {
         let folder = self.sections.folder.display().to_string();
         let plain = sentence.replace('`', "");
@@ -266,7 +266,7 @@ fn span_of(node: &Node, key: &str) -> Span {
     node.entry(key).map_or(node.span, |entry| entry.value.span)
 }
 
-/// What the runs of a part are, as in `3 runs of runs/*.csv, final values are means of the last 10`.
+/// Description of the runs of a part, as in `3 runs of runs/*.csv, final values are means of the last 10`.
 fn sentence(text: &ImportedText, found: &Found) -> String {
     let runs = match found.runs.len() {
         1 => "1 run".to_owned(),
@@ -294,7 +294,7 @@ fn sentence(text: &ImportedText, found: &Found) -> String {
         .join(", ")
 }
 
-/// An entry of the section as it is stored in `folder`, with files named as seen from there in place of `from`.
+/// An entry of the section as it is stored in `folder`, with files named as seen from there instead of from `from`.
 pub(super) fn relocated(entry: Value, from: &Path, folder: &Path) -> Value {
     let seen = |pattern: &Value| {
         json!(name_written_out(

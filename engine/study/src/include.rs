@@ -25,8 +25,8 @@ pub struct Included {
     pub files: Vec<PathBuf>,
 }
 
-/// Reads what the study in `file` includes and lays its own sections over. Later files are laid over earlier
-/// ones. Names of data files in them are written anew, as seen from the study's folder.
+/// Reads the files that the study in `file` includes and lays its own sections over theirs. Later files are laid over
+/// earlier ones. Names of data files in them are written anew, as seen from the study's folder.
 ///
 /// # Errors
 /// Files that cannot be read, are wrong as YAML or no mapping, include themselves, or are too many.
@@ -57,7 +57,7 @@ pub fn read(
 struct Reader<'a> {
     /// Folder of the study.
     study: &'a Path,
-    /// Where its files lie.
+    /// Reach of the study: the folders of its files.
     reach: Reach,
     schema: View<'a>,
     sources: &'a mut Sources,
@@ -76,7 +76,7 @@ impl Reader<'_> {
                 Err(errors) => self.found.extend(errors),
             }
         }
-        // What is no mapping has no sections to merge: the check says so.
+        // A document that is no mapping has no sections to merge: the check reports it.
         lay(&mut whole, root, Some(&self.schema));
         whole
     }
@@ -107,7 +107,7 @@ impl Reader<'_> {
         Ok(node)
     }
 
-    /// Where files lie that are named in a file of `folder`: those of the study, or of what was named absolutely.
+    /// The reach of the files that are named in a file of `folder`: the study's reach, or that of an absolute name.
     fn reach_from(&self, folder: &Path) -> Reach {
         if self.reach.holds(folder) {
             self.reach.clone()
@@ -166,7 +166,7 @@ impl Reader<'_> {
     }
 }
 
-/// The files that a study names in a section, with their places; what is no name is reported by the check.
+/// The files that a study names in a section, with their places; the check reports values that are no names.
 pub fn named(root: &Node, section: &str) -> Vec<(String, Span)> {
     let Some(node) = root.get(section) else {
         return Vec::new();

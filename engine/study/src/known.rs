@@ -22,7 +22,7 @@ pub(super) struct Known<'a> {
     pub(super) sections: &'a Sections<'a>,
     pub(super) files: Files<'a>,
     parts: BTreeMap<Given, Outcome>,
-    /// By what is given at the first point.
+    /// By the config that is given at the first point.
     grids: BTreeMap<Given, Result<Arc<Grid>, Vec<Diagnostic>>>,
 }
 
@@ -119,8 +119,8 @@ impl<'a> Known<'a> {
         words(&keys).into_iter().zip(values).collect()
     }
 
-    /// What leads a combination to the last setting of the schedule that was found for its agent: nothing where a
-    /// setting was.
+    /// The stretches that lead a combination to the last setting of the schedule that was found for its agent: none
+    /// where a setting was found.
     pub(super) fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let Some((search, _)) = self.sections.chosen(agent) else {
             return Ok(Vec::new());
@@ -169,7 +169,7 @@ impl<'a> Known<'a> {
         Ok([one?, two?, three?])
     }
 
-    /// What is given for one of the parts of a pair, at a point of the sweep.
+    /// The config that is given for one of the parts of a pair, at a point of the sweep.
     fn given(
         &self,
         targets: [Target; 3],

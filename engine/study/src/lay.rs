@@ -1,6 +1,6 @@
-//! Two mappings as one: what `include`, `<<` and sections of a file have in common.
-//!
-//! A key without a value takes away what stands under it, where nothing is no value of its own.
+//! Overlays: two mappings as one, for `include`, `<<` and sections of a file.
+//! 
+//! A key without a value removes the value under it, unless the schema allows `null` there.
 
 use document::{Entry, Kind, Node, schema_check::View};
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,7 +41,7 @@ fn lay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_
             continue;
         };
         let below = place.and_then(|place| below(place, &entry.key));
-        // What a block has under the key comes later, and is taken away then.
+        // The value that a block has under the key comes later, and is removed then.
         if !places.contains_key(TAKE) && takes_away(&entry.value, below.as_ref()) {
             places.remove(&entry.key);
             all[at] = None;
@@ -53,7 +53,7 @@ fn lay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_
     *mine = all.into_iter().flatten().collect();
 }
 
-/// Takes away the keys that have no value where some is wanted.
+/// Removes the keys without a value where a value is wanted.
 pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
     if let Kind::Mapping(entries) = &mut node.kind {
         entries.retain(|entry| {
@@ -63,7 +63,7 @@ pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
     }
 }
 
-/// True for no value where some is wanted: parameters that may be `null` become so.
+/// Whether a value is absent where one is wanted: parameters that may be `null` become so.
 fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
     let wanted: Vec<&str> = place.map_or_else(Vec::new, |place| {
         place.alternatives().iter().flat_map(View::types).collect()
@@ -79,7 +79,7 @@ pub fn below<'a>(place: &View<'a>, key: &str) -> Option<View<'a>> {
     mappings.find_map(|place| place.property(key))
 }
 
-/// True where a mapping has one key of several: a plugin, or a variant of an enum.
+/// Whether a mapping has one key of several: a plugin, or a variant of an enum.
 fn one_of_several(place: &View<'_>) -> bool {
     let places = place.alternatives();
     let one_at_most = |place: &View<'_>| place.get("maxProperties").is_some_and(|most| most == 1);
@@ -153,7 +153,7 @@ mod tests {
             "{title: a, tables: {t: {caption: b}, u: {}}, agents: {c: {walker: {direction: left}}}}",
             "{title: ~, tables: {t: ~, v: null}, agents: {c: {walker: {direction: ~}}}}",
         );
-        // What is not there cannot be taken away: the check says what is missing.
+        // A value that is absent cannot be removed: the check reports the missing key.
         let whole = json!({"tables": {"u": {}, "v": null}, "agents": {"c": {"walker": {}}}});
         assert_eq!(node.to_value(), whole);
     }

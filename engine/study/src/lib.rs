@@ -1,5 +1,4 @@
-//! Studies: from one YAML file to everything that is asked for, checked so far that no name, metric, key or
-//! range can be wrong.
+//! Studies: from one YAML file to its trials, checked so far that no name, metric, key or range can be wrong.
 //!
 //! | file | what it does |
 //! |---|---|

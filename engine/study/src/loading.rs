@@ -40,7 +40,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
 /// The name of the study in a file, whatever its other sections say.
 ///
 /// # Errors
-/// What keeps the file from being read as one document.
+/// Mistakes for which the file cannot be read as one document.
 pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
     let (name, text) = read_text(path)?;
     let (schema, mut sources) = (json_schema(registry), Sources::default());
@@ -54,7 +54,7 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// What messages call a file, and its text.
+/// Name of a file for messages, and its text.
 fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
     let name = path.display().to_string();
     let unreadable = |error: std::io::Error| {
@@ -173,7 +173,7 @@ fn compose(
     })
 }
 
-/// What the second half of loading makes.
+/// Result of the second half of loading.
 struct Made {
     plan: SeedPlan,
     success: Option<Success>,
@@ -188,7 +188,7 @@ struct Made {
     deviations: Vec<String>,
 }
 
-/// The second half of loading: cells are made and built, and what is asked of them is checked.
+/// The second half of loading: cells are made and built, and the sections on results are checked.
 fn finish(root: &Node, sections: &Sections<'_>, found: Vec<Diagnostic>) -> Result<Study, Vec<Diagnostic>> {
     make(root, sections, found).map(|made| assemble(root, sections, made))
 }
@@ -230,7 +230,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let confirm = if sections.is_as_written {
         confirmations::read(root, (&request.claims, &request.tables), &used, sources)
     } else {
-        // Profiles and options make another study of it, which confirms nothing.
+        // With profiles and options it is another study, which confirms nothing.
         Ok(Vec::new())
     };
     let confirm = confirm.unwrap_or_else(|errors| {
@@ -255,7 +255,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     })
 }
 
-/// What a chosen setting is worth is measured on other seeds than those by which it was chosen.
+/// The chosen setting is measured on other seeds than those by which it was chosen.
 fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Option<Diagnostic> {
     let entry = root.entry("seeds")?;
     let used = |it: &search::Searched<'_>| {
@@ -357,7 +357,7 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
     diagnostic.path.split('.').next() == Some("limits")
 }
 
-/// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
+/// Whether trials cannot be made before the mistake is corrected; mistakes in tables, figures and claims do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
     const SHOWN: [&str; 15] = [

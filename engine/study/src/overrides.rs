@@ -1,4 +1,5 @@
-//! `overrides` and `exclude`: what differs for some combinations of environment and agent.
+//! `overrides` and `exclude`: values for some combinations of environment and agent, and combinations that are left
+//! out.
 
 use super::{
     path::{self, KeyPath},
@@ -21,7 +22,7 @@ pub struct Override<'a> {
 }
 
 impl Override<'_> {
-    /// True where a value belongs to this target.
+    /// Whether a value belongs to this target.
     #[must_use]
     pub fn concerns(&self, target: Target) -> bool {
         self.set.iter().any(|(_, path, _)| path.target == target)

@@ -1,4 +1,4 @@
-//! The parts of a cell: plugins with their complete configs, and what was given for each.
+//! The parts of a cell: plugins with their complete configs, and the origin of each config.
 
 use super::{schedule::Stretch, written::Target};
 use contract::{own_training::Measured, part::Part};
@@ -7,16 +7,16 @@ use std::sync::{Arc, OnceLock};
 /// A plugin with its complete config.
 #[derive(Debug)]
 pub struct Resolved {
-    /// What is built.
+    /// The plugin with its complete config.
     pub part: Arc<Part>,
-    /// Its hash, once somebody has asked for it.
+    /// Hash of the part, once it was asked for.
     id: OnceLock<String>,
-    /// What was given for it, to find the place of a mistake.
+    /// Origin of the config, to find the place of a mistake.
     pub given: Given,
 }
 
 impl Resolved {
-    /// A part, and what was given for it.
+    /// A part with the origin of its config.
     #[must_use]
     pub fn new(part: Part, given: Given) -> Self {
         Self {
@@ -33,7 +33,7 @@ impl Resolved {
     }
 }
 
-/// What sets a part's config apart from what is written for it.
+/// The origin of a part's config: all that changes it besides its own section.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Given {
     /// The part.

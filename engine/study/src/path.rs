@@ -1,4 +1,4 @@
-//! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
+//! Dotted paths such as `learner.discount` or `protocol.steps`, and the keys that they name.
 
 use super::written::{Chosen, Named, PartKind, Target, Written};
 use document::{
@@ -11,13 +11,13 @@ use serde_json::Value;
 /// A path that exists.
 #[derive(Debug, Clone)]
 pub struct KeyPath<'a> {
-    /// Whose config.
+    /// Owner of the config.
     pub target: Target,
     /// Keys inside the plugin's config.
     pub keys: Vec<String>,
     /// Schema of the plugin's config.
     pub config: View<'a>,
-    /// What a value there must fit.
+    /// Schema of a value at the key.
     pub schema: View<'a>,
     /// Where the path is written.
     pub span: Span,
@@ -26,8 +26,8 @@ pub struct KeyPath<'a> {
 /// Finds the key that `text` names.
 ///
 /// # Errors
-/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin
-/// itself is unknown, which the check against the schema says.
+/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin itself is
+/// unknown, which the check against the schema reports.
 pub fn find<'a>(
     text: &str,
     span: Span,
@@ -83,8 +83,8 @@ pub fn find<'a>(
     })
 }
 
-/// The key under which a plugin has keys that a study gives names to, which are then named as its own, and the
-/// names that are there.
+/// The key under which a plugin has keys that a study names, which are then addressed as the plugin's own, and the
+/// names that exist.
 fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w Named>) -> Option<(&'a str, Vec<&'w str>)> {
     let names = config.property_names().into_iter();
     let is_marked = |name: &&str| {
@@ -116,7 +116,7 @@ fn seeds<'a>(study: &View<'a>, place: &Spelled<'_>) -> Result<KeyPath<'a>, Vec<D
     })
 }
 
-/// A path as it is written, to say what is wrong with it.
+/// A path as it is written, for messages about it.
 struct Spelled<'a> {
     words: &'a [&'a str],
     span: Span,
@@ -214,7 +214,7 @@ fn nothing_prepared(
     sources.error(span, at, message).help(help)
 }
 
-/// What the first words name, and how many they are.
+/// The target of the first words, and how many they are.
 fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     let environment = |name: &str| {
         written
@@ -320,13 +320,13 @@ impl KeyPath<'_> {
         }
     }
 
-    /// True for the key `preset`, which is no key of the config itself.
+    /// Whether the key is `preset`, which is no key of the config itself.
     #[must_use]
     pub fn is_preset(&self) -> bool {
         self.keys == ["preset"]
     }
 
-    /// True where both name the same key, or one a key inside the other.
+    /// Whether both name the same key, or one a key inside the other.
     #[must_use]
     pub fn overlaps(&self, other: &KeyPath<'_>) -> bool {
         self.target == other.target

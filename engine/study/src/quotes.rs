@@ -91,7 +91,7 @@ impl Filler<'_> {
         }
     }
 
-    /// A text with its values; the first placeholder without one.
+    /// A text with its values; as the error, the first placeholder without one.
     fn text(&self, text: &str) -> Result<String, String> {
         let mut filled = String::with_capacity(text.len());
         let mut rest = text;
@@ -142,7 +142,7 @@ impl Filler<'_> {
     }
 }
 
-/// True for names with dots between them.
+/// Whether the text consists of names with dots between them.
 fn is_path(text: &str) -> bool {
     let is_name = |name: &str| {
         let mut letters = name.bytes();

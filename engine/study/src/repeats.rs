@@ -7,7 +7,7 @@ use document::{
     diagnostic::{Diagnostic, Sources},
 };
 
-/// Samples of a sweep of which several came to the same setting. Its display is `6 samples, 2 different settings`.
+/// Samples of a sweep, several with the same setting. Its display is `6 samples, 2 different settings`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Repeats {
     /// How many samples were drawn.

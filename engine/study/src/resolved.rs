@@ -22,7 +22,7 @@ pub enum Section {
     Searches(Vec<(String, WrittenSearch)>),
 }
 
-/// A search as it is written. What it draws depends on the order of the keys that it is over.
+/// A search as it is written. Its draws depend on the order of the keys under `over`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenSearch {
     /// The section `over`.
@@ -136,7 +136,7 @@ fn seeds(plan: &SeedPlan) -> Value {
     }
 }
 
-/// An entry of `prepare`; what it takes from the study stays a name.
+/// An entry of `prepare`; parts that it takes from the study stay names.
 fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named) -> Value) -> Value {
     let mut value = Map::new();
     for kind in PartKind::ALL {

@@ -92,7 +92,7 @@ pub fn section_yaml(name: &str, value: Value) -> Result<String, Error> {
     text(&[(name.into(), Section::Plain(value))])
 }
 
-/// Leaves out what is not given: exactly one kind of a table or figure is, and the others would be noise.
+/// Leaves out absent values: exactly one kind of a table or figure is given, and the others would be noise.
 fn given(value: Value) -> Value {
     match value {
         Value::Object(map) => {
@@ -225,7 +225,7 @@ impl Serialize for Sorted<'_> {
     }
 }
 
-/// True for what is read at a glance: numbers and single words.
+/// Whether a value is a number or a single word, which stands on one line with others.
 fn is_word(value: &Value) -> bool {
     match value {
         Value::Array(_) | Value::Object(_) => false,

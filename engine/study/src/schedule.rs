@@ -17,7 +17,7 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// That of a setting of a population, by its place; `None` in other searches.
+    /// The stretch of a setting of a population, by its place; `None` in other searches.
     pub(super) fn of(index: usize, searched: &Searched<'_>, place: usize) -> Option<Self> {
         let search = &searched.search;
         search.is_population().then(|| Self {
@@ -27,7 +27,7 @@ impl Stretch {
         })
     }
 
-    /// Writes it into the config of a protocol.
+    /// Writes the stretch into the config of a protocol.
     pub(super) fn assign(&self, name: &str, config: &mut Node) {
         let span = config.span;
         let mut set = |key: &str, value: Value| {

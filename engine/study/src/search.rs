@@ -1,8 +1,8 @@
-//! The section `tune`: which keys of an agent are searched, by what, and the settings that were tried so far.
+//! The section `tune`: searched keys of an agent, the method, and the settings that were tried so far.
 //!
-//! A study with a search is read again for every generation: [`Progress`] says which settings there are and which one
-//! was chosen. Its trials are cells of their own ([`Place::Tried`](crate::cell::Place::Tried)), and the agent itself has no trials before
-//! its setting is chosen.
+//! A study with a search is read again for every generation: [`Progress`] holds the settings that exist and the one
+//! that was chosen. Its trials are cells of their own ([`Place::Tried`](crate::cell::Place::Tried)), and the agent
+//! itself has no trials before its setting is chosen.
 
 use super::{
     path::{self, KeyPath},
@@ -45,7 +45,7 @@ pub(super) struct SearchText {
     /// How the next setting is come by.
     #[serde(default)]
     method: Method,
-    /// What becomes of a setting of which a trial fails: the search waits for it until it is run again, or goes on and
+    /// Treatment of a setting of which a trial fails: the search waits for it until it is run again, or goes on and
     /// ranks it last. One whose numbers are not finite ranks last always.
     #[serde(default, skip_serializing_if = "Failed::is_wait")]
     failed: Failed,
@@ -108,7 +108,7 @@ pub struct Searched<'a> {
     pub stops: Vec<Option<u64>>,
     /// For each the place of the one whose learning it goes on with.
     pub parents: Vec<Option<usize>>,
-    /// The place of the one that was chosen.
+    /// Place of the chosen setting; `None` before the choice.
     pub chosen: Option<usize>,
 }
 
@@ -190,7 +190,7 @@ impl<'a> Reader<'a, '_> {
         progress: &BTreeMap<String, Progress>,
         others: &[Searched<'_>],
     ) -> Result<Searched<'a>, Vec<Diagnostic>> {
-        // What the check against the schema refused was said there.
+        // The check against the schema reported a text that it refused.
         let text: SearchText =
             serde_json::from_value(self.named.config.to_value()).map_err(|_| Vec::new())?;
         let keys = self.keys()?;
@@ -424,7 +424,7 @@ impl<'a> Reader<'a, '_> {
         }
     }
 
-    /// A population of one replaces nobody.
+    /// A population of one has no member to replace.
     fn has_members(&self, settings: usize, method: &Method) -> Result<(), Vec<Diagnostic>> {
         if settings > 1 || !matches!(method, Method::Population(_)) {
             return Ok(());

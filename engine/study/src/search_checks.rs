@@ -1,4 +1,4 @@
-//! Searches against what trials record: what compares settings, and where trials pause.
+//! Checks of searches against the metrics of trials: the compared metric, and the pauses.
 
 use super::{checked_sections::Sections, known, search::Searched, written::Target};
 use analysis::search::Search;
@@ -44,7 +44,7 @@ pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnos
     names.into_found()
 }
 
-/// Says where a metric is none to compare settings by, or where it is not said that little of it is wanted.
+/// Reports a metric that cannot compare settings, or a missing direction of a metric of which less is better.
 fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
     let metric = &search.metric;
     if [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&metric.as_str()) {
@@ -75,7 +75,7 @@ fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
     }
 }
 
-/// Says where a search cannot pause its trials, or a population cannot go on from them.
+/// Reports a search that cannot pause its trials, and a population that cannot go on from them.
 fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
     let plugin = sections.written.protocol.plugin.as_str();
     let config = known::protocol_of(sections, searched);

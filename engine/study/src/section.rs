@@ -39,7 +39,7 @@ pub fn set(root: &mut Node, entry: &Entry, schema: &Value, sources: &Sources) ->
     })
 }
 
-/// A path with what is to stand there.
+/// A dotted path with the value that is set there.
 struct Way<'a> {
     words: &'a [&'a str],
     span: Span,
@@ -53,7 +53,7 @@ struct Unknown {
 }
 
 impl Way<'_> {
-    /// Writes the value below `node`, of which the words before `first` speak.
+    /// Writes the value below `node`, which the words before `first` name.
     fn put(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), Unknown> {
         match &mut node.kind {
             Kind::Sequence(items) => self.put_into_list(items, place, first),
@@ -109,12 +109,12 @@ impl Way<'_> {
         })
     }
 
-    /// Writes what the study does not have yet, or has as a whole.
+    /// Writes a value that the study does not have yet, or has as a whole.
     fn put_here(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), Unknown> {
         let rest: Vec<String> = self.words[first..].iter().map(ToString::to_string).collect();
         let whole = [rest.join(".")];
         let (index, known) = match place.descend(&rest) {
-            // Of what has a free name, and is not there, no single key can be set.
+            // An absent entry with a free name must be set as a whole.
             Ok(_) if rest.len() > 1 && !place.property_names().contains(&&*rest[0]) => (0, Vec::new()),
             Ok(_) => {
                 assign(node, place, &rest, self.span, self.value);

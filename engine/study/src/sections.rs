@@ -29,13 +29,13 @@ pub(super) struct Sections {
     /// Name of the study and of its folder of results.
     #[schemars(extend("pattern" = SLUG))]
     study: String,
-    /// Files whose sections this one begins with: one, or several of which later ones win. What stands here
-    /// is laid over them, key by key; lists and values are replaced.
+    /// Files whose sections this one begins with: one, or several of which later ones win. The study's own sections are
+    /// laid over them, key by key; lists and values are replaced.
     include: Files,
     /// Keys by name, which `<<: NAME` puts into any mapping; keys beside `<<` win.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     blocks: BTreeMap<String, Map<String, Value>>,
-    /// What the study is about, as a heading.
+    /// Subject of the study, as a heading.
     title: String,
     /// Where the published numbers come from.
     source: String,
@@ -43,8 +43,8 @@ pub(super) struct Sections {
     /// together (Holm); without it the study is a family of its own.
     #[schemars(length(min = 1))]
     family: String,
-    /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
-    /// value, with `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
+    /// The result, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a value, with
+    /// `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
     summary: String,
     /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
     /// each.
@@ -56,7 +56,7 @@ pub(super) struct Sections {
     /// look by look until every judged value and claim is decided.
     #[schemars(extend("default" = 1))]
     seeds: SeedsText,
-    /// What counts as a success of a seed; adds the metric `success`.
+    /// The criterion by which a seed counts as a success; adds the metric `success`.
     success: Success,
     /// How long the source trained. Where the trainings here are less than half as long, what differs and what is
     /// refuted is NOT AT THIS BUDGET.
@@ -69,7 +69,7 @@ pub(super) struct Sections {
     relevance: Relevance,
     /// Swept keys, each with the way its values are made.
     sweep: BTreeMap<String, Generator>,
-    /// Searches for settings of agents, by name. What is shown of such an agent is the best setting, measured on
+    /// Searches for settings of agents, by name. Results of such an agent are those of the best setting, measured on
     /// seeds that the search has not seen.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     tune: BTreeMap<String, SearchText>,
@@ -95,10 +95,10 @@ pub(super) struct Sections {
     figures: BTreeMap<String, FigureSpec>,
     /// Comparisons that the results support, refute or leave open.
     claims: Vec<ClaimText>,
-    /// Rounds of claims and published values on seeds that nobody has seen. The last word on each is that of all its
-    /// seeds together, with the level divided among all looks.
+    /// Rounds of claims and published values on fresh seeds. The last word on each is that of all its seeds together,
+    /// with the level divided among all looks.
     confirm: Vec<ConfirmationText>,
-    /// What one trial may use, and what is tried again; no trial's numbers depend on it.
+    /// Limits of one trial, and failures that are tried again; no trial's numbers depend on it.
     limits: Limits,
 }
 

@@ -1,4 +1,4 @@
-//! Which seeds a study has: a number of them, a list, ranges, or a design whose looks are fixed before the first trial.
+//! Seeds of a study: a number of them, a list, ranges, or a design whose looks are fixed before the first trial.
 
 use document::{
     Node,
@@ -68,7 +68,7 @@ enum Looks {
 pub struct SeedPlan {
     /// All seeds that it may use.
     pub seeds: Vec<u64>,
-    /// The looks, where `run` adds seeds until all that is judged is decided.
+    /// The looks at which `run` adds seeds until every claim and judged value is decided.
     pub design: Option<Design>,
 }
 
@@ -112,7 +112,7 @@ impl SeedPlan {
         }
     }
 
-    /// Number of seeds that every combination has whatever the results are.
+    /// Number of seeds that every combination has before any result.
     #[must_use]
     pub fn certain(&self) -> usize {
         self.design
@@ -149,7 +149,7 @@ fn ranges(text: &str) -> Result<Vec<u64>, String> {
     Ok(seeds)
 }
 
-/// What is wrong with a design: the key, the message, and what to write instead.
+/// A mistake in a design: the key, the message, and the advice.
 type Wrong = (&'static str, String, String);
 
 fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {

@@ -19,7 +19,7 @@ use execution::store::Announcements;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// What a command line changes of a study.
+/// Options of a command line that change a study.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Options {
     /// The profile to use.
@@ -28,15 +28,15 @@ pub struct Options {
     pub sets: Vec<String>,
     /// Number of seeds in place of the study's.
     pub seeds: Option<u64>,
-    /// How far the searches are, by name; they begin where nothing is given.
+    /// Progress of the searches, by name; they begin where none is given.
     pub searches: BTreeMap<String, Progress>,
-    /// What environments announced before; all are tried out where nothing is given.
+    /// Announcements of environments that were tried out before; all are tried out where none is given.
     pub announced: Option<Announcements>,
 }
 
 /// Applies the profile, then `--set` in order, then `--seeds`. All profiles are checked, used or not.
 ///
-/// Returns the keys that were set, which no sweep varies any more, and what is wrong.
+/// Returns the keys that were set, which no sweep varies any more, and the mistakes.
 pub fn apply<'a>(
     root: &Node,
     written: &mut Written,
@@ -115,8 +115,8 @@ fn unknown_profile(options: &Options, profiles: &[Entry], sources: &mut Sources)
     })
 }
 
-/// Writes what the profile and `--set` say of sections that are no parts of trials into the document. Returns what
-/// names nothing; whether values fit is seen when the document is checked.
+/// Writes values of the profile and `--set` for sections that are no parts of trials into the document. Returns paths
+/// that name nothing; the check of the document reports values that do not fit.
 pub fn lay_sections(
     root: &mut Node,
     schema: &Value,
@@ -135,8 +135,8 @@ pub fn lay_sections(
     found
 }
 
-/// Writes what the chosen profile says of sections; what the others say is written into a copy, so that it is checked
-/// all the same.
+/// Writes values of the chosen profile for sections; those of other profiles are written into a copy, so that they are
+/// checked too.
 fn lay_profiles(
     root: &mut Node,
     written: &Written,
@@ -176,7 +176,7 @@ fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &So
     errors.flatten().collect()
 }
 
-/// What is wrong with a document and its sweep.
+/// Mistakes in a document and its sweep.
 fn problems(root: &Node, written: &Written, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut found = check_structure(root, schema, sources);
     found.extend(
@@ -194,7 +194,7 @@ fn section_of_option<'a>(set: &'a str, written: &Written, schema: &Value) -> Opt
     section_of(path, written, schema)
 }
 
-/// The section that a path leads into; `None` for the parts of trials, and for what is unknown.
+/// The section that a path leads into; `None` for the parts of trials, and for unknown paths.
 fn section_of<'a>(path: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
     const PARTS: [&str; 7] = [
         "environments",

@@ -127,7 +127,7 @@ impl Dimension<'_> {
         }
     }
 
-    /// True where a key of this dimension belongs to one of the targets.
+    /// Whether a key of this dimension belongs to one of the targets.
     #[must_use]
     pub fn concerns(&self, targets: &[Target]) -> bool {
         self.keys.iter().any(|key| targets.contains(&key.path.target))
@@ -259,7 +259,7 @@ fn values(
     at: &str,
     sources: &Sources,
 ) -> Result<Vec<Node>, Box<Diagnostic>> {
-    // What the check against the schema refused has no values.
+    // A generator that the check against the schema refused has no values.
     let samples = generator.value.get("samples").map(Node::to_value);
     if samples.is_some_and(|samples| samples.as_u64().is_none_or(|count| count > MOST_SAMPLES)) {
         return Ok(vec![]);
@@ -292,7 +292,7 @@ fn values(
         .collect())
 }
 
-/// Numbers between two limits that stand under the key of `written`, for a key of the study.
+/// Numbers between the two limits under the key of `written`, for a key of the study.
 ///
 /// # Errors
 /// Limits between which there is no number that fits.
@@ -422,7 +422,7 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
     found
 }
 
-/// The values of all keys at one point, in words that are equal where the values are.
+/// The values of all keys at one point, in words that are equal where the values are equal.
 fn point(keys: &[SweptKey<'_>], index: usize) -> Vec<String> {
     let values = keys.iter().filter_map(|key| key.values.get(index));
     values

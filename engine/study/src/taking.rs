@@ -1,5 +1,4 @@
-//! What cells take from each other: the entries that configs name by `{ from: NAME }`, found among the cells
-//! of the study.
+//! Dependencies between cells: the entries that configs name by `{ from: NAME }`, found among the cells of the study.
 
 use super::{
     cell::{Cell, Cells, Place, Source},
@@ -12,7 +11,8 @@ use contract::artifact::{Reference, named_in};
 use document::diagnostic::{Diagnostic, Span, say_once, suggest};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// Finds what every cell takes, and gives an order in which each cell comes after those that it takes from.
+/// Finds the artifacts that every cell takes, and gives an order in which each cell comes after those that it takes
+/// from.
 ///
 /// # Errors
 /// Names that do not exist or mean several cells, seeds that do not run, cells that need themselves.
@@ -317,7 +317,7 @@ impl Order<'_> {
     }
 }
 
-/// What a cell is called in messages.
+/// Name of a cell in messages.
 pub fn name(sections: &Sections<'_>, place: Place) -> String {
     let written = sections.written;
     match place {

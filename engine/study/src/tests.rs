@@ -1,4 +1,4 @@
-//! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
+//! Studies of toy plugins: the messages about wrong ones, and the form of right ones.
 
 use super::{Options, Study, json_schema, load, load_text, resolved_yaml};
 use contract::trial::Trial;
@@ -129,7 +129,7 @@ fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
             (&study.tables, &study.figures, &study.claims),
             (&again.tables, &again.figures, &again.claims)
         );
-        // What a search draws depends on the order of its keys.
+        // The draws of a search depend on the order of its keys.
         let searches = |study: &Study| format!("{:?}", study.searches);
         assert_eq!(searches(&study), searches(&again), "{}", path.display());
         assert_eq!(
@@ -158,7 +158,8 @@ fn with(rest: &str) -> Study {
         .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)))
 }
 
-/// Of the configs of a sweep only what differs is held: they are those that a study has which writes the values down.
+/// A sweep holds only the differences between its configs: these are the configs of a study that writes the values
+/// down.
 #[test]
 fn configs_of_a_sweep_are_those_of_studies_without_one_and_trials_are_counted_without_being_made() {
     let (rates, slips) = ([0.1, 0.2, 0.3], [0.0, 0.1]);
@@ -489,7 +490,7 @@ fn a_hundred_thousand_trials_are_planned() {
     assert_eq!(settings.plan().trials.len(), 20_000);
 }
 
-/// What is in memory grows with the values of keys, and not with their combinations.
+/// Memory grows with the values of keys, and not with their combinations.
 #[test]
 fn a_large_grid_keeps_what_single_values_change() {
     let only_one = "exclude: [{ agent: right }, { environment: short }]";
@@ -510,7 +511,7 @@ fn a_large_grid_keeps_what_single_values_change() {
     }
 }
 
-/// A point at which another file is named has another hash of what that holds, and is kept whole.
+/// A point at which another file is named has another hash of its content, and is kept whole.
 #[test]
 fn a_large_grid_keeps_what_does_not_follow_from_single_values() {
     let folder = tempfile::tempdir().unwrap();
@@ -664,7 +665,7 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
         ids(&study),
         ids(&load(&path, &toys(), &Options::default()).unwrap())
     );
-    // Where the two folders are no project, that has to be said first.
+    // Where neither folder is a project, that message comes first.
     std::fs::remove_file(dir.path().join("regimen.toml")).unwrap();
     let found = load(&path, &toys(), &Options::default()).unwrap_err();
     let told = document::diagnostic::render(&found, false);

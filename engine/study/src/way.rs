@@ -1,4 +1,4 @@
-//! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved
+//! Relative paths from folders to files, by their names alone: they hold wherever the folder and the file are moved
 //! together.
 
 use document::reach::Reach;
@@ -7,7 +7,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-/// The way from one folder to a file, both seen from the current folder.
+/// The relative path from one folder to a file, both seen from the current folder.
 #[must_use]
 pub fn way(from: &Path, to: &Path) -> PathBuf {
     let (from, to) = (parts(from), parts(to));
@@ -16,8 +16,8 @@ pub fn way(from: &Path, to: &Path) -> PathBuf {
     up.chain(to[shared..].iter().cloned()).collect()
 }
 
-/// The name of a file in a study of `folder`: the way to it, or its absolute path where that would lead out of
-/// the folder and its project.
+/// The name of a file in a study of `folder`: the relative path to it, or its absolute path where that would lead out
+/// of the folder and its project.
 #[must_use]
 pub fn name_from(folder: &Path, to: &Path) -> PathBuf {
     name_within(&Reach::of(folder), folder, to)
@@ -37,7 +37,7 @@ fn name_within(reach: &Reach, folder: &Path, to: &Path) -> PathBuf {
     }
 }
 
-/// Where a way leads from a folder.
+/// The path to which a relative path leads from a folder.
 #[must_use]
 pub fn along(from: &Path, way: &Path) -> PathBuf {
     parts(&from.join(way)).into_iter().collect()

@@ -142,7 +142,7 @@ pub struct Written {
 }
 
 impl Written {
-    /// Reads what can be read; what cannot was reported by the check against the schema.
+    /// Reads the sections that can be read; the check against the schema reported the others.
     #[must_use]
     pub fn read(root: &Node) -> Self {
         let section = |key: &str| {
@@ -203,8 +203,7 @@ impl Written {
         }
     }
 
-    /// Names that are taken by something else: an environment and an agent of one name, or a word that begins
-    /// paths.
+    /// Reports names that are taken: an environment and an agent of one name, or a word that begins paths.
     #[must_use]
     pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
         let parts = || self.environments.iter().chain(&self.agents);
@@ -256,12 +255,12 @@ const RESERVED: [&str; 7] = [
     "prepare",
 ];
 
-/// A name and what has it already.
+/// A name and the thing that has it already.
 struct Clash<'a> {
     name: (&'a str, Span),
     section: &'static str,
     taken_by: Option<&'a Named>,
-    /// What is wrong, what the other place is, what to do.
+    /// The mistake, the remark on the other place, and the advice.
     words: [&'static str; 3],
 }
 
@@ -302,7 +301,7 @@ fn alone(entry: &Entry, section: &str) -> Named {
     }
 }
 
-/// An entry of `prepare`. What it lacks is reported elsewhere.
+/// An entry of `prepare`. Keys that it lacks are reported elsewhere.
 fn prepared(entry: &Entry) -> Prepared {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     let part = |kind: PartKind| entry.value.entry(kind.name());
@@ -351,7 +350,7 @@ fn named(entry: &Entry) -> Named {
     }
 }
 
-/// Which environments and agents an entry of `exclude` or `overrides` is about; `None` stands for all.
+/// The environments and agents that an entry of `exclude` or `overrides` selects; `None` stands for all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Selection {
     /// Index of the environment.
@@ -397,7 +396,7 @@ impl Selection {
         }
     }
 
-    /// True where the combination is meant.
+    /// Whether the combination is selected.
     #[must_use]
     pub fn matches(&self, environment: usize, agent: usize) -> bool {
         self.environment.is_none_or(|it| it == environment) && self.agent.is_none_or(|it| it == agent)

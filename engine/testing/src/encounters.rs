@@ -39,7 +39,7 @@ pub fn encounter(prey: &str, predators: &str, seed: u64, score: f64) -> TrialRes
     result
 }
 
-/// Trainings of `a` and `b`, which the members of [`crossed`] come from.
+/// Trainings of `a` and `b`, whose policies the members of [`crossed`] play.
 pub fn trained(n: u64) -> impl Iterator<Item = TrialResult> {
     let one = |agent: &str, seed| {
         let mut result = trial("tag", agent, "", seed, &vec![(Phase::Final, 0, 0, "score", 0.0)]);

@@ -14,7 +14,7 @@ use contract::{
 };
 use serde_json::Value;
 
-/// What a synthetic trial records.
+/// The rows that a synthetic trial records: phase, step, episode, metric and value.
 pub type Rows = Vec<(Phase, u64, u64, &'static str, f64)>;
 
 /// A trial that ended well and recorded some rows.

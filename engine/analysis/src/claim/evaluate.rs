@@ -1,4 +1,4 @@
-//! Holds a claim against the seeds.
+//! Decides a claim by the seeds.
 //!
 //! | claim                                       | rests on                                             |
 //! |---------------------------------------------|------------------------------------------------------|
@@ -14,9 +14,9 @@
 //! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
 //! and `1 + N / 100` times the right side, whose seeds move the edges too.
 //!
-//! Where a study says which difference matters, a claim of a direction is SUPPORTED where the whole interval is larger,
-//! DIRECTION ONLY where it is on the claimed side and part of it is smaller, and EQUIVALENT where the whole of it is
-//! smaller: neither side is ahead by as much as that.
+//! Where a study names the difference that matters, a claim of a direction is SUPPORTED where the whole interval is
+//! larger, DIRECTION ONLY where it is on the claimed side and part of it is smaller, and EQUIVALENT where the whole of
+//! it is smaller: neither side is ahead by as much as that.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
 //! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
@@ -37,18 +37,18 @@ use std::{collections::BTreeMap, fmt};
 /// Probability of a wrong decision on each side, for claims of a direction.
 const ALPHA_OF_DIRECTION: f64 = 0.025;
 
-/// What the seeds say of a claim.
+/// The outcome of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClaimOutcome {
-    /// The whole interval is on the claimed side, and larger than what matters.
+    /// The whole interval is on the claimed side, and larger than the difference that matters.
     Supported,
     /// The whole interval is on the other side.
     Refuted,
     /// The whole interval is on the other side, after much less training than that of the source.
     NotAtThisBudget,
-    /// The whole interval is smaller than what matters.
+    /// The whole interval is smaller than the difference that matters.
     Equivalent,
-    /// The whole interval is on the claimed side, and part of it is smaller than what matters.
+    /// The whole interval is on the claimed side, and part of it is smaller than the difference that matters.
     DirectionOnly,
     /// The interval is on both sides, or there are too few seeds.
     Inconclusive,
@@ -58,14 +58,14 @@ pub enum ClaimOutcome {
     NotJudged,
     /// It compares trained agents, and none of them is better than those that learned nothing.
     NotLearned,
-    /// An agent that it speaks of made no update.
+    /// An agent in it made no update.
     NotTrained,
     /// One of its metrics has no value yet.
     NotRun,
 }
 
 impl ClaimOutcome {
-    /// All of them, in the order in which they are counted.
+    /// All outcomes, in the order in which they are counted.
     pub const ALL: [ClaimOutcome; 11] = [
         ClaimOutcome::Supported,
         ClaimOutcome::Refuted,
@@ -80,7 +80,7 @@ impl ClaimOutcome {
         ClaimOutcome::NotRun,
     ];
 
-    /// The word that is shown.
+    /// Word of the outcome in reports.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -98,7 +98,7 @@ impl ClaimOutcome {
         }
     }
 
-    /// True where the seeds were asked.
+    /// Whether seeds decided the claim.
     #[must_use]
     pub fn is_judged(self) -> bool {
         matches!(
@@ -112,7 +112,7 @@ impl ClaimOutcome {
         )
     }
 
-    /// True where more seeds may say more.
+    /// Whether more seeds may change the outcome.
     #[must_use]
     pub fn is_open(self) -> bool {
         matches!(self, ClaimOutcome::DirectionOnly | ClaimOutcome::Inconclusive)
@@ -129,7 +129,7 @@ impl ClaimOutcome {
         }
     }
 
-    /// The outcome of a claim for what the seeds decide.
+    /// The outcome of a claim for a decision of the seeds.
     #[must_use]
     pub fn of(outcome: Outcome) -> Self {
         match outcome {
@@ -148,33 +148,34 @@ impl fmt::Display for ClaimOutcome {
     }
 }
 
-/// What the seeds say of a claim, with the numbers it rests on.
+/// The outcome of a claim, with the numbers that it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimVerdict {
     /// The outcome.
     pub verdict: ClaimOutcome,
     /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<ClaimOutcome>,
-    /// The strictest share of its level at which it is decided so; `None` where it is open, and until that is sought.
+    /// The strictest share of its level at which it is decided alike; `None` where it is open, and before that share is
+    /// sought.
     pub strictest: Option<f64>,
-    /// Seeds it rests on: pairs, or seeds of the smaller sample.
+    /// Seeds that it rests on: pairs, or seeds of the smaller sample.
     pub n: usize,
-    /// True where both sides are compared seed by seed.
+    /// Whether both sides are compared seed by seed.
     pub paired: bool,
     /// Mean of left minus right, factors included; `None` where nothing has run or a value is not finite.
     pub difference: Option<f64>,
     /// Interval of the difference at the level that decides; `None` below two seeds.
     pub interval: Option<Interval>,
-    /// Permutation test of a difference of 0, for claims of a direction of which a side depends on the seed.
+    /// Permutation test of a difference of 0, for claims of a direction with a side that depends on the seed.
     pub permutation: Option<PermutationTest>,
-    /// About how many more seeds would decide with a power of 80 %, were they not added because of what was seen, where
-    /// that is open, no look is left and an affordable number would.
+    /// About how many more seeds would decide with a power of 80 %, if they were not added because of the results;
+    /// `None` where it is decided, a look is left, or the number would be unaffordable.
     pub more_seeds: Option<u32>,
-    /// Where in the design it stands; `None` where the number of seeds is fixed.
+    /// Stage in the design; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
-    /// What the reader must know: too few seeds, seeds that do not match.
+    /// Remarks for the reader: too few seeds, seeds that do not match.
     pub notes: Vec<String>,
-    /// What was decided; `None` where nothing could be.
+    /// The decided statement; `None` where nothing could be decided.
     pub statement: Option<Statement>,
 }
 
@@ -205,12 +206,12 @@ impl ClaimVerdict {
     }
 }
 
-/// Holds `claim` against what `values` gives for each of its operands: one value per seed as the seeds below a number
-/// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can
-/// be added. Differences between the two sides of a direction that are smaller than `min_effect` do not matter.
+/// Decides `claim` by the values that `values` gives for each of its operands: one value per seed, computed from the
+/// seeds below a number; `None` where there is none. `imported` marks the operands that are runs of others, to which no
+/// seed can be added. Differences between the two sides of a direction that are smaller than `min_effect` do not
+/// matter.
 ///
-/// The claim's environment is for `values` to respect. Values that are not finite leave the claim
-/// inconclusive.
+/// `values` must respect the claim's environment. Values that are not finite leave the claim inconclusive.
 #[must_use]
 pub fn evaluate(
     claim: &Claim,
@@ -242,14 +243,14 @@ enum Side {
     BySeed { values: BTreeMap<u64, f64>, kind: Kind },
 }
 
-/// What the numbers of a side are.
+/// The kind of the numbers of a side.
 #[derive(Debug, Clone, Copy)]
 struct Kind {
-    /// True for successes, 0 or 1 by seed.
+    /// Whether they are successes, 0 or 1 by seed.
     is_share: bool,
-    /// True where they are whole numbers before the factor, as counts are.
+    /// Whether they are whole numbers before the factor, as counts are.
     is_whole: bool,
-    /// True for runs of others.
+    /// Whether they are runs of others.
     is_imported: bool,
 }
 
@@ -308,8 +309,8 @@ impl Side {
         }
     }
 
-    /// True where at least two seeds all gave the same number. Equal successes, and equal counts, say little
-    /// about the next seed.
+    /// Whether at least two seeds all gave the same number. Equal successes, and equal counts, say little about the
+    /// next seed.
     fn has_no_spread(&self) -> bool {
         match self {
             Side::Number(_) => true,
@@ -336,7 +337,7 @@ fn values_of(seeds: &BTreeMap<u64, f64>) -> Vec<f64> {
     seeds.values().copied().collect()
 }
 
-/// Which seeds are set against which.
+/// How the seeds of both sides are set against each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Design {
     /// One agent against a number.
@@ -354,7 +355,7 @@ struct Compared {
     offset: f64,
     design: Design,
     permutation: Option<PermutationTest>,
-    /// True where neither side depends on the seed.
+    /// Whether neither side depends on the seed.
     has_no_spread: bool,
     right_mean: f64,
 }

@@ -1,15 +1,15 @@
-//! The forms of a claim, each with an example: what the parser reads and what `describe` shows.
+//! Forms of a claim, each with an example, for the parser and for `describe`.
 
 use super::Relation;
 
 /// A form of a part of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ClaimForm {
-    /// How it is written.
+    /// The form as it is written.
     pub written: &'static str,
-    /// What it says.
+    /// Meaning of the form.
     pub about: &'static str,
-    /// A claim with it.
+    /// A claim that uses the form.
     pub example: &'static str,
 }
 
@@ -32,7 +32,7 @@ agent     = AGENT [ \"[\" KEY=VALUE { \",\" KEY=VALUE } \"]\" ]
 aggregate = \"final\" | \"auc\" | \"max\" | \"min\" | \"given_success\" | \"rms\"
 relation  = \">\" | \">=\" | \"<\" | \"<=\" | \"~\" | \"within\" NUMBER [ \"%\" ] \"of\"";
 
-/// What is said of the two sides.
+/// Relations of the two sides.
 pub const RELATIONS: [ClaimForm; 7] = [
     ClaimForm {
         written: ">",
@@ -71,7 +71,7 @@ pub const RELATIONS: [ClaimForm; 7] = [
     },
 ];
 
-/// What may stand on either side.
+/// Quantities that may stand on either side.
 pub const QUANTITIES: [ClaimForm; 8] = [
     ClaimForm {
         written: "AGENT.METRIC",

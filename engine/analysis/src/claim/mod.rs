@@ -10,15 +10,14 @@
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
 //!
-//! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is
-//! `within 5 % of`; `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point;
-//! `given_success` is the final measurement of the seeds with success alone, where the study says what
-//! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
-//! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
-//! opponents where `tdom_ac` plays the prey. `dsac[discount=0.9].return` is that of the trials with this value of a
-//! swept key (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that
-//! are not told apart is compared setting by setting. `dsac.return in worn > 0.9 * dsac.return in new` compares two
-//! environments, seed by seed.
+//! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 %
+//! of`; `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point; `given_success` is the
+//! final measurement of the seeds with success alone, where the study defines success. `AGENT.success` is their share.
+//! Names are made of letters, digits, `_` and `-`; a name does not start with `-`. `pursuit.prey.tdom_ac.score` is the
+//! mean score of the play `pursuit` over all trained opponents where `tdom_ac` plays the prey.
+//! `dsac[discount=0.9].return` is that of the trials with this value of a swept key (a value with quotes or brackets is
+//! JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by
+//! setting. `dsac.return in worn > 0.9 * dsac.return in new` compares two environments, seed by seed.
 
 mod evaluate;
 pub mod forms;
@@ -43,7 +42,7 @@ use std::fmt;
 pub struct ClaimError {
     /// Where in the text, in bytes from its start; always on a character's edge, at most the text's length.
     pub position: usize,
-    /// What is wrong and what to write instead.
+    /// The mistake, and what to write instead.
     pub message: String,
 }
 
@@ -67,7 +66,7 @@ pub enum Aggregate {
 }
 
 impl Aggregate {
-    /// All of them, in the order of the documentation.
+    /// All aggregates, in the order of the documentation.
     pub const ALL: [Aggregate; 6] = [
         Aggregate::Final,
         Aggregate::Auc,
@@ -77,7 +76,7 @@ impl Aggregate {
         Aggregate::Rms,
     ];
 
-    /// The word that is written in a claim.
+    /// Name of the aggregate in a claim.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -90,7 +89,7 @@ impl Aggregate {
         }
     }
 
-    /// What it is, in a sentence.
+    /// Meaning of the aggregate, in a sentence.
     #[must_use]
     pub fn about(self) -> &'static str {
         match self {
@@ -139,7 +138,7 @@ pub struct Operand {
     pub setting: Vec<(String, String)>,
     /// The metric.
     pub metric: String,
-    /// Where it was measured, if the two sides of the claim are of different environments.
+    /// Environment in which it was measured, if the two sides of the claim differ in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<String>,
 }
@@ -149,7 +148,7 @@ pub struct Operand {
 pub struct Within {
     /// The play's name in the study.
     pub play: String,
-    /// The role.
+    /// Name of the role.
     pub role: String,
 }
 
@@ -174,7 +173,7 @@ impl Operand {
         format!("{within}{}{setting}.{}", self.agent, self.metric)
     }
 
-    /// True where a trial stands at the operand's values of swept keys.
+    /// Whether a trial stands at the operand's values of swept keys.
     #[must_use]
     pub fn is_at(&self, point: &Setting) -> bool {
         let is_there = |(key, value): &(String, String)| {
@@ -239,7 +238,7 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// What a claim says of its left and right side.
+/// The relation of a claim's left and right side.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Relation {
@@ -258,7 +257,7 @@ pub enum Relation {
 }
 
 impl Relation {
-    /// True where one side is said to be ahead.
+    /// Whether one side is claimed to be ahead.
     #[must_use]
     pub fn is_direction(self) -> bool {
         !matches!(self, Relation::Within(_) | Relation::WithinPercent(_))
@@ -284,7 +283,7 @@ impl fmt::Display for Relation {
 pub struct Claim {
     /// Left side.
     pub left: Quantity,
-    /// What is said of the two sides.
+    /// Relation of the two sides.
     pub relation: Relation,
     /// Right side.
     pub right: Quantity,

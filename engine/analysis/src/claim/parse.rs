@@ -67,7 +67,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// What is not yet read, without spaces in front.
+    /// The rest of the text, without spaces in front.
     fn rest(&mut self) -> &'a str {
         let rest = &self.text[self.position..];
         let trimmed = rest.trim_start();
@@ -464,7 +464,7 @@ mod tests {
         assert!(operand.is_at(&swept("b, [c]", 16)));
         assert!(!operand.is_at(&swept("b, c", 16)) && !operand.is_at(&swept("b, [c]", 8)));
         assert_eq!(claim.to_string(), text);
-        // A word means the same with quotes and without.
+        // A word is the same value with quotes and without.
         let plain = parse(r#"a[kind="b"].return > a[kind=b].return"#).unwrap();
         let point = Setting::new(vec![("kind".to_owned(), json!("b"))]);
         assert!(plain.operands().iter().all(|operand| operand.is_at(&point)));
@@ -663,7 +663,7 @@ mod tests {
         assert_eq!(claim.environments_of_sides(), Some(["worn", "new"]));
         assert_eq!(claim.environment, None);
         assert_eq!(claim.to_string(), "a.x in worn >= 0.9 * auc(b.x) in new");
-        // What both sides say is what the claim says.
+        // An environment that both sides name is that of the claim.
         for text in ["a.x in worn > b.x in worn", "a.x > b.x in worn"] {
             let claim = parse(text).unwrap();
             assert_eq!(claim.environments_of_sides(), None, "{text}");

@@ -1,11 +1,11 @@
-//! Where imported runs come from.
+//! Sources of imported runs.
 
-/// Where imported runs come from, to be said wherever they are shown.
+/// The source of imported runs, to be named wherever they are shown.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Origin {
-    /// Name in the study, where that of an agent would stand.
+    /// Name in the study, as if it were an agent.
     pub name: String,
-    /// What they are, in a sentence.
+    /// Description of the runs, in a sentence.
     pub sentence: String,
     /// Their files as the study names them, with the SHA-256 of each.
     pub files: Vec<(String, String)>,

@@ -10,15 +10,15 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct RepeatCheck {
     /// Environment of the trial.
     pub environment: String,
-    /// Its agent.
+    /// Agent of the trial.
     pub agent: String,
-    /// Its seed.
+    /// Seed of the trial.
     pub seed: u64,
     /// How the values of both compare.
     pub repeats: Repeats,
 }
 
-/// The programs of which sentences say whether they repeat.
+/// The programs whose repetition is reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Programs {
     /// All.

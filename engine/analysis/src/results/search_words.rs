@@ -1,4 +1,4 @@
-//! What a search for a setting came to, in words.
+//! Results of searches for settings, in words.
 
 use crate::{
     results::{SearchResult, Sight, TriedSetting},
@@ -7,10 +7,10 @@ use crate::{
 use document::count::{count, either};
 use std::collections::BTreeSet;
 
-/// So many settings are named that a search could not see; of more there is a number.
+/// Number of settings without a value that are named; of more there is a number.
 const MOST_NAMED: usize = 4;
 
-/// How many settings were tried, which one is the best, on what it was compared, and which could not be seen.
+/// How many settings were tried, which one is the best, by which metric, and which have no value.
 #[must_use]
 pub fn search_in_words(it: &SearchResult) -> String {
     let search = &it.search;
@@ -41,9 +41,9 @@ pub fn search_in_words(it: &SearchResult) -> String {
     )
 }
 
-/// How far it is.
+/// Progress of the search, in words.
 fn state(it: &SearchResult) -> String {
-    // What is stored of a setting beyond its pause counts as little as what is not stored.
+    // Results of a setting beyond its pause count no more than absent ones.
     let early = it.tried.iter().filter(|tried| tried.stop.is_some()).count();
     let early = if early > 0 {
         format!(", of which {early} were looked at up to a pause alone")
@@ -72,7 +72,7 @@ fn different_of(it: &SearchResult) -> String {
     }
 }
 
-/// How far a population is.
+/// Progress of a population, in words.
 fn population_in_words(it: &SearchResult) -> String {
     let (members, generations) = (it.search.settings, it.search.generation_ends().len() + 1);
     let members = count(members, "member");
@@ -122,7 +122,7 @@ fn named(settings: &[&TriedSetting]) -> String {
     words.join(", ")
 }
 
-/// What a report says of a search: the same, and on what the chosen setting is measured.
+/// Sentence of a report on a search: as [`search_in_words`], and the seeds on which the chosen setting is measured.
 #[must_use]
 pub fn sentence(it: &SearchResult) -> String {
     let words = search_in_words(it);

@@ -1,4 +1,4 @@
-//! What a search for a setting came to, as far as its trials tell.
+//! Results of searches for settings, as far as trials have run.
 
 use crate::search::{Next, Point, Progress, Search, Tried, lineage};
 use contract::{
@@ -12,7 +12,7 @@ use serde_json::json;
 use statistics::estimators::mean;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a search for a setting tried.
+/// Result of a search for a setting.
 #[derive(Debug, Clone)]
 pub struct SearchResult {
     /// The search.
@@ -41,15 +41,15 @@ pub struct TriedSetting {
     pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
     /// Trials that ended otherwise than `ok`.
     pub failed: usize,
-    /// How they ended.
+    /// States in which they ended.
     pub failures: BTreeSet<EndState>,
-    /// Trials that failed and say nothing of the setting, for which the search waits.
+    /// Trials that failed and say nothing about the setting, for which the search waits.
     pub unseen: usize,
     /// Trials that have not ended.
     pub missing: usize,
 }
 
-/// How far a search has seen a setting, to the step that it asks for.
+/// How far a search has seen a setting, up to the step that it asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sight {
     /// It has its value there.
@@ -103,7 +103,7 @@ impl TriedSetting {
         tried
     }
 
-    /// What the search compares in the end; `None` where a trial has not ended well.
+    /// The value that the search compares in the end; `None` where a trial has not ended well.
     #[must_use]
     pub fn value(&self) -> Option<f64> {
         let values: Vec<f64> = self.values.values().copied().collect();
@@ -141,7 +141,7 @@ impl TriedSetting {
 }
 
 impl SearchResult {
-    /// What a search came to so far; `trials` are all trials of its study.
+    /// The result of a search so far; `trials` are all trials of its study.
     #[must_use]
     pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
         let purpose = Purpose::Tried(search.name.clone());
@@ -227,7 +227,7 @@ impl SearchResult {
         tried.sight(self.search.seeds.len())
     }
 
-    /// The settings that are seen so, in their order.
+    /// The settings with this sight, in their order.
     #[must_use]
     pub fn seen_so(&self, sight: Sight) -> Vec<&TriedSetting> {
         self.tried.iter().filter(|it| self.sight(it) == sight).collect()
@@ -239,7 +239,7 @@ impl SearchResult {
         self.chosen.is_none() && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
     }
 
-    /// What follows is decided by this.
+    /// The tried settings with their values, by which the search decides the next ones.
     #[must_use]
     pub fn known(&self) -> Vec<Tried> {
         let seeds = self.search.seeds.len();
@@ -247,7 +247,7 @@ impl SearchResult {
     }
 }
 
-/// The trials of each setting of a search, of which `own` are all in the order of the plan.
+/// The trials of each setting of a search; `own` are all of its trials in the order of the plan.
 fn trials_of_settings<'t>(
     search: &Search,
     progress: &Progress,

@@ -1,5 +1,5 @@
-//! The choice of a search is a function of its study and of the bits of its trials: the same whatever else is
-//! known of them, whichever of them failed and were tried again, and in which pieces and in which order they ran.
+//! The choice of a search is a function of its study and of the bits of its trials: other trials of the store, failures
+//! that were tried again, and the pieces and the order in which trials ran do not change it.
 
 use super::*;
 use crate::search::{
@@ -25,7 +25,7 @@ const END: u64 = 400;
 const EVERY: u64 = 100;
 const SEEDS: u64 = 2;
 
-/// What is stored of a trial.
+/// The stored results of a trial.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Stored {
     measured: u64,
@@ -35,7 +35,7 @@ struct Stored {
 /// A store, by the settings on the way to that of a trial and its seed.
 type Store = BTreeMap<(String, u64), Stored>;
 
-/// What trials come to, by chance and always the same.
+/// A world whose trials have random but reproducible results.
 struct World(u64);
 
 impl World {
@@ -199,7 +199,7 @@ fn results(world: &World, search: &Search, progress: &Progress, store: &Store) -
     SearchResult::of(search, progress, &trials)
 }
 
-/// Takes a search as far as what is stored says.
+/// Takes a search as far as the stored trials lead.
 fn grown(world: &World, search: &Search, store: &Store) -> (Progress, SearchResult) {
     let mut progress = Progress::default();
     loop {
@@ -240,7 +240,7 @@ fn missing(search: &Search, progress: &Progress, store: &Store) -> Vec<(String, 
     missing
 }
 
-/// What a search came to, without the places at which what is known beyond its pauses is told.
+/// The result of a search, without the values known beyond its pauses.
 #[derive(Debug, PartialEq)]
 struct Settled {
     progress: Progress,
@@ -285,7 +285,7 @@ fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rn
             match luck {
                 luck if luck < 0.3 => {}
                 luck if luck < 0.5 => stored.end = Some(EndState::Timeout),
-                // What was measured by an earlier run stays measured.
+                // A value that an earlier run measured stays measured.
                 _ => {
                     let ran = world.run(&key, seed, until);
                     stored.end = ran.end;
@@ -324,7 +324,7 @@ proptest! {
         let (world, search) = (World(seed), search(methods().swap_remove(method)));
         let (expected, whole) = settled(&world, &search, Store::new(), None);
         let mut dice = random::stream(&["halves", &seed.to_string()]);
-        // What a store has after an interruption is some of the trials, each as far as it came.
+        // After an interruption a store holds some of the trials, each as far as it came.
         let part = |dice: &mut Rng| -> Store {
             let there = whole.iter().filter(|_| dice.random_bool(0.6));
             there.map(|(id, stored)| (id.clone(), *stored)).collect()

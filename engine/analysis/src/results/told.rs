@@ -1,4 +1,4 @@
-//! The sentences of a report on all trials together: computed from the trials, or told by a record of an earlier report
+//! Sentences of a report on all trials together: computed from the trials, or read from the record of an earlier report
 //! where the trials are not at hand.
 
 use super::{RepeatCheck, Results};
@@ -11,14 +11,14 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Told {
-    /// What every agent was given, as it is printed; `None` where the study has no trial or nothing of it is known.
+    /// Budgets of every agent, as they are printed; `None` where the study has no trial or no budget is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budgets: Option<Printed>,
     /// The cost of all trials.
     pub cost: Cost,
     /// How the trials ended.
     pub ran: Ran,
-    /// Programs of which a trial was computed twice.
+    /// Programs with a trial that was computed twice.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub repeated: Vec<RepeatCheck>,
 }
@@ -80,16 +80,16 @@ impl Cost {
     }
 }
 
-/// How the trials ended that are shown and that others take from.
+/// How the shown trials, and those that others take from, ended.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ran {
-    /// How many ended in each state.
+    /// Number of trials by state.
     pub ended: BTreeMap<EndState, usize>,
-    /// How many have not run.
+    /// Number of trials that have not run.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub not_run: usize,
-    /// Those that did not end `ok`, a line each.
+    /// Trials that did not end `ok`, a line each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub failures: Vec<String>,
 }
@@ -99,7 +99,7 @@ fn is_zero(number: &usize) -> bool {
 }
 
 impl Ran {
-    /// As it was told, or as the trials say; imported runs are none of ours.
+    /// As the record says, or as the trials do; imported runs are not counted.
     #[must_use]
     pub fn of(results: &Results) -> Self {
         if let Some(told) = &results.told {

@@ -1,9 +1,8 @@
 //! Covariance matrix adaptation (CMA-ES, Hansen and Ostermeier 2001): settings are drawn from a normal distribution
 //! over the shares of the ranges, which moves to the better ones of each generation and takes their shape.
 //!
-//! The state is no part of what is stored. It is found anew from the stored values by doing every generation again,
-//! in order, until one has a setting of which nothing is known. A setting that is drawn again is not tried again: its
-//! value counts once more.
+//! The state is not stored. It is computed anew from the stored values by doing every generation again, in order, until
+//! one has a setting without a value. A setting that is drawn again is not tried again: its value counts once more.
 
 use super::{Point, Range, tree_parzen};
 use ::cmaes::{CMAES, CMAESOptions, DVector};
@@ -16,11 +15,11 @@ use std::{
     collections::{HashMap, HashSet},
 };
 
-/// What stands for the value of a setting that failed: worse than all that have one.
+/// Value of a setting that failed: worse than all others.
 const FAILED: f64 = f64::MAX;
 /// Generations without a new setting after which the search begins anew, with twice the population.
 const MOST_IDLE_GENERATIONS: usize = 50;
-/// Beginnings after which what is left is drawn by chance, as in a small space that is nearly exhausted.
+/// Beginnings after which the remaining settings are drawn by chance, as in a small space that is nearly exhausted.
 const MOST_BEGINNINGS: u64 = 12;
 /// Draws by chance for each setting before those that were tried are drawn again.
 const MOST_DRAWS: usize = 100;
@@ -106,7 +105,7 @@ fn begin<F: FnMut(&DVector<f64>) -> f64>(
     CMAES::new(value, of_state).expect("keys, population and spread are in their ranges")
 }
 
-/// What was asked for so far.
+/// The settings that were asked for so far.
 struct Asked<'a> {
     space: &'a [Range],
     known: &'a HashMap<String, f64>,
@@ -128,13 +127,13 @@ impl<'a> Asked<'a> {
         }
     }
 
-    /// Nothing more can be asked before what was asked is known.
+    /// Whether nothing more can be asked before the asked settings have values.
     fn is_done(&self) -> bool {
         self.has_unknown || self.points.len() >= self.n_settings
     }
 
-    /// The value at shares, to be made small. Those beyond the ends are reflected there. What stands for the value
-    /// of an unknown setting does not matter, since its generation is the last.
+    /// The value at shares, to be minimised. Shares beyond the ends are reflected there. The value of an unknown
+    /// setting does not matter, since its generation is the last.
     fn value(&mut self, shares: &[f64]) -> f64 {
         let point: Point = self
             .space
@@ -163,7 +162,7 @@ impl<'a> Asked<'a> {
             let point = tree_parzen::random(self.space, &mut rng);
             draws += 1;
             if draws > MOST_DRAWS * self.n_settings {
-                // The space is all but exhausted: what is left is tried again.
+                // The space is all but exhausted: the remaining settings are tried again.
                 self.words.clear();
             }
             self.ask(point);

@@ -1,9 +1,9 @@
 //! Successive halving and Hyperband over pauses of ordinary trials.
 //!
 //! Li, Jamieson, DeSalvo, Rostamizadeh and Talwalkar 2018, "Hyperband", JMLR 18(185). Trials of random settings pause
-//! at the same steps; of those of a bracket the best part goes on. A later bracket has fewer settings and one
-//! pause less, so that settings which learn slowly have their chance. A pause is no shorter trial: what goes on
-//! ends with the bits of a trial that was never paused, and is the same trial as that of a sweep.
+//! at the same steps; the best part of those of a bracket goes on. A later bracket has fewer settings and one pause
+//! less, so that settings which learn slowly have their chance. A pause is no shorter trial: a trial that goes on ends
+//! with the bits of one that was never paused, and is the same trial as that of a sweep.
 //!
 //! | paper | here |
 //! |---|---|

@@ -10,21 +10,21 @@ use smartcore::{
     linalg::basic::matrix::DenseMatrix,
 };
 
-/// Fewest settings from which something can be said.
+/// Fewest settings for which importances are computed.
 pub const FEWEST: usize = 10;
 /// Trees of a forest.
 pub const TREES: usize = 100;
-/// Parts of the settings, each of which is forecast from the others.
+/// Number of parts of the settings; each part is forecast from the others.
 const FOLDS: usize = 5;
 
-/// What a forest knows of settings.
+/// Importance of keys, estimated by a forest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Importance {
-    /// For each key the mean and the standard deviation over exchanges of what is lost, as a share of the
+    /// For each key the mean and the standard deviation over exchanges of the lost explanation, as a share of the
     /// variance of the values.
     pub keys: Vec<(f64, f64)>,
-    /// Share of the variance of settings that the forest has not seen which it explains; below 0 where it
-    /// forecasts worse than their mean.
+    /// Share of the variance of unseen settings that the forest explains; below 0 where it forecasts worse than their
+    /// mean.
     pub explained: f64,
 }
 
@@ -98,7 +98,7 @@ impl Forest {
         RandomForestRegressor::fit(&DenseMatrix::from_2d_vec(&rows)?, &values, parameters).map(Self)
     }
 
-    /// Sum of the squares of what the forecasts of `rows` miss.
+    /// Sum of the squared errors of the forecasts of `rows`.
     fn squared_error(&self, rows: &Vec<Vec<f64>>, truth: &[f64]) -> Result<f64, Failed> {
         let forecast = self.0.predict(&DenseMatrix::from_2d_vec(rows)?)?;
         Ok(forecast

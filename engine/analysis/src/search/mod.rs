@@ -1,12 +1,12 @@
-//! Searches for settings: which settings are tried next, and which one is chosen, as a function of what those before
-//! came to.
+//! Searches for settings: the settings that are tried next, and the one that is chosen, as a function of earlier
+//! results.
 //!
-//! A search tries settings in generations. A generation is settled when every one of its settings was seen, so what
-//! follows depends on neither the number of workers nor the order in which they finish, and on nothing else that the
-//! store holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks
-//! last. A trial that failed in another way (an error, a limit of time or memory) says nothing of its setting,
-//! and the search waits for it, see [`Failed`]. Random numbers come from streams that are named by what is
-//! searched and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
+//! A search tries settings in generations. A generation is settled when every one of its settings was seen, so the next
+//! one depends on neither the number of workers nor the order in which they finish, and on nothing else that the store
+//! holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks last. A
+//! trial that failed in another way (an error, a limit of time or memory) says nothing about its setting, and the
+//! search waits for it, see [`Failed`]. Random numbers come from streams that are named by the identity of the search
+//! and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
 
 mod cma_es;
 mod halving;
@@ -36,31 +36,31 @@ const MOST_REDRAWS: usize = 100;
 /// A search of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
-    /// Its name.
+    /// Name of the search in the study.
     pub name: String,
     /// The environment in which settings are compared.
     pub environment: String,
     /// The agent whose setting is searched.
     pub agent: String,
-    /// Its plugin.
+    /// Plugin of the agent.
     pub plugin: String,
-    /// What is searched, each key with its values.
+    /// The searched keys, each with its values.
     pub keys: Vec<(String, Range)>,
     /// The metric by which settings are compared.
     pub metric: String,
-    /// Which values of it are better.
+    /// Whether larger or smaller values of the metric are better.
     pub direction: Direction,
     /// Settings that are tried.
     pub settings: usize,
     /// Seeds of each setting.
     pub seeds: Vec<u64>,
-    /// How the next setting is come by.
+    /// How the next setting is found.
     pub method: Method,
-    /// What becomes of a setting of which a trial failed.
+    /// Treatment of a setting with a failed trial.
     pub failed: Failed,
 }
 
-/// What becomes of a setting of which a trial ended neither `ok` nor with a number that is not finite.
+/// Treatment of a setting with a trial that ended neither `ok` nor with a number that is not finite.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Failed {
@@ -72,7 +72,7 @@ pub enum Failed {
 }
 
 impl Failed {
-    /// True for what stands where nothing is written.
+    /// Whether it is the default, which a study need not write.
     #[must_use]
     pub fn is_wait(&self) -> bool {
         *self == Self::Wait
@@ -220,7 +220,7 @@ fn one() -> usize {
 /// A setting: a value for each key of the search.
 pub type Point = Vec<Value>;
 
-/// A setting with what it came to.
+/// A setting with its results.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
     /// The setting.
@@ -236,7 +236,7 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// A setting of which nothing is known.
+    /// A setting without results.
     #[must_use]
     pub fn new(point: Point) -> Self {
         Self {
@@ -249,19 +249,19 @@ impl Tried {
     }
 }
 
-/// What follows.
+/// The next step of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
-    /// These are tried, each until its pause or, where it has none, to its end.
+    /// These settings are tried, each until its pause or, where it has none, to its end.
     Try(Vec<Point>, Vec<Option<u64>>),
-    /// The search is over; the best setting is at this place, or every one has failed. Where each paused stands beside
-    /// it.
+    /// The search is over; the best setting is at this place, or every one has failed. The steps at which the settings
+    /// pause stand beside it.
     Chosen(Option<usize>, Vec<Option<u64>>),
 }
 
 impl Search {
-    /// What follows, given what is known of the settings so far. What these should have been by their values is found
-    /// anew, since a failed trial that was tried again may change what follows.
+    /// The next step, by the results so far. The settings that should have been tried by these results are computed
+    /// anew, since a failed trial that was tried again may change them.
     #[must_use]
     pub fn next(&self, tried: &[Tried]) -> Next {
         match &self.method {
@@ -307,7 +307,7 @@ impl Search {
         points.split_off(known)
     }
 
-    /// What follows where the distribution of settings adapts.
+    /// The next step where the distribution of settings adapts.
     fn adapted(&self, options: &CmaEs, tried: &[Tried]) -> Next {
         let ended = tried.iter().filter(|it| it.ended);
         let known = ended
@@ -326,7 +326,7 @@ impl Search {
         self.keys.iter().map(|(_, range)| range.clone()).collect()
     }
 
-    /// What follows where settings pause.
+    /// The next step where settings pause.
     fn halved(&self, options: &Halving, points: Vec<Point>, known: Option<&[Tried]>) -> Next {
         let nothing: Vec<Tried> = points.iter().cloned().map(Tried::new).collect();
         let known = known.unwrap_or(&nothing);
@@ -338,7 +338,7 @@ impl Search {
         if stops.iter().zip(known).any(waits) {
             return Next::Try(points, stops);
         }
-        // Of what was stopped more may be stored, by a sweep for instance, and none of that counts.
+        // More results of a stopped setting may be stored, by a sweep for instance; they do not count.
         let chosen = self.best(known, |place| stops[place].is_none());
         Next::Chosen(chosen, stops)
     }
@@ -367,11 +367,11 @@ impl Search {
         tried[first].value.map(|_| first)
     }
 
-    /// Whether a setting ranks last of which a trial ended so, and the search goes on without it.
+    /// Whether a setting with a trial that ended so ranks last, and the search goes on without it.
     #[must_use]
     pub fn ranks_last(&self, end: EndState) -> bool {
         match end {
-            // The numbers of the trial themselves say so: it ends like that wherever it runs.
+            // The numbers of the trial decide it: the trial ends like that wherever it runs.
             EndState::Nan => true,
             EndState::Failed | EndState::Panicked | EndState::Timeout | EndState::Oom => {
                 self.failed == Failed::RankLast
@@ -386,7 +386,7 @@ impl Search {
             .map_or(f64::NEG_INFINITY, |value| self.direction.merit(value))
     }
 
-    /// The setting at a place, where `points` are those before it and `tried` those of which the end is known. What
+    /// The setting at a place, where `points` are those before it and `tried` those with a known end. A setting that
     /// was tried before is drawn again, at last by chance.
     fn propose(&self, place: usize, points: &[Point], tried: &[Tried]) -> Point {
         let mut rng = random::stream(&["search", &self.identity(), &place.to_string()]);
@@ -409,7 +409,7 @@ impl Search {
         point
     }
 
-    /// What is searched and how, as a hash; neither names of the study nor the number of settings are part of it.
+    /// Hash of the searched keys and the method; neither names of the study nor the number of settings are part of it.
     fn identity(&self) -> String {
         let last = |text: &str| text.split_once('.').map_or(text, |(_, key)| key).to_owned();
         let keys: Vec<(String, String)> = self

@@ -1,10 +1,10 @@
-//! Population based training: settings that learn side by side, of which the worst take up what the best have learned
-//! and go on with a setting like theirs.
+//! Population based training: settings learn side by side, and the worst take over the networks of the best and go on
+//! with a setting like theirs.
 //!
 //! Jaderberg et al. 2017, "Population Based Training of Neural Networks", arXiv:1711.09846: exploit by truncation,
 //! explore by a factor of 0.8 or 1.2. Here every stretch between two pauses is a trial of its own that goes on from the
-//! checkpoint of another one, so that what follows is a function of stored results, and what is found is a *schedule*:
-//! the settings along the way to the best member, which is then learned anew on fresh seeds.
+//! checkpoint of another one, so that the next stretches are a function of stored results, and the result is a
+//! *schedule*: the settings along the way to the best member, which is then learned anew on fresh seeds.
 
 use super::{Method, Next, Point, Population, Range, Search, Tried, best_at, share_of};
 use contract::{Rng, random};
@@ -15,7 +15,7 @@ use serde_json::Value;
 const FACTORS: [f64; 2] = [0.8, 1.2];
 
 impl Search {
-    /// What follows where members of a population take up what others have learned.
+    /// The next step where members of a population take over from others.
     pub(super) fn evolved(&self, options: &Population, tried: &[Tried]) -> Next {
         let course = self.course(options, tried);
         let stops = vec![None; course.points.len()];
@@ -29,7 +29,7 @@ impl Search {
         Next::Chosen(best, stops)
     }
 
-    /// The generations of a population as far as results say.
+    /// The generations of a population, as far as there are results.
     fn course(&self, options: &Population, tried: &[Tried]) -> Course {
         let points = self.generation(&[]);
         let mut course = Course {
@@ -58,7 +58,7 @@ impl Search {
         course
     }
 
-    /// For each setting that follows from these results the place of the one whose learning it goes on with.
+    /// For each next setting, the place of the one whose learning it goes on with.
     #[must_use]
     pub fn parents(&self, tried: &[Tried]) -> Vec<Option<usize>> {
         match &self.method {
@@ -83,7 +83,7 @@ impl Search {
         self.generation_ends().get(place / self.settings.max(1)).copied()
     }
 
-    /// True where members learn side by side and take up what others have learned.
+    /// Whether members learn side by side and take over from others.
     #[must_use]
     pub fn is_population(&self) -> bool {
         matches!(self.method, Method::Population(_))
@@ -98,7 +98,7 @@ struct Course {
 }
 
 impl Course {
-    /// What is known of these settings; `None` where something else was tried.
+    /// The results of these settings; `None` where other settings were tried.
     fn known<'t>(&self, tried: &'t [Tried]) -> Option<&'t [Tried]> {
         let known = tried.get(..self.points.len())?;
         let own = self.points.iter().zip(&self.parents);
@@ -117,8 +117,8 @@ struct Generation {
     parents: Vec<usize>,
 }
 
-/// What follows a generation whose members are `last`, each with its value at the pause; `None` where every one has
-/// failed. Members that failed are replaced however many they are.
+/// The generation after one whose members are `last`, each with its value at the pause; `None` where every one has
+/// failed. All members that failed are replaced, whatever their number.
 fn next(
     search: &Search,
     options: &Population,

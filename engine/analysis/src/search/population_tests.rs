@@ -1,4 +1,4 @@
-//! What a population does, held against its rules and against searches that copy nothing.
+//! Behaviour of a population, compared with its rules and with searches that copy nothing.
 
 use super::*;
 use crate::search::{Direction, Method, Next, Numbers, lineage, schedule_in_words};
@@ -41,8 +41,8 @@ fn search(members: usize) -> Search {
     }
 }
 
-/// Lets a population learn to its end: a stretch adds to what its parent has what `gain` says of the setting and the
-/// generation; a gain that is not finite is a failure.
+/// Lets a population learn to its end: a stretch adds `gain` of the setting and the generation to the value of its
+/// parent; a gain that is not finite is a failure.
 fn evolve(search: &Search, gain: impl Fn(f64, usize) -> f64) -> (Vec<Tried>, Option<usize>) {
     let (mut tried, mut learned): (Vec<Tried>, Vec<f64>) = (Vec::new(), Vec::new());
     loop {

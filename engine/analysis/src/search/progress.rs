@@ -1,9 +1,9 @@
-//! How far a search is.
+//! Progress of a search.
 
 use super::Point;
 use serde::{Deserialize, Serialize};
 
-/// How far a search is.
+/// Progress of a search.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Progress {
@@ -11,8 +11,8 @@ pub struct Progress {
     pub points: Vec<Point>,
     /// The step at which the trials of each pause; `None` for those that go to their ends.
     pub stops: Vec<Option<u64>>,
-    /// For each the place of the one whose learning it goes on with; empty where none does.
+    /// For each the place of the setting whose learning it goes on with; empty where none does.
     pub parents: Vec<Option<usize>>,
-    /// The place of the one that was chosen.
+    /// Place of the chosen setting; `None` before the choice.
     pub chosen: Option<usize>,
 }

@@ -25,8 +25,8 @@ impl Range {
         }
     }
 
-    /// Where a value lies between the ends of the range, from 0 to 1: the place of a listed one in the list. `None`
-    /// for what is not of the range.
+    /// Place of a value between the ends of the range, from 0 to 1: the index of a listed one in the list. `None` for a
+    /// value outside the range.
     #[must_use]
     pub fn share_of(&self, value: &Value) -> Option<f64> {
         match self {
@@ -76,9 +76,9 @@ pub struct Numbers {
     pub low: f64,
     /// Largest value.
     pub high: f64,
-    /// True where the logarithm is spread evenly.
+    /// Whether the logarithm is spread evenly.
     pub log: bool,
-    /// True for whole numbers.
+    /// Whether the values are whole numbers.
     pub integer: bool,
 }
 

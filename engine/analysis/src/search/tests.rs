@@ -1,4 +1,4 @@
-//! Searches against functions of which the best value is known, and what they must hold whatever is searched.
+//! Searches on functions whose best value is known, and properties of every search.
 
 use super::*;
 use proptest::prelude::*;
@@ -119,7 +119,7 @@ fn a_setting_that_failed_is_never_chosen_and_nothing_is_where_all_failed() {
     let (tried, chosen) = run(&own, |point| if point[0] > 1e-4 { f64::NAN } else { bowl(point) });
     assert!(tried.iter().any(|it| it.value.is_none()));
     assert!(tried[chosen.unwrap()].value.is_some());
-    // What fails is avoided.
+    // Settings that fail are avoided.
     let failed = |part: &[Tried]| part.iter().filter(|it| it.value.is_none()).count();
     assert!(failed(&tried[12..]) < 5, "{tried:?}");
     assert_eq!(run(&own, |_| f64::NAN).1, None);
@@ -158,7 +158,7 @@ proptest! {
     }
 }
 
-/// A function of which the smallest value is 0, with its keys.
+/// A function whose smallest value is 0, with its keys.
 type Function = (Vec<(&'static str, Range)>, fn(&[Value]) -> f64);
 
 fn at(point: &[Value], index: usize) -> f64 {

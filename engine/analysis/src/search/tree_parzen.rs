@@ -23,13 +23,13 @@ use statistics::normal;
 const GOOD_SHARE: f64 = 0.1;
 /// At most so many settings count as good.
 const MOST_GOOD: usize = 25;
-/// The latest settings weigh alike, older ones less.
+/// Number of latest settings that weigh alike; older ones weigh less.
 const FULL_WEIGHTS: usize = 25;
 /// Width of a kernel of a single setting.
 const WIDTH: f64 = 0.2;
 
-/// The next setting: the best of the candidates by the ratio of both densities. `tried` is what is known, best
-/// values first where equal ones keep their order; `under_way` has no value yet.
+/// The next setting: the best of the candidates by the ratio of both densities. `tried` are the settings with values,
+/// best values first where equal ones keep their order; `under_way` has no value yet.
 pub(super) fn propose(
     space: &[Range],
     tried: &[(&[Value], f64)],
@@ -142,7 +142,7 @@ impl<'a> Mixture<'a> {
     }
 }
 
-/// One around a value, or the wide one of what is known before any.
+/// The factor around a value, or the wide one before any result.
 fn factor(range: &Range, value: Option<&Value>, width: f64, n_settings: usize) -> Factor {
     match range {
         Range::Numbers(numbers) => Factor::Normal(match value.and_then(Value::as_f64) {
@@ -222,7 +222,7 @@ impl CutNormal {
     }
 }
 
-/// One for each setting, the oldest first, and one for what is known before any.
+/// A weight for each setting, the oldest first, and one for the wide kernel before any result.
 #[allow(clippy::cast_precision_loss, reason = "few settings")]
 fn weights(n_settings: usize) -> Vec<f64> {
     let n_old = n_settings.saturating_sub(FULL_WEIGHTS);
@@ -249,7 +249,7 @@ fn drawn(shares: &[f64], rng: &mut Rng) -> usize {
     shares.iter().position(passed).unwrap_or(shares.len() - 1)
 }
 
-/// A setting of which each value is as likely as another.
+/// A setting whose values are all equally likely.
 pub(super) fn random(space: &[Range], rng: &mut Rng) -> Vec<Value> {
     let value = |range: &Range| match range {
         Range::Choice(values) => values[option(rng.random(), values.len())].clone(),

@@ -1,4 +1,4 @@
-//! Who acts in a trial: an agent that is built for it, or policies that other trials left.
+//! Actors of a trial: an agent that is built for it, or policies that other trials left.
 //!
 //! A [`Cast`] seats trained policies. With one member for all seats a policy is measured where it was not
 //! trained; with one per role agents that were trained apart meet (cross-play). The id of the trial that left
@@ -19,11 +19,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, sync::OnceLock};
 
-/// What an agent of a study is called that is the policy of another trial: `{ policy: { from: NAME } }`. It
-/// is no plugin.
+/// Name of an agent of a study that is the policy of another trial: `{ policy: { from: NAME } }`. It is no plugin.
 pub const POLICY: &str = "policy";
 
-/// What is known of [`POLICY`], as of plugins.
+/// Facts on [`POLICY`], as on plugins.
 pub fn about_policy() -> &'static About {
     static ABOUT: OnceLock<About> = OnceLock::new();
     ABOUT.get_or_init(|| About {
@@ -38,7 +37,7 @@ pub fn about_policy() -> &'static About {
     })
 }
 
-/// Raised whenever a change of code moves the numbers of trials with a cast.
+/// Version of the code of casts, raised whenever a change moves the numbers of trials with one.
 const VERSION: u32 = 2;
 
 /// All that may stand for an agent in a study: the registered agents, and [`POLICY`].
@@ -50,7 +49,7 @@ pub fn agents(registry: &Registry) -> impl Iterator<Item = (&'static str, &About
         .chain([(POLICY, about_policy())])
 }
 
-/// Who acts in a trial.
+/// The actors of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Actors {
@@ -61,7 +60,7 @@ pub enum Actors {
 }
 
 impl Actors {
-    /// Hash of everything that determines how it acts.
+    /// Hash of everything that determines how the actors act.
     #[must_use]
     pub fn id(&self) -> String {
         match self {
@@ -108,7 +107,7 @@ impl Actors {
         }
     }
 
-    /// The artifacts of other trials that are taken.
+    /// Artifacts of other trials that the actors take.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
         let own = self
@@ -120,14 +119,14 @@ impl Actors {
     }
 }
 
-/// Who plays which role.
+/// Players by role.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cast {
     /// One member per role.
     pub roles: BTreeMap<String, Member>,
 }
 
-/// Who plays one role.
+/// The player of one role.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Member {
     /// Names of the seats, in the order of the environment; all seats where empty.
@@ -139,7 +138,7 @@ pub struct Member {
 }
 
 impl Cast {
-    /// Hash of who plays which seats. Where data files lie and how a study names sources has no part in it.
+    /// Hash of players and their seats. Paths of data files and names of sources in a study have no part in it.
     #[must_use]
     pub fn id(&self) -> String {
         let member = |member: &Member| json!([member.seats, member.agent.id(), member.trial]);
@@ -147,7 +146,7 @@ impl Cast {
         digest::of_json(&json!(["cast", VERSION, roles]))
     }
 
-    /// The policies that it takes.
+    /// Policies that the cast takes.
     pub fn policies(&self) -> impl Iterator<Item = Taken> {
         let trials = self.roles.values().filter_map(|member| member.trial.clone());
         trials.map(|trial| Taken {

@@ -7,8 +7,8 @@ use crate::{
     random::Streams,
 };
 
-/// Several agents as one. Each is built for all seats, as where it was trained, and of what it does only its
-/// own seats count.
+/// Several agents as one. Each is built for all seats, as where it was trained, and only the actions of its own seats
+/// count.
 pub struct Team {
     members: Vec<Member>,
     n_seats: usize,
@@ -23,8 +23,8 @@ impl Team {
     /// Builds the agents of a cast and has them take up their policies, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::Source`] where a policy is missing, damaged or of another form, and what the agents'
-    /// constructors say.
+    /// [`Error::Source`] where a policy is missing, damaged or of another form, and the errors of the agents'
+    /// constructors.
     pub fn assemble(
         cast: &Cast,
         registry: &Registry,
@@ -60,8 +60,7 @@ impl Team {
         })
     }
 
-    /// The agent that plays all seats; what several would say of their decisions cannot be told apart by
-    /// seat.
+    /// The agent that plays all seats; decisions of several agents cannot be told apart by seat.
     fn alone(&self) -> Option<&dyn Agent> {
         match self.members.as_slice() {
             [only] => Some(&*only.agent),

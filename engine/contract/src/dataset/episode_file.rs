@@ -1,4 +1,4 @@
-//! One episode as a Parquet file: a row per decision, and one more for what was seen at the end.
+//! One episode as a Parquet file: a row per decision, and one more for the observation at the end.
 
 use super::{
     Episode,
@@ -50,7 +50,7 @@ pub(super) fn encode(episode: &Episode, layout: &Layout<'_>, path: &Path) -> Res
     parquet::encode(path, columns, &[])
 }
 
-/// What a team earned: the mean of its seats.
+/// Reward of a team: the mean of its seats.
 #[allow(clippy::cast_precision_loss, reason = "a number of seats is far below 2^52")]
 fn mean(of_seats: &[f64]) -> f64 {
     match of_seats {
@@ -95,7 +95,7 @@ fn index(choice: f64, path: &Path) -> Result<i64, Error> {
 /// Reads the file of an episode.
 ///
 /// # Errors
-/// [`Error::File`] where it is missing, [`Error::Damaged`] where it is something else.
+/// [`Error::File`] where it is missing, [`Error::Damaged`] where it is no such file.
 pub(super) fn read(path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
     panics::or_damaged(path, || decode(bytes, path, layout))
@@ -157,7 +157,7 @@ fn rows(
     }
 }
 
-/// How an episode ended; `None` where that is not said of its last decision, and of that alone.
+/// How an episode ended; `None` where the flags do not mark its last decision alone.
 fn end(terminations: &[bool], truncations: &[bool]) -> Option<End> {
     let said: Vec<(usize, End)> = [(terminations, End::Terminated), (truncations, End::Truncated)]
         .into_iter()

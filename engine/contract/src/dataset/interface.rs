@@ -1,19 +1,19 @@
-//! Whether a dataset fits an environment: what differs first between what seats see and do there and here.
+//! Whether a dataset fits an environment: the first difference between the spaces of their seats.
 
 use crate::{Channel, Interface, Seat, Space};
 
 /// Where two interfaces differ.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Difference {
-    /// What it is that differs.
+    /// Name of the property that differs.
     pub(super) what: String,
-    /// How it is in the dataset.
+    /// Its value in the dataset.
     pub(super) found: String,
-    /// How it is here.
+    /// Its value in the environment.
     pub(super) expected: String,
 }
 
-/// What differs first; `None` where decisions of one are decisions of the other.
+/// The first difference; `None` where decisions of one are decisions of the other.
 pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Difference> {
     let (seats, here) = (found.seats.len(), expected.seats.len());
     if seats != here {
@@ -36,7 +36,7 @@ fn of_seats(found: &Seat, expected: &Seat) -> Option<Difference> {
         .or_else(|| of_spaces("action", &found.action, &expected.action, &unit_and_limits))
 }
 
-/// What has to be alike of a channel besides its name.
+/// A property of a channel, besides its name, that must be the same in both.
 type Quality = dyn Fn(&Channel) -> String;
 
 fn unit(channel: &Channel) -> String {

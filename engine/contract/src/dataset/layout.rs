@@ -1,19 +1,19 @@
-//! How the vectors of an episode are those of seats: one after the other.
+//! Layout of the vectors of an episode: the entries of all seats, one seat after the other.
 
 use super::Episode;
 use crate::{Error, Interface, Observation, Seat, Space, Transition};
 
-/// What the vectors of a dataset's episodes hold.
+/// Layout of the vectors of a dataset's episodes.
 #[derive(Debug)]
 pub(super) struct Layout<'a> {
     interface: &'a Interface,
-    /// Whether seats see a choice, all of them, and whether they make one.
+    /// Whether all seats observe a choice, and whether they make one.
     pub(super) sees_choices: bool,
     pub(super) makes_choices: bool,
 }
 
 impl<'a> Layout<'a> {
-    /// That of an environment.
+    /// Layout of an environment.
     ///
     /// # Errors
     /// [`Error::MixedSeats`] where some seats choose and others do not.
@@ -41,12 +41,12 @@ impl<'a> Layout<'a> {
         &self.interface.seats
     }
 
-    /// True where what each seat earns, and the full state, are kept.
+    /// Whether the rewards of each seat, and the full state, are kept.
     pub(super) fn is_of_several(&self) -> bool {
         self.seats().len() > 1
     }
 
-    /// Entries of the full state as far as it is kept.
+    /// Number of entries of the full state that are kept.
     pub(super) fn n_state(&self) -> usize {
         if self.is_of_several() {
             self.interface.state.len()
@@ -84,7 +84,7 @@ impl<'a> Layout<'a> {
             .collect()
     }
 
-    /// What is wrong with the lengths of an episode; `None` where nothing is.
+    /// The fault in the lengths of an episode; `None` where they fit.
     pub(super) fn misfit(&self, episode: &Episode) -> Option<String> {
         let n = episode.actions.len();
         if n == 0 {
@@ -123,7 +123,7 @@ pub(super) fn length(spaces: &[&Space]) -> usize {
     spaces.iter().map(|space| space.len()).sum()
 }
 
-/// The vector of each space.
+/// The part of a vector for each space.
 fn split(vector: &[f64], spaces: &[&Space]) -> Vec<Vec<f64>> {
     let mut rest = vector;
     let take = |space: &&Space| {

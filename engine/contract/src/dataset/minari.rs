@@ -1,5 +1,5 @@
-//! What Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`,
-//! `minari/serialization.py` of version 0.5.4).
+//! Files that Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`, `minari/serialization.py`
+//! of version 0.5.4).
 
 use super::layout::Layout;
 use crate::Space;
@@ -12,16 +12,16 @@ use std::{
 
 /// The folder that Minari calls a storage.
 pub(super) const DATA: &str = "data";
-/// What says how much there is.
+/// File with the numbers of episodes and steps.
 pub(super) const METADATA: &str = "data/metadata.json";
-/// What says it of an episode, in its folder.
+/// File with the length of an episode, in the episode's folder.
 pub(super) const EPISODE_METADATA: &str = "metadata.json";
 /// The first version of Minari that reads Parquet files; later ones read what it wrote.
 const VERSION: &str = "0.5.3";
 /// Minari parses names of datasets; this one has the form that it wants.
 const NAME: &str = "regimen/gathered-v0";
 
-/// How much there is.
+/// Size of a dataset.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Totals {
     /// Episodes, numbered from 0.
@@ -117,7 +117,7 @@ fn joint(spaces: &[&Space]) -> String {
     }
 }
 
-/// Between what the entries of a vector lie.
+/// Lowest and highest value of each entry of a vector.
 fn limits(space: &Space) -> Vec<(f64, f64)> {
     match space {
         Space::Box(channels) => channels

@@ -51,14 +51,14 @@ pub fn can_hold(interface: &Interface) -> Result<(), Error> {
     Layout::of(interface).map(drop)
 }
 
-/// A whole episode of `n` decisions. A vector holds what is of all seats, one after the other.
+/// A whole episode of `n` decisions. A vector holds the entries of all seats, one seat after the other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Episode {
-    /// What was seen before each decision and at the end: `n + 1` vectors.
+    /// Observations before each decision and at the end: `n + 1` vectors.
     pub observations: Vec<Vec<f64>>,
-    /// What was done: `n` vectors.
+    /// Actions: `n` vectors.
     pub actions: Vec<Vec<f64>>,
-    /// What was earned: a number for each seat of each of the `n` decisions.
+    /// Rewards: a number for each seat of each of the `n` decisions.
     pub rewards: Vec<f64>,
     /// Of several seats, the full state before each decision and at the end: `n + 1` vectors. Else nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -68,7 +68,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Takes in what the seats see, and of several seats the full state.
+    /// Adds the observations of the seats and, of several seats, the full state.
     pub fn see(&mut self, environment: &dyn Environment, seats: &[Vec<f64>]) {
         self.observations.push(seats.concat());
         if seats.len() > 1 {
@@ -77,7 +77,7 @@ impl Episode {
         }
     }
 
-    /// Takes in what the seats did, and what each of them earned by it.
+    /// Adds the actions of the seats, and their rewards.
     pub fn take(&mut self, action: &Action, rewards: &[f64]) {
         self.actions.push(action.concat());
         self.rewards.extend(rewards);
@@ -85,7 +85,7 @@ impl Episode {
 }
 
 impl Default for Episode {
-    /// One that has not begun; it counts as cut off until its `end` is said.
+    /// An episode that has not begun; it counts as cut off until its `end` is set.
     fn default() -> Self {
         Self {
             observations: Vec::new(),
@@ -97,7 +97,7 @@ impl Default for Episode {
     }
 }
 
-/// Episodes, and what was seen and done in them.
+/// Episodes of an environment, with its interface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
     /// The interface of the environment in which it was gathered.
@@ -110,7 +110,7 @@ impl Dataset {
     /// Reads the dataset in a trial's folder.
     ///
     /// # Errors
-    /// [`Error::File`] where a file is missing, [`Error::Damaged`] where one is not what was written.
+    /// [`Error::File`] where a file is missing, [`Error::Damaged`] where one is damaged.
     pub fn read(trial: &Path) -> Result<Self, Error> {
         Self::read_from(&trial.join(FOLDER))
     }
@@ -141,9 +141,9 @@ impl Dataset {
         Ok(Self { interface, episodes })
     }
 
-    /// Reads the dataset in a trial's folder for use in an environment with the interface `here`. Seats have
-    /// to see and do the same: the same channels with the same units, actions within the same limits. Typical
-    /// values and limits of what is seen may differ.
+    /// Reads the dataset in a trial's folder for use in an environment with the interface `here`. The seats of both
+    /// must have the same channels with the same units, and actions within the same limits. Typical values and limits
+    /// of observations may differ.
     ///
     /// # Errors
     /// As [`read`](Self::read), and [`Error::OtherInterface`] for a dataset of another environment.
@@ -182,13 +182,14 @@ impl Dataset {
     }
 }
 
-/// The id that Minari gives a dataset in a folder at `place` below its root; `None` where its name is none of an id.
+/// The id that Minari gives a dataset in a folder at `place` below its root; `None` where its name is no id.
 #[must_use]
 pub fn id_of(place: &Path) -> Option<String> {
     minari::id_of(place)
 }
 
-/// Gives the dataset in a folder its id, where there is one, and its size, for those that look at datasets by these.
+/// Writes the id, where there is one, and the size of the dataset in a folder, for programs that look datasets up by
+/// these.
 ///
 /// # Errors
 /// As [`Dataset::read_from`].
@@ -273,7 +274,7 @@ impl DatasetWriter {
         Ok(())
     }
 
-    /// Says how much there is: the dataset is whole then.
+    /// Writes the numbers of episodes and steps: the dataset is complete then.
     ///
     /// # Errors
     /// Where a file cannot be written.

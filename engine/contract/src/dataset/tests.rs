@@ -1,4 +1,4 @@
-//! Datasets come back to the bit, are the same bytes each time, and say what is wrong with them.
+//! Datasets come back to the bit, are the same bytes each time, and damaged ones are named by their fault.
 
 use super::{Dataset, DatasetWriter, Episode, FOLDER};
 use crate::{Channel, End, Error, Interface, Seat, Space};

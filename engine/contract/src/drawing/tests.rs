@@ -1,4 +1,4 @@
-//! Drawings on disk: what is written comes back, what is no drawing is refused by name.
+//! Drawings on disk: written ones are read back, and files that are no drawings are refused by name.
 
 use super::*;
 use crate::{Environment, Rng, Seat, Step, protocol::leave_drawings};

@@ -5,7 +5,7 @@ use super::{Cells, Column, Table};
 use crate::{Error, digest, panics};
 use std::path::Path;
 
-/// The way in which values are hashed, with its version; it stands first in what is hashed.
+/// Name and version of the hashed form, the first bytes of the hash's input.
 const FORMAT: &[u8] = b"regimen values 1\n";
 
 /// The [digest](digest::of_bytes) of the values in the bytes of a file.

@@ -95,7 +95,7 @@ enum Column {
     Bool(Cells<bool>),
     /// A row that is empty or has an empty entry is `None`.
     Vectors(Vec<Option<Vec<f64>>>),
-    /// The same for whole numbers.
+    /// As [`Vectors`](Self::Vectors), for whole numbers.
     WholeVectors(Vec<Option<Vec<i64>>>),
     /// Values of another kind, in words: they are not read.
     Other(String),

@@ -14,7 +14,7 @@ use parquet::{
     schema::types::{ColumnDescriptor, Type},
 };
 
-/// Cells of a column, of which some may be empty.
+/// Cells of a column; some may be empty.
 #[derive(Debug)]
 pub(super) struct Cells<T> {
     /// Values of the cells that are not empty.

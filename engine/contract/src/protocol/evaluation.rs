@@ -15,7 +15,7 @@ use std::{cell::RefCell, collections::BTreeMap};
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: u64 = 256;
 
-/// What to measure, and under which name it is stored.
+/// The size of a measurement, and the name under which it is stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     /// `Evaluate` or `Final`.
@@ -26,14 +26,14 @@ pub struct Measurement {
     episodes: u64,
     /// How many of them, from the first, are recorded step by step.
     traced: u64,
-    /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever
+    /// Name of the random streams of its episodes. Measurements of one name have the same episodes, whichever agent
     /// plays them.
     stream: String,
     /// How the agent acts.
     mode: Mode,
-    /// True where episodes are played one after the other, whoever plays them.
+    /// Whether episodes are played one after the other, by every agent.
     one_by_one: bool,
-    /// True where the environment's drawings of the last episode are left.
+    /// Whether the environment's drawings of the last episode are left.
     drawn: bool,
 }
 
@@ -129,12 +129,12 @@ pub type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions
 /// of each.
 ///
-/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every
-/// block of episodes the trial can be stopped: `learning` says what learning needs then, and the [`Position`]
-/// of the checkpoint gives the `blocks` to continue from; `None` begins the measurement.
+/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every block of
+/// episodes the trial can be stopped: `learning` gives the state that learning needs then, and the [`Position`] of the
+/// checkpoint gives the `blocks` to continue from; `None` begins the measurement.
 ///
 /// # Errors
-/// [`Error::Stopped`] between two blocks, and whatever the environment or the agent reports.
+/// [`Error::Stopped`] between two blocks, and errors of the environment and the agent.
 pub fn measure<L: Serialize>(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -198,9 +198,8 @@ pub fn measure_and_keep<L: Serialize>(
     Ok(())
 }
 
-/// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens
-/// to it. `episodes` are those of all measurements together, for progress. To be called before anything else:
-/// it goes on from a checkpoint by itself.
+/// Measures an agent that does not learn, at every step at which a learning agent is measured. `episodes` is the number
+/// of all measurements together, for progress. To be called first: it goes on from a checkpoint by itself.
 ///
 /// # Errors
 /// As [`measure`].
@@ -262,8 +261,7 @@ fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Erro
         .collect()
 }
 
-/// What the environments went through so far: nothing before the first block. Between blocks all of them are
-/// free.
+/// States of the environments: empty before the first block. Between blocks all of them are free.
 fn snapshots(first: u64, pool: &Pool) -> Vec<Value> {
     if first == 0 {
         Vec::new()
@@ -339,7 +337,7 @@ fn advance(
     Ok(going_on)
 }
 
-/// Steps the environment of an episode once and adds up what it gives; says how the episode ended, if it did.
+/// Steps the environment of an episode once and adds its results; gives how the episode ended, if it did.
 fn step(run: &Run<'_>, episode: &mut Episode, action: &Action) -> Result<Option<End>, Error> {
     let step = episode.environment.step(action, &mut episode.rng)?;
     episode.decisions += 1;
@@ -391,7 +389,7 @@ fn decide(
     Ok(actions)
 }
 
-/// What an agent is shown when its seats see `seats`: with the environment's full state where it reads that.
+/// The observation of an agent whose seats see `seats`: with the environment's full state where it reads that.
 pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
     let state = if agent.reads_state() {
         environment.state()
@@ -469,7 +467,7 @@ pub fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// What every protocol that measures episodes records besides the metrics of environment and agent.
+/// Metrics that every protocol that measures episodes records besides those of environment and agent.
 #[must_use]
 pub fn metrics() -> Vec<Metric> {
     vec![

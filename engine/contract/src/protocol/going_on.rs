@@ -1,4 +1,4 @@
-//! How learning goes on in another trial: what a trial leaves as its [checkpoint](ArtifactKind::Checkpoint), and how
+//! Continuation of learning in another trial: the [checkpoint](ArtifactKind::Checkpoint) that a trial leaves, and how
 //! another one takes it up.
 //!
 //! ```text
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use std::{fs, io, path::Path};
 
-/// What `state.json` holds.
+/// Content of `state.json`.
 #[derive(Serialize, Deserialize)]
 struct State {
     protocol: Value,
@@ -38,8 +38,8 @@ pub fn leave(run: &Run<'_>, protocol: &impl Serialize) -> Result<(), Error> {
     write(trial, protocol, &*run.agent, &record).map_err(Error::of_store)
 }
 
-/// Writes the checkpoint of learning that has not begun, in which no protocol could go on: `check` looks whether an
-/// agent takes it up.
+/// Writes the checkpoint of learning that has not begun, in which no protocol could go on: `check` uses it to try
+/// whether an agent takes one up.
 ///
 /// # Errors
 /// Where a file cannot be written.
@@ -70,8 +70,7 @@ fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Re
     fs::write(&path, text).map_err(Error::file("write", &path))
 }
 
-/// Takes up a checkpoint: agent and record are then as they were where it was left. Gives what the protocol goes on
-/// from.
+/// Takes up a checkpoint: agent and record are then as they were where it was left. Gives the protocol's state.
 ///
 /// # Errors
 /// [`Error::Source`] where it is not at hand, and where it does not fit the agent or the protocol.
@@ -88,15 +87,15 @@ pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, artifact: &Artifact<Check
     serde_json::from_value(state.protocol).map_err(|source| misfit(artifact, &source))
 }
 
-/// Lets an agent take up what another trial, whose folder is given, left.
+/// Lets an agent take up the checkpoint in the folder of another trial.
 ///
 /// # Errors
-/// What the agent says where it does not fit.
+/// The error of an agent that it does not fit.
 pub fn load_agent(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
     agent.load(&trial.join(CHECKPOINT).join(CHECKPOINT_AGENT))
 }
 
-/// What was left cannot be used, and why.
+/// The error about a checkpoint that cannot be used.
 pub fn misfit(artifact: &Artifact<Checkpoint>, problem: &impl ToString) -> Error {
     Error::Source {
         trial: format!("`{}`", artifact.source()),

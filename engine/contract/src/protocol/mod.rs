@@ -25,7 +25,7 @@ pub use going_on::{
 };
 pub use position::{Blocks, Position, restored};
 
-/// What a protocol works with. Everything in it belongs to one trial.
+/// Everything that a protocol works with. All of it belongs to one trial.
 pub struct Run<'a> {
     /// Makes one more copy of the trial's environment.
     pub make_environment: &'a dyn Fn() -> Result<Box<dyn Environment>, Error>,
@@ -33,21 +33,21 @@ pub struct Run<'a> {
     pub agent: Box<dyn Agent>,
     /// The trial's random streams.
     pub streams: Streams,
-    /// Where numbers go.
+    /// Record of the trial.
     pub record: Recorder,
-    /// Told how far the trial is: steps done, steps in all.
+    /// Reports progress: steps done, steps in all.
     pub progress: &'a mut dyn FnMut(u64, u64),
     /// The task of an agent that trains itself; the protocol says for how long.
     pub assignment: Assignment,
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,
-    /// Where artifacts go that the protocol makes; `None` where nothing is kept of the trial but its record.
+    /// Folder for artifacts that the protocol makes; `None` where only the record of the trial is kept.
     pub folder: Option<&'a Path>,
 }
 
 impl Run<'_> {
-    /// What the protocol gave to [`checkpoint`](Self::checkpoint) in a process that is gone; agent and record
-    /// are then as they were. `None` where the trial begins. To be called once, before anything else.
+    /// The state that the protocol gave to [`checkpoint`](Self::checkpoint) in an earlier process; agent and record are
+    /// then as they were. `None` where the trial begins. To be called once, before anything else.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then
@@ -68,13 +68,12 @@ impl Run<'_> {
         }
     }
 
-    /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs
-    /// besides agent and record. Numbers that may not be finite belong into a field with
-    /// [`exact`](crate::exact).
+    /// A point at which the trial can continue: where a save is due, `state` gives all that the protocol needs besides
+    /// agent and record. Numbers that may not be finite belong into a field with [`exact`](crate::exact).
     ///
     /// # Errors
-    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded
-    /// that is no number, and where a file cannot be written.
+    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where the record holds a number that
+    /// is not finite, and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
         if self.agent.own_training().is_some() {
@@ -100,12 +99,12 @@ impl Run<'_> {
     }
 }
 
-/// Writes the graph and the images that an environment has after its last episode into a trial's folder, each
-/// where there is one; says what was written.
+/// Writes the graph and the images of an environment after its last episode into a trial's folder, each where there is
+/// one; gives the kinds that were written.
 ///
 /// # Errors
-/// What the environment reports, [`Error::Drawing`] where it gives what cannot be drawn, and [`Error::Store`]
-/// where a file cannot be written.
+/// Errors of the environment, [`Error::Drawing`] where a drawing cannot be drawn, and [`Error::Store`] where a file
+/// cannot be written.
 pub fn leave_drawings(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ArtifactKind>, Error> {
     let mut left = Vec::new();
     if let Some(graph) = environment.graph() {
@@ -127,7 +126,7 @@ fn misfit(source: serde_json::Error) -> Error {
     }
 }
 
-/// What a protocol gives to agents that learn, in one word.
+/// The name of the things that a protocol gives to learning agents.
 pub fn given_to_learn(protocol: &dyn Protocol) -> &'static str {
     match protocol {
         _ if protocol.experience() == 0 => "nothing",
@@ -140,20 +139,20 @@ pub fn given_to_learn(protocol: &dyn Protocol) -> &'static str {
 
 /// How one trial runs, from the first step to the final measurement.
 pub trait Protocol: Send + Sync {
-    /// What it records besides the environment's and the agent's metrics.
+    /// Metrics that the protocol records besides those of the environment and the agent.
     fn metrics(&self) -> Vec<Metric>;
 
-    /// What it records besides in an environment with this interface.
+    /// Further metrics that it records in an environment with this interface.
     fn metrics_of_interface(&self, _interface: &Interface) -> Vec<Metric> {
         Vec::new()
     }
 
-    /// True where the environment's metrics are recorded per episode under their names.
+    /// Whether the environment's metrics are recorded per episode under their names.
     fn records_environment_metrics(&self) -> bool {
         true
     }
 
-    /// What is recorded of an environment with these metrics.
+    /// Metrics that are recorded of an environment with these metrics.
     fn metrics_of_environment(&self, of: &[Metric]) -> Vec<Metric> {
         if self.records_environment_metrics() {
             of.to_vec()
@@ -162,43 +161,43 @@ pub trait Protocol: Send + Sync {
         }
     }
 
-    /// True where the agent is asked for one whole design after the other, and told what each was worth.
+    /// Whether the protocol asks the agent for one whole design after the other, and tells it the value of each.
     fn asks_for_designs(&self) -> bool {
         false
     }
 
-    /// True where agents are given examples to learn from, without actions and rewards.
+    /// Whether agents get examples to learn from, without actions and rewards.
     fn gives_examples(&self) -> bool {
         false
     }
 
-    /// True where agents are given transitions of datasets that others gathered, in batches, after they were
-    /// told of all of them.
+    /// Whether agents get transitions of datasets that others gathered, in batches, after [`Agent::survey`] got all of
+    /// them.
     fn gives_datasets(&self) -> bool {
         false
     }
 
-    /// True where an agent that learned nothing is what others are compared with.
+    /// Whether an agent that learned nothing is the baseline of others.
     fn compares_untrained(&self) -> bool {
         false
     }
 
-    /// Whether a trial in an environment with this interface and these metrics can run, before it does: `check`
-    /// asks with stubs for artifacts.
+    /// Checks before a trial whether it can run in an environment with this interface and these metrics: `check` asks
+    /// with stubs for artifacts.
     ///
     /// # Errors
-    /// What does not fit, as [`run`](Self::run) would say it.
+    /// The misfit, as [`run`](Self::run) would report it.
     fn accepts(&self, _interface: &Interface, _metrics: &[Metric]) -> Result<(), Error> {
         Ok(())
     }
 
-    /// What a trial leaves for others besides what its agent exports.
+    /// Artifacts that a trial leaves for others besides those that its agent exports.
     fn leaves(&self) -> Vec<ArtifactKind> {
         Vec::new()
     }
 
-    /// Writes what a trial of this protocol would leave, but empty: `check` builds from it those that take
-    /// it.
+    /// Writes stubs of the artifacts that a trial of this protocol leaves: `check` builds trials that take them from
+    /// these.
     ///
     /// # Errors
     /// Where a file cannot be written.
@@ -206,7 +205,7 @@ pub trait Protocol: Send + Sync {
         Ok(())
     }
 
-    /// What can be run with this config and is probably not meant: an [`Error::Config`] that names the key.
+    /// A config that can be run and is probably not meant: an [`Error::Config`] that names the key.
     fn doubt(&self) -> Option<Error> {
         None
     }
@@ -214,7 +213,7 @@ pub trait Protocol: Send + Sync {
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 
-    /// True where it measures at this step while it goes on, so that a trial can pause there.
+    /// Whether it measures at this step while it goes on, so that a trial can pause there.
     fn measures_at(&self, _step: u64) -> bool {
         false
     }
@@ -225,8 +224,7 @@ pub trait Protocol: Send + Sync {
     /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either
     /// way.
     ///
-    /// # Errors
-    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and whatever the environment
-    /// or the agent reports.
+    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and errors of the environment and the
+    /// agent.
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
 }

@@ -1,4 +1,4 @@
-//! Where a protocol that learns and measures stands, so that it can continue.
+//! Positions from which a protocol that learns and measures can continue.
 //!
 //! A protocol gives a [`Position`] to [`Run::checkpoint`](super::Run::checkpoint) wherever it can go on, and
 //! gets the last one back from [`Run::resume`](super::Run::resume) in another process.
@@ -8,7 +8,7 @@ use crate::{Environment, Error, Rng};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// A place in a trial; `L` is what learning needs to go on.
+/// A place in a trial; `L` is the state that learning needs to go on.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Position<L> {
     /// `None` where learning is over.
@@ -22,7 +22,7 @@ pub struct Position<L> {
 pub struct Blocks {
     /// First episode of the next block.
     pub(super) first: u64,
-    /// What the agent draws.
+    /// The agent's random stream.
     pub(super) rng: Rng,
     /// The environments as the last block left them; empty before the first block.
     pub(super) pool: Vec<Value>,

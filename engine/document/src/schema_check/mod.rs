@@ -1,9 +1,9 @@
-//! Holds a document against a JSON Schema and says what is wrong in a person's words.
+//! Checks a document against a JSON Schema and reports mistakes in plain words.
 //!
-//! It reads what schemars writes for plain structs and enums: `type`, `properties`, `required`,
-//! `additionalProperties`, `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and
-//! lists. Besides these it knows `x-unit` (shown with ranges), `x-kind` (what the keys or words of a place
-//! are: `agent plugin`, `preset`) and two patterns of names.
+//! It reads the schemas that schemars writes for plain structs and enums: `type`, `properties`, `required`,
+//! `additionalProperties`, `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and lists.
+//! Besides these it knows `x-unit` (shown with ranges), `x-kind` (the kind of the keys or words of a place: `agent
+//! plugin`, `preset`) and two patterns of names.
 
 mod numbers;
 mod view;
@@ -22,7 +22,7 @@ use view::quoted;
 pub const SLUG: &str = "^[a-z0-9][a-z0-9._-]*$";
 /// Pattern of the names of environments and agents, which begin dotted paths.
 pub const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
-/// So many unknown keys of a mapping are named; of more it is said how many there are.
+/// Number of unknown keys of a mapping that are named; the message counts further ones.
 const MOST_UNKNOWN: usize = 20;
 /// Most characters of a name; names of files are made of several.
 const LONGEST_NAME: usize = 100;
@@ -37,7 +37,7 @@ const OTHER_NAMES: [(&str, &str); 6] = [
     ("n_trials", "settings"),
 ];
 
-/// Says what a key is called here; `None` where it has no other name in this place.
+/// Name of a key in this place; `None` where it has no other name.
 fn renamed(key: &str, place: &View<'_>) -> Option<String> {
     let is_here = |name: &str| place.property_names().contains(&name);
     let (_, name) = OTHER_NAMES
@@ -51,7 +51,7 @@ fn renamed(key: &str, place: &View<'_>) -> Option<String> {
 pub struct At {
     /// Span of the key, which errors about missing or unfit content point at.
     pub key: Span,
-    /// What messages call the value; empty for the whole study.
+    /// Name of the value in messages; empty for the whole study.
     pub name: String,
     /// Dotted path of the value.
     pub path: String,
@@ -80,10 +80,10 @@ impl At {
     }
 }
 
-/// Checks documents and collects what is wrong.
+/// Checks documents and collects mistakes.
 pub struct Checker<'a> {
     sources: &'a Sources,
-    /// What was found so far.
+    /// Mistakes so far.
     pub found: Vec<Diagnostic>,
 }
 
@@ -503,7 +503,7 @@ fn advice(scalar: &Scalar, schema: &View<'_>, option: Option<&str>) -> Option<St
     }
 }
 
-/// What is wrong with a text that has to fit one of the patterns of names; `None` where it fits.
+/// The misfit of a text with one of the patterns of names; `None` where it fits.
 pub fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     if text.len() > LONGEST_NAME && [SLUG, NAME].contains(&pattern) {
         return Some("use at most 100 characters: names are parts of names of files");

@@ -1,5 +1,5 @@
 //! Advice on texts that stand where a number is wanted. The advice is the number that was meant; where a text can be
-//! read in two ways both are named, and where it is none that can be read nothing is.
+//! read in two ways it names both, and where a text cannot be read there is none.
 
 use super::View;
 use crate::{lookalikes, plain_number};
@@ -179,7 +179,7 @@ fn with_decimal_comma(text: &str) -> Option<String> {
     (has_digits && !text.contains('.')).then_some(number)
 }
 
-/// Several numbers with commas between them, each of which the key takes, as a list has them.
+/// Several numbers with commas between them, all allowed by the key, in the form of a list.
 fn list(text: &str, wanted: &Wanted) -> Option<String> {
     let items: Vec<&str> = text.split(',').map(str::trim).collect();
     let is_padded = |item: &str| item.len() > 1 && item.starts_with('0') && !item.starts_with("0.");

@@ -63,7 +63,7 @@ impl<'a> View<'a> {
             .map(|schema| View::new(self.root, schema))
     }
 
-    /// The schemas one of which a value must fit; the schema itself where there is no choice.
+    /// The alternative schemas for a value; the schema itself where there is no choice.
     #[must_use]
     pub fn alternatives(&self) -> Vec<View<'a>> {
         let choice = self
@@ -98,7 +98,7 @@ impl<'a> View<'a> {
         Ok(here)
     }
 
-    /// True where a whole number is wanted and nothing else.
+    /// Whether only whole numbers are allowed.
     #[must_use]
     pub fn is_integer(&self) -> bool {
         let places = self.alternatives();
@@ -110,7 +110,7 @@ impl<'a> View<'a> {
         !types.is_empty() && types.iter().all(|name| *name == "integer")
     }
 
-    /// True for a mapping with fixed keys, whose defaults are filled in key by key.
+    /// The schema of a mapping with fixed keys, whose defaults are filled in key by key.
     #[must_use]
     pub fn as_struct(&self) -> Option<View<'a>> {
         let mut places: Vec<View<'a>> = self.alternatives();
@@ -121,7 +121,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// True where a mapping is allowed.
+    /// Whether a mapping is allowed.
     #[must_use]
     pub fn is_mapping(&self) -> bool {
         self.types().contains(&"object") || self.types().is_empty()
@@ -205,7 +205,7 @@ impl<'a> View<'a> {
             .join(" and ")
     }
 
-    /// What a value must be, in words: `an integer at least 1`, `one of ...`.
+    /// The expected value, in words: `an integer at least 1`, `one of ...`.
     #[must_use]
     pub fn expected(&self) -> String {
         let places = self.alternatives();
@@ -253,7 +253,7 @@ impl<'a> View<'a> {
         types.first().map_or("a list", |name| plural(name)).into()
     }
 
-    /// What a key means: first sentence, range, unit.
+    /// Meaning of a key: first sentence, range, unit.
     #[must_use]
     pub fn facts(&self) -> String {
         let unit = self

@@ -1,7 +1,7 @@
 //! From YAML text to a tree of nodes that know their line and column.
 //!
-//! Scalars follow the core schema of YAML 1.2: `1e-4` is a number, `yes` is a word. What is read is bounded:
-//! a file of a few lines cannot become millions of nodes through aliases, and no nesting exhausts the stack.
+//! Scalars follow the core schema of YAML 1.2: `1e-4` is a number, `yes` is a word. Documents are bounded: a file of a
+//! few lines cannot become millions of nodes through aliases, and no nesting exhausts the stack.
 
 mod reader;
 mod scalar;
@@ -15,7 +15,7 @@ use serde_json::{Map, Value};
 pub const MOST_NODES: usize = 200_000;
 /// Most bytes of keys and scalars in a document, aliases expanded; a document without aliases may have more.
 pub const MOST_BYTES: usize = 32_000_000;
-/// So many mistakes in one document are collected; then its reading ends.
+/// Number of mistakes in one document after which its reading ends.
 pub const MOST_MISTAKES: usize = 1000;
 /// Deepest nesting of a document.
 pub const DEEPEST: usize = 64;
@@ -23,13 +23,13 @@ pub const DEEPEST: usize = 64;
 /// A part of a document.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
-    /// Where it begins.
+    /// Place in the text.
     pub span: Span,
-    /// What it is.
+    /// Kind of the node, with its content.
     pub kind: Kind,
 }
 
-/// What a node is.
+/// The content of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Kind {
     /// A word, number, truth value or nothing.
@@ -40,12 +40,12 @@ pub enum Kind {
     Mapping(Vec<Entry>),
 }
 
-/// A scalar as it was written and what it means.
+/// A scalar as it was written, with its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scalar {
     /// The text, without quotes.
     pub text: String,
-    /// True where it was written without quotes.
+    /// Whether it was written without quotes.
     pub plain: bool,
     /// Null, a truth value, a finite number or a string.
     pub value: Value,
@@ -135,7 +135,7 @@ impl Node {
         self.entry(key).map(|entry| &entry.value)
     }
 
-    /// The entry with this key, made where there is none; what is no mapping becomes one.
+    /// The entry with this key, made where there is none; a node of another kind becomes a mapping.
     pub fn entry_or_insert(&mut self, key: &str, key_span: Span) -> Option<&mut Entry> {
         if !matches!(self.kind, Kind::Mapping(_)) {
             self.kind = Kind::Mapping(Vec::new());
@@ -188,7 +188,7 @@ impl Node {
 /// Turns bytes into text.
 ///
 /// # Errors
-/// Where the bytes are no UTF-8: offset, line and column of the first that is wrong.
+/// Where the bytes are no UTF-8: offset, line and column of the first wrong one.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
     std::str::from_utf8(bytes)
         .map(|text| text.trim_start_matches('\u{feff}').to_string())
@@ -215,7 +215,7 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
 /// Parses a whole file, the source with index `source`.
 ///
 /// # Errors
-/// Everything that is wrong with the text as YAML.
+/// All mistakes in the text as YAML.
 pub fn parse(sources: &Sources, source: usize, text: &str) -> Result<Node, Vec<Diagnostic>> {
     parse_from(
         sources,
@@ -232,7 +232,7 @@ pub fn parse(sources: &Sources, source: usize, text: &str) -> Result<Node, Vec<D
 /// Parses text that begins at `start` of its source, such as the value of an option.
 ///
 /// # Errors
-/// Everything that is wrong with the text as YAML.
+/// All mistakes in the text as YAML.
 pub fn parse_from(sources: &Sources, start: Span, text: &str) -> Result<Node, Vec<Diagnostic>> {
     reader::Reader::new(sources, start, text).read()
 }

@@ -20,7 +20,7 @@ pub struct Reader<'a> {
     found: Vec<Diagnostic>,
 }
 
-/// How much of a document was read, aliases expanded.
+/// The part of a document that was read, aliases expanded.
 #[derive(Clone, Copy, Default)]
 struct Size {
     nodes: usize,
@@ -53,7 +53,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The document, or everything that is wrong with it.
+    /// The document, or all mistakes in it.
     pub fn read(mut self) -> Result<Node, Vec<Diagnostic>> {
         match self.document() {
             Ok(node) if self.found.is_empty() => return Ok(node),
@@ -225,7 +225,7 @@ impl<'a> Reader<'a> {
         Kind::Scalar(scalar(text.into_owned(), plain))
     }
 
-    /// A study is shown in terminals, on pages and in figures: what is no text has no place in it.
+    /// A study is shown in terminals, on pages and in figures, which cannot show characters that are not text.
     fn refuse_control(&mut self, text: &str, span: Span) {
         if let Some(letter) = text.chars().find(|letter| is_unprintable(*letter)) {
             let message = format!(
@@ -238,8 +238,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Refuses a letter that looks like a space or like nothing in a text without quotes: at its ends, and within
-    /// a key where no script needs it.
+    /// Refuses a letter that looks like a space, or is invisible, in a text without quotes: at its ends, and within a
+    /// key where no script needs it.
     fn refuse_invisible(&mut self, text: &str, span: Span, is_key: bool) {
         let last = text.chars().count().saturating_sub(1);
         let is_meant = |found: &Lookalike| {
@@ -258,7 +258,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The first letter up to the line after `last` that looks like a space or like nothing where YAML wants a space.
+    /// The first letter up to the line after `last` that looks like a space, or is invisible, where YAML wants a space.
     fn invisible_structure(&self, lines: &[&str], last: usize) -> Option<Diagnostic> {
         let (line, found) = lines
             .iter()
@@ -271,7 +271,7 @@ impl<'a> Reader<'a> {
     fn taken_for_a_letter(&self, found: &Lookalike, at: Span) -> Diagnostic {
         let message = format!("{} stands here; YAML takes it for a letter", found.named());
         let error = Diagnostic {
-            // The message says what a note on the letter would say.
+            // The message says the same as a note on the letter would.
             notes: Vec::new(),
             ..self.sources.error(at, "", message)
         };
@@ -302,7 +302,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes note of what was read, or of a copy of what was read before.
+    /// Counts the nodes and bytes that were read or copied.
     fn count(&mut self, more: Size, is_copy: bool, span: Span) -> Result<(), Fatal> {
         self.size.nodes += more.nodes;
         self.size.bytes += more.bytes;
@@ -379,8 +379,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A letter of a line that stands for a sign of YAML, which it is not: an invisible one at the beginning or
-/// beside a sign, or one that looks like a colon or a bracket. Remarks and texts in quotes are passed over.
+/// A letter of a line that looks like a sign of YAML: an invisible one at the beginning or beside a sign, or one that
+/// looks like a colon or a bracket. Remarks and texts in quotes are skipped.
 fn structural(line: &str) -> Option<Lookalike> {
     const SIGNS: &str = ":,-[]{}";
     let letters: Vec<char> = line.chars().collect();
@@ -410,8 +410,8 @@ fn structural(line: &str) -> Option<Lookalike> {
     None
 }
 
-/// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value
-/// can begin, and quoted text and remarks are passed over.
+/// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value can begin;
+/// quoted text and remarks are skipped.
 fn open_bracket(lines: &[&str]) -> Option<(usize, usize, char)> {
     let mut open = Vec::new();
     for (index, line) in lines.iter().enumerate() {

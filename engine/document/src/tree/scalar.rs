@@ -1,9 +1,9 @@
-//! What a plain scalar means by the core schema of YAML 1.2.2, section 10.3.2.
+//! Values of plain scalars by the core schema of YAML 1.2.2, section 10.3.2.
 
 use super::Scalar;
 use serde_json::{Number, Value};
 
-/// A scalar of the document; only what stands without quotes can be a number, a truth value or nothing.
+/// A scalar of the document; only a text without quotes can be a number, a truth value or null.
 pub fn scalar(text: String, plain: bool) -> Scalar {
     let value = if plain {
         core_schema(&text)

@@ -1,4 +1,4 @@
-//! What is known of the environments of a study: they are made and tried out, unless it is known what they announced.
+//! Facts on the environments of a study: they are made and tried out, unless their announcements are known.
 
 use super::{Builder, Outcome, built};
 use crate::cell::Cell;
@@ -11,7 +11,7 @@ use std::{
     sync::Arc,
 };
 
-/// What is known of a built environment.
+/// Facts on a built environment.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Facts {
     pub(super) interface: Interface,
@@ -37,7 +37,7 @@ impl Builder<'_> {
     /// Makes the environment of a cell and tries it out, once.
     ///
     /// # Errors
-    /// What it refuses.
+    /// Errors of the environment.
     pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
         let resolved = &cell.parts[0];
         if self.environments.contains_key(resolved.id()) {
@@ -74,13 +74,13 @@ impl Builder<'_> {
         refusal.map_or(Ok(()), Err)
     }
 
-    /// What is known of the environment of a cell, where it could be built.
+    /// Facts on the environment of a cell, where it could be built.
     pub(super) fn facts(&self, cell: &Cell) -> Option<Arc<Facts>> {
         self.environments.get(cell.parts[0].id())?.clone()
     }
 }
 
-/// Names of what an environment traces.
+/// Names of the values that an environment traces.
 fn traced(environment: &dyn Environment) -> BTreeSet<String> {
     let channels = environment
         .trace_channels()

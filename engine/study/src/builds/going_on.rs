@@ -1,4 +1,4 @@
-//! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
+//! Checks of learning that goes on from an artifact: in the same environment, by an agent that the learned values fit.
 
 use super::Builder;
 use crate::{cell::Cell, known, search::Searched, taking};
@@ -14,8 +14,8 @@ const WHAT_MAY_DIFFER: &str =
     "networks must have the form with which learning began; rates and the like may differ";
 
 impl Builder<'_> {
-    /// Refuses a cell that goes on from what does not fit it. The stretches of a schedule fit each other where the ends
-    /// of its ranges do.
+    /// Refuses a cell that goes on from an artifact that does not fit it. The stretches of a schedule fit each other
+    /// where the ends of its ranges do.
     pub(super) fn goes_on_well(&mut self, cell: &Cell, interface: &Interface) -> Result<(), Box<Diagnostic>> {
         let from = cell.sources.iter().find(|it| it.kind == ArtifactKind::Checkpoint);
         let Some(source) = from.filter(|_| cell.parts[2].given.stretch.is_none()) else {
@@ -36,7 +36,8 @@ impl Builder<'_> {
         })
     }
 
-    /// Refuses a population over a key that changes what networks look like: what a member learned would fit no other.
+    /// Refuses a population over a key that changes the shape of networks: values that a member learned would fit no
+    /// other.
     pub(super) fn members_fit(&mut self, searched: &Searched<'_>) -> Result<(), Box<Diagnostic>> {
         if !searched.search.is_population() {
             return Ok(());
@@ -49,7 +50,7 @@ impl Builder<'_> {
         };
         let interface = &facts.interface;
         let shares = vec![0.0; searched.paths.len()];
-        // What cannot be built is said of the settings themselves.
+        // Settings that cannot be built are reported themselves.
         let Some(first) = self.member(searched, &shares, interface) else {
             return Ok(());
         };

@@ -1,5 +1,5 @@
-//! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the
-//! built environment and protocol know what trials record.
+//! Builds the parts that cells name: a plugin may refuse a config for reasons that no schema can state, and only the
+//! built environment and protocol know the metrics of trials.
 
 mod facts;
 mod going_on;
@@ -38,10 +38,10 @@ use stubs::Stubs;
 
 /// Agents are built for each named pair, and for this many further settings; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
-/// When an agent may learn that is not built, or is refused.
+/// Step at which an agent that is not built, or is refused, is taken to learn.
 const FROM_THE_FIRST_STEP: u64 = 1;
 
-/// What is known of a built protocol.
+/// Metrics of a built protocol.
 struct Measures {
     metrics: Vec<Metric>,
     of_environment: bool,
@@ -67,8 +67,8 @@ impl Measures {
         }
     }
 
-    /// The thing that a protocol gives and the agent cannot learn from; `None` where it can learn from it, or does not
-    /// learn.
+    /// The name of the things that a protocol gives where the agent cannot learn from them; `None` where it can learn
+    /// from them, or does not learn.
     fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
         match entry.traits.datasets {
             _ if entry.traits.designs && !self.asks_for_designs && self.experience > 0 => {
@@ -84,14 +84,14 @@ impl Measures {
     }
 }
 
-/// True where an agent can learn from what a protocol gives, or need not.
+/// Whether an agent can learn from the things that a protocol gives, or need not.
 pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
     Measures::of(protocol)
         .gives_another(entry, entry.traits.learns)
         .is_none()
 }
 
-/// What a protocol gives to an agent that cannot learn from it.
+/// Name of the things that a protocol gives to an agent that cannot learn from them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Given {
     Examples,
@@ -104,7 +104,7 @@ enum Given {
 /// Builds the cells' parts.
 ///
 /// # Errors
-/// What plugins refuse, at the key that they name.
+/// Errors of plugins, at the key that they name.
 pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vocabulary, Vec<Diagnostic>> {
     let names = |list: &[Named]| list.iter().map(|named| named.name.clone()).collect();
     let mut vocabulary = Vocabulary {
@@ -166,7 +166,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
     }
 }
 
-/// What is given for the environment and the agent of a cell, which tells its agent from others.
+/// The origins of the configs of a cell's environment and agent, which tell its agent from others.
 fn given(cell: &Cell) -> [part::Given; 2] {
     [0, 1].map(|part| cell.parts[part].given.clone())
 }
@@ -223,33 +223,33 @@ struct Builder<'a> {
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<Measures>>,
-    /// What a built agent asks for before it learns, by what is given for environment and agent.
+    /// Steps that a built agent needs before it learns, by the origins of environment and agent.
     agents: BTreeMap<[part::Given; 2], u64>,
     /// Environments and agents, each with the ids of environment and protocol that were noted.
     recorded: BTreeSet<((usize, usize), [String; 2])>,
-    /// Environments and protocols that were asked whether they fit, by id.
+    /// Ids of environments and protocols that were checked against each other.
     accepted: BTreeSet<[String; 2]>,
     extra: usize,
-    /// What warnings say: agent, steps before it learns, steps of the protocol.
+    /// Warnings that were given: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
-    /// What environments return that is not as they declare it.
+    /// Faults in the values that environments return, by their own declarations.
     doubts: Vec<Diagnostic>,
     is_recalled: bool,
-    /// What those that were tried out announced, by id.
+    /// Announcements of environments that were tried out, by id.
     announced: BTreeMap<String, Value>,
 }
 
-/// What is refused, at its place.
+/// A result whose error is a diagnostic at its place.
 type Outcome<T> = Result<T, Box<Diagnostic>>;
 
-/// What a plugin builds; one that panics refuses.
+/// The result of building a plugin; a panic is its error.
 fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
 }
 
 impl<'a> Builder<'a> {
     fn cell(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> Outcome<()> {
-        // What a source is refused for is said where the source is.
+        // A refused source is reported at the source.
         if !self.sources_are_there(cell)? {
             return Ok(());
         }
@@ -281,14 +281,14 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// What the registry has of the cell's agent; `None` for a policy of another trial.
+    /// The registry's entry of the cell's agent; `None` for a policy of another trial.
     fn entry(&self, cell: &Cell) -> Option<&'a AgentEntry> {
         let sections = self.sections;
         sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
     }
 
-    /// What is known of the cell's environment, once its protocol has accepted that and gives the agent what it learns
-    /// from; `None` where one of the two could not be built, which was said.
+    /// Facts on the cell's environment, once its protocol has accepted the environment and gives the agent values to
+    /// learn from; `None` where one of the two could not be built, which was reported.
     fn accepted(&mut self, cell: &Cell) -> Outcome<Option<Arc<Facts>>> {
         let [_, agent, protocol] = &cell.parts;
         let (Some(facts), Some(Some(measures))) = (self.facts(cell), self.protocols.get(protocol.id()))
@@ -343,7 +343,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Holds an agent that trains itself against its environment, and notes what it records.
+    /// Checks an agent that trains itself against its environment, and notes the metrics that it records.
     fn note_own_training(
         &mut self,
         cell: &Cell,
@@ -379,7 +379,7 @@ impl<'a> Builder<'a> {
         self.note(cell, pair, || recorded, vocabulary)
     }
 
-    /// An agent that trains itself cannot be measured as it says.
+    /// The error of an agent that trains itself and cannot be measured as it asks.
     fn measured_otherwise(&self, cell: &Cell, measured: Option<Measured>) -> Option<Error> {
         let facts = self.facts(cell)?;
         let seats = facts.interface.seats.len();
@@ -435,7 +435,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
+    /// Notes the metrics of the trials of a pair, once for each variant of environment and protocol.
     fn note(
         &mut self,
         cell: &Cell,
@@ -506,7 +506,7 @@ impl<'a> Builder<'a> {
         })
     }
 
-    /// The agents that can be used with what an environment shows, in words.
+    /// The agents that fit the interface of an environment, in words.
     fn fitting(&self, interface: &Interface) -> String {
         let fitting = fit::agents(self.sections.registry, interface);
         let named = |names: Vec<String>, what: &str| {
@@ -585,7 +585,7 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    /// What to do with an agent that learns from its own decisions, and which agents to use instead.
+    /// Advice for an agent that learns from its own decisions, and the agents to use instead.
     fn decisions_or(&self, given: &str, learns_from_it: &dyn Fn(&AgentEntry) -> bool) -> String {
         let others = self
             .sections
@@ -613,7 +613,7 @@ impl<'a> Builder<'a> {
             .and_then(|config| built(|| (entry.build)(&config)));
         let (measures, refusal) = match built {
             Ok(protocol) => {
-                // What an override gives to some combinations is meant for them.
+                // A value that an override gives to some combinations is meant for them.
                 let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
                 let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
                 vocabulary.warnings.extend(doubt.map(Diagnostic::as_warning));

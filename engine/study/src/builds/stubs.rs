@@ -1,6 +1,6 @@
-//! What cells would leave for others, made by agents as they begin: `check` builds from it what takes it, so
-//! that an artifact of the wrong kind or shape is refused before anything runs, by the code that will read the
-//! real one.
+//! Stubs of the artifacts that cells leave, made by agents as they begin: `check` builds the cells that take them from
+//! these, so that an artifact of the wrong kind or shape is refused before anything runs, by the code that will read
+//! the real one.
 
 use super::Builder;
 use crate::{
@@ -39,10 +39,10 @@ impl Stubs {
 }
 
 impl Builder<'_> {
-    /// Makes the stubs that a cell takes; false where one cannot be made, which is said elsewhere.
+    /// Makes the stubs that a cell takes; false where one cannot be made, which is reported elsewhere.
     ///
     /// # Errors
-    /// A cell that does not leave what is taken from it.
+    /// A cell that does not leave the artifact that is taken from it.
     pub(super) fn sources_are_there(&mut self, cell: &Cell) -> Result<bool, Box<Diagnostic>> {
         for source in cell.sources.iter() {
             let Some(folder) = self.stub(source.cell) else {
@@ -55,7 +55,7 @@ impl Builder<'_> {
         Ok(true)
     }
 
-    /// The folder with what a cell would leave; `None` where its parts are refused.
+    /// The folder with the stubs of a cell; `None` where its parts are refused.
     pub(super) fn stub(&mut self, index: usize) -> Option<PathBuf> {
         if let Some(known) = self.stubs.folders.get(&index) {
             return known.clone();
@@ -95,7 +95,7 @@ impl Builder<'_> {
         Some(folder)
     }
 
-    /// The config of a part as it is built from: with what data files hold, and with stubs for artifacts.
+    /// The config from which a part is built: with the content of data files, and with stubs for artifacts.
     pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<Value, Error> {
         let resolved = &cell.parts[part].part;
         let of_part = cell.sources.iter().filter(|source| source.part == part);
@@ -199,7 +199,7 @@ impl Builder<'_> {
         .help(help)
     }
 
-    /// A mistake about what a cell takes, at the place where it is named.
+    /// A mistake about an artifact that a cell takes, at the place where it is named.
     pub(super) fn at(&self, cell: &Cell, source: &Source, message: String) -> Diagnostic {
         let (span, at) = taking::place(self.sections, &cell.parts[source.part], &source.pointer, "from");
         self.sections.sources.error(span, &at, message)

@@ -1,5 +1,5 @@
-//! Agents whose code is not this program's own: they are tried out in environments of their trials, unless it is known
-//! that they were.
+//! Agents whose code is not this program's own: they are tried out in environments of their trials, unless they are
+//! known to have been tried out.
 
 use super::{Builder, Outcome, built};
 use crate::{cell::Cell, part::Form};
@@ -7,10 +7,10 @@ use contract::{Agent, Error};
 use serde_json::json;
 
 impl Builder<'_> {
-    /// Refuses an agent whose config says otherwise whether it learns than is written in the agent itself.
+    /// Refuses an agent whose config disagrees with the agent itself on whether it learns.
     ///
     /// # Errors
-    /// That refusal.
+    /// The refusal.
     pub(super) fn learns_as_written(&self, cell: &Cell) -> Outcome<()> {
         let agent = &cell.parts[1];
         let entry = self.entry(cell).filter(|entry| entry.traits.by_config.is_some());
@@ -22,7 +22,7 @@ impl Builder<'_> {
         Err(Box::new(self.refused(agent, &Error::config("learns", problem))))
     }
 
-    /// True where it is known that the agent of a cell was tried out well in its environment.
+    /// Whether the agent of a cell is known to have been tried out well in its environment.
     pub(super) fn was_tried(&mut self, cell: &Cell) -> bool {
         let is_foreign = self
             .entry(cell)
@@ -59,7 +59,7 @@ impl Builder<'_> {
     }
 }
 
-/// By which it is kept that the agent of a cell was tried out in its environment.
+/// Key of the note that the agent of a cell was tried out in its environment.
 fn key(cell: &Cell) -> String {
     format!("{} {}", cell.parts[1].id(), cell.parts[0].id())
 }

@@ -22,8 +22,8 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &OfCells) -> Vec<Arc<T
     trials
 }
 
-/// Which of the study's seeds meet, one place in their list for each role. An agent that was not trained is
-/// the same for every seed, and meets each once.
+/// Pairs of the study's seeds that meet, one place in their list for each role. An agent that was not trained is the
+/// same for every seed, and meets each once.
 fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>> {
     let matched = |at: usize| vec![at; players.len()];
     let trained: Vec<usize> = (0..players.len()).filter(|role| players[*role].learns).collect();
@@ -84,7 +84,7 @@ fn encounter(study: &Study, play: &Play, players: &[&Player], places: &[usize], 
     }
 }
 
-/// One who plays with the policy of the trial `source`; `None` for a cast, which a play refuses.
+/// A player with the policy of the trial `source`; `None` for a cast, which a play refuses.
 fn member(seats: Vec<String>, player: &Player, source: &Trial) -> Option<Member> {
     let agent = source.key.agent.agent()?.clone();
     Some(Member {

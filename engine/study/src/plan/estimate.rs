@@ -1,4 +1,4 @@
-//! How long the trials that are missing will take, from the stored trials that are most like them.
+//! Estimates of the time that missing trials take, from the stored trials that are most like them.
 //!
 //! A trial of the same parts tells it as it is. Where there is none, the nearest trial of the same environment,
 //! agent and protocol tells how long a step takes. A trial in another environment tells nothing: steps of one may
@@ -10,12 +10,12 @@ use execution::{pace, store::StoredCell};
 use serde::Serialize;
 use std::collections::HashMap;
 
-/// How long missing trials will take.
+/// The time that missing trials take.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Estimate {
-    /// How many are missing.
+    /// Number of missing trials.
     pub missing: usize,
-    /// Those of them that no stored trial is like; they are not in the seconds.
+    /// Number of those that no stored trial is like; they are not in the seconds.
     pub unknown: usize,
     /// Seconds of the others on one worker.
     pub worker_s: f64,

@@ -17,7 +17,7 @@ pub struct PartIndex(usize);
 /// One leaf in which two trials differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// What differs, as in `protocol.steps` or `agent version`.
+    /// The differing key or version, as in `protocol.steps` or `agent version`.
     pub what: String,
     /// The stored value; `None` where the stored trial has no such key.
     pub stored: Option<Value>,

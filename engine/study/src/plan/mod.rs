@@ -35,8 +35,8 @@ use std::{
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
 
-/// The trials of a study: what its entries of `prepare` run, then environments, agents, settings and seeds,
-/// in the order of the study, then its plays.
+/// The trials of a study: those of its entries of `prepare`, then of environments, agents, settings and seeds, in the
+/// order of the study, then of its plays.
 ///
 /// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and
 /// an agent that does not learn), its trials stand once in each setting, and the numbers are computed once.
@@ -66,7 +66,7 @@ impl Study {
         by_place.collect::<BTreeMap<_, _>>().into_values().collect()
     }
 
-    /// The trials that the study has whatever its results are: all of them, or those of the first look.
+    /// The trials of a study before any result: all of them, or those of the first look.
     #[must_use]
     pub fn plan(&self) -> Plan {
         self.plan_with(&Wanted::new())
@@ -93,7 +93,7 @@ impl Study {
         let mut plan = self.plan_of_all_seeds();
         let Some(design) = &self.design else { return plan };
         let first = self.first_seed();
-        // What is prepared has seeds of its own.
+        // Entries of `prepare` have seeds of their own.
         let place = |trial: &Trial| trial.key.seed.saturating_sub(first);
         let look = |trial: &Arc<Trial>| {
             let place = place(trial);
@@ -123,7 +123,7 @@ impl Study {
     fn plan_of_all_seeds(&self) -> Plan {
         let (seeds, waiting) = (self.seeds_taken(), self.waiting());
         let mut of_cells = OfCells::new();
-        // What others take from comes first; the rest is made where it is put into the plan.
+        // Cells that others take from come first; the rest is made where it is put into the plan.
         let taken = self.taken_from();
         for &index in self
             .order
@@ -139,7 +139,7 @@ impl Study {
             .collect();
         let n_combinations = self.cells.n_combinations();
         let mut trials = Vec::with_capacity(n_combinations * self.seeds.len() + plays.len());
-        // Entries of `prepare` come first, then what searches try, then combinations.
+        // Entries of `prepare` come first, then settings that searches try, then combinations.
         for index in (n_combinations..self.cells.len()).chain(0..n_combinations) {
             if let Some(made) = of_cells.get(&index) {
                 trials.extend(made.iter().cloned());
@@ -165,7 +165,8 @@ impl Study {
             .collect()
     }
 
-    /// The steps at which searches pause trials of a plan, by id. What something else needs as well goes to its end.
+    /// The steps at which searches pause trials of a plan, by id. A trial that another cell needs as well goes to its
+    /// end.
     #[must_use]
     pub fn pauses(&self, plan: &Plan) -> BTreeMap<String, u64> {
         let (mut pauses, mut whole) = (BTreeMap::new(), BTreeSet::new());
@@ -250,8 +251,8 @@ impl Study {
         }
     }
 
-    /// The trials of a cell, once those are there that it takes from. What does not depend on the seed is made and
-    /// hashed once.
+    /// The trials of a cell, once the trials that it takes from exist. Parts that do not depend on the seed are made
+    /// and hashed once.
     fn trials_of(
         &self,
         index: usize,
@@ -281,7 +282,7 @@ impl Study {
         self.seeds_of(index, taken).iter().map(trial).collect()
     }
 
-    /// The id of a trial of a cell that takes nothing.
+    /// The id of a trial of a cell that takes no artifact.
     fn id(&self, cell: &Cell, seed: u64) -> String {
         let parts = cell.parts.each_ref().map(|part| part.id());
         trial_id(parts, seed, self.numerics, DEVICE)

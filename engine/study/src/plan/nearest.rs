@@ -25,14 +25,14 @@ pub(super) struct Combination {
     device: String,
 }
 
-/// What is stored of a combination.
+/// The stored trials of a combination.
 pub(super) struct Known<'a> {
     combination: Combination,
     /// Key of one of its trials.
     pub(super) key: &'a TrialKey,
     /// The seeds of all of them.
     pub(super) seeds: BTreeSet<u64>,
-    /// How long those took that ended well.
+    /// Times of those that ended well.
     pub(super) took: Took,
 }
 
@@ -81,7 +81,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// What is stored at this place.
+    /// The stored combination at a place.
     pub(super) fn at(&self, index: usize) -> &Known<'a> {
         &self.known[index]
     }
@@ -96,7 +96,7 @@ impl<'a> Search<'a> {
         self.by_combination.get(planned).copied()
     }
 
-    /// In which leaves a planned combination differs from the stored one at this place.
+    /// The leaves in which a planned combination differs from the stored one at this place.
     pub(super) fn differences(&self, index: usize, planned: &Combination) -> Vec<Difference> {
         let stored = &self.known[index].combination;
         self.catalogue
@@ -133,7 +133,7 @@ impl<'a> Search<'a> {
         nearest
     }
 
-    /// The nearest of those that tell how long a trial takes: the same parts, or at least the same three plugins.
+    /// The nearest of the combinations with times: with the same parts, or at least the same three plugins.
     pub(super) fn nearest_timed(&self, planned: &Combination) -> Option<usize> {
         let is_timed = |index: &usize| self.known[*index].took.trials > 0;
         if let Some(same) = self.same(planned).filter(is_timed) {

@@ -1,9 +1,8 @@
-//! Why a trial is new: what sets it apart from the nearest trial in the store.
+//! Reasons of new trials: the differences from the nearest trial in the store.
 //!
-//! The nearest stored trial is the one with the fewest differing leaves: values of the configs of
-//! environment, agent and protocol, plugins and their versions, numerics version, device and seed. Names of a
-//! study take no part in it. Seeds are not searched: what is compared are combinations of parts, each with
-//! its seeds.
+//! The nearest stored trial is the one with the fewest differing leaves: values of the configs of environment, agent
+//! and protocol, plugins and their versions, numerics version, device and seed. Names of a study take no part in it.
+//! Seeds are not searched: combinations of parts are compared, each with its seeds.
 
 use super::{leaves::Difference, nearest::Search};
 use contract::{
@@ -22,23 +21,23 @@ use std::{
 pub enum Reason {
     /// The parts are stored, with other seeds.
     NewSeed {
-        /// Those seeds.
+        /// The stored seeds.
         stored: BTreeSet<u64>,
     },
     /// The nearest stored trial has other parts.
     Changed {
-        /// What is different; never empty.
+        /// The differing leaves; never empty.
         differences: Vec<Difference>,
         /// The stored seeds, where the trial's is not among them.
         new_seed: Option<BTreeSet<u64>>,
     },
-    /// What it takes from other trials is new, by the names of their entries.
+    /// Artifacts that it takes from other trials are new, by the names of their entries.
     Takes(BTreeSet<String>),
     /// No stored trial shares at least two of the three plugins.
     NothingLikeIt,
     /// The worker process was killed from outside.
     Killed,
-    /// It ended in this state, and would end so again.
+    /// The trial ended in this state, and would end so again.
     Failed(EndState),
 }
 
@@ -53,7 +52,7 @@ pub struct Novelty {
     pub setting: String,
     /// The seeds, in the order of the study.
     pub seeds: Vec<u64>,
-    /// Why.
+    /// The common reason of these trials.
     pub reason: Reason,
 }
 
@@ -71,7 +70,7 @@ pub fn novelties(
         (trials.iter().zip(ends))
             .map(|(trial, end)| (trial.borrow(), end.as_ref().map(|end| end.state)))
             .filter(|(_, state)| *state != Some(EndState::Ok))
-            // What plays a policy is new because the policy is.
+            // A trial that plays a policy is new because the policy is.
             .filter(|(trial, _)| !matches!(trial.cell.purpose, Purpose::Play(_)))
     };
     let takes = pending().any(|(trial, _)| trial.key.takes());

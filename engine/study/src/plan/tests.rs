@@ -54,7 +54,7 @@ fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
     seeds.map(trial).collect()
 }
 
-/// The reasons of trials of which none has run.
+/// The reasons of trials that have not run.
 fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -> Vec<String> {
     let trials = planned(key, seeds);
     let line = |it: &Novelty| format!("{}: {}", document::count::seed_ranges(&it.seeds), it.reason);
@@ -279,7 +279,7 @@ fn one_reason_for_all_cells_is_one_line() {
     assert_eq!(explain(&[]), "");
 }
 
-/// An estimate for two trials; what is stored are one trial of 60 s and what `others` say.
+/// An estimate for two trials; stored are one trial of 60 s and `others`.
 fn estimated(key: &TrialKey, others: &[StoredCell]) -> Estimate {
     let timed = |key, wall_s| StoredCell {
         took: Took::once(wall_s),

@@ -1,4 +1,4 @@
-//! Claims held against seeds.
+//! Claims decided by seeds.
 
 use super::*;
 use crate::claim::parse;
@@ -96,7 +96,7 @@ fn what_differs_too_little_to_matter_is_equivalent() {
     ] {
         assert_eq!(word(text, min_effect), expected, "{text} {min_effect:?}");
     }
-    // Fewer seeds tell that it does not matter than which of the two is ahead.
+    // Fewer seeds show that a difference does not matter than which of the two is ahead.
     let [direction, alike] = [None, Some(0.65)].map(|min_effect| held("a.x > 10", min_effect).more_seeds);
     assert!(alike.unwrap() < direction.unwrap(), "{alike:?} {direction:?}");
 }
@@ -315,7 +315,7 @@ fn shares_of_successes_are_no_means() {
     assert_eq!(claim("b.success < 0.1").verdict, ClaimOutcome::Inconclusive);
 }
 
-/// What fresh seeds would decide is of use where the plan has none left.
+/// The number of fresh seeds that would decide is of use where the plan has none left.
 #[test]
 fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
     let design = Some(statistics::spending::Design::new(vec![3, 6]));
