@@ -1,5 +1,5 @@
 //! Overlays: two mappings as one, for `include`, `<<` and sections of a file.
-//! 
+//!
 //! A key without a value removes the value under it, unless the schema allows `null` there.
 
 use document::{Entry, Kind, Node, schema_check::View};
