@@ -1,4 +1,4 @@
-//! A guard as the worker holds it.
+//! The worker's side of a guard.
 
 use super::{Ended, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted};
 use crate::world::{
@@ -11,15 +11,15 @@ use std::{
     time::Duration,
 };
 
-/// How long a guard may take beyond the grace of its program.
+/// Time that a guard may take beyond the grace of its program.
 const LATE: Duration = Duration::from_secs(5);
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A program under a guard. It does not outlive what holds it.
+/// A program under a guard. It does not outlive this value.
 #[derive(Debug)]
 pub struct Guarded {
     guard: Child,
-    /// `None` once it was asked to end.
+    /// Pipe to the guard; `None` once the guard was asked to end the program.
     orders: Option<ChildStdin>,
     order: Order,
 }
@@ -29,34 +29,35 @@ pub struct Guarded {
 pub enum Left {
     /// It ended.
     Ended {
-        /// How.
+        /// Exit code or signal of the program.
         how: Ending,
-        /// True where it was told to end before.
+        /// Whether the program had been told to end before.
         was_asked: bool,
     },
-    /// It was never started, and why.
+    /// The program was never started, for this reason.
     Unstarted(String),
-    /// Its guard was ended by this signal, where that is known, and the program with it.
+    /// The guard was ended by this signal, where it is known, and the program with it.
     Unguarded(Option<i32>),
 }
 
 impl Guarded {
-    /// Starts a program that sees these environment variables alone, with its standard output and standard error in files:
-    /// what it said stays, whoever is killed.
+    /// Starts a program that sees these environment variables alone. Its standard output and standard error
+    /// go to files, so that its output survives the worker and the guard.
     ///
     /// # Errors
-    /// [`Error::Worker`] where there is no guard to be had.
+    /// [`Error::Worker`] where the guard cannot be started.
     pub fn start(
         order: Order,
         variables: &BTreeMap<String, String>,
         [output, errors]: [fs::File; 2],
     ) -> Result<Self, Error> {
         for old in [ended(&order.notes), unstarted(&order.notes)] {
-            // There may be none.
+            // The notes may not exist yet.
             let _ = fs::remove_file(old);
         }
         let mut command = Command::new(std::env::current_exe().map_err(broken)?);
-        // A signal from the terminal is not for it, and who ends the worker does not end it unheard.
+        // Signals from the terminal do not reach the guard, and the end of the worker does not end it
+        // unnoticed.
         command.arg(VERBS[0]).env_clear().envs(variables).process_group(0);
         command
             .stdin(Stdio::piped())
@@ -67,7 +68,7 @@ impl Guarded {
             return Err(broken("its pipe is missing"));
         };
         let text = serde_json::to_string(&order).map_err(broken)?;
-        // One that is gone shows when its end is asked for.
+        // A guard that is gone shows when its end is asked for.
         let _ = writeln!(orders, "{text}");
         Ok(Self {
             guard,
@@ -83,12 +84,12 @@ impl Guarded {
         }
     }
 
-    /// True once the guard is gone, and the program with it.
+    /// Whether the guard is gone, and the program with it.
     pub fn has_left(&mut self) -> bool {
         !matches!(self.guard.try_wait(), Ok(None))
     }
 
-    /// Waits for the end of what was asked to, or has ended.
+    /// Waits for the end of a program that was asked to stop, or has ended.
     pub fn end(&mut self) -> Left {
         let status = self.wait();
         if let Some(Unstarted { problem }) = read(&unstarted(&self.order.notes)) {
@@ -102,7 +103,7 @@ impl Guarded {
         Left::Unguarded(status.and_then(|status| status.signal()))
     }
 
-    /// The guard keeps to the grace; one that does not is ended.
+    /// Waits for the guard, which keeps to the grace; a guard that does not is ended.
     fn wait(&mut self) -> Option<ExitStatus> {
         let begun = clock::now();
         let longest = Duration::from_millis(self.order.grace_ms) + LATE;
@@ -127,8 +128,8 @@ impl Drop for Guarded {
     }
 }
 
-/// How the program ended that ran last with these notes; `None` where none did, or where its end was not noted. After a
-/// loss of power nothing is known: what the program wrote may be gone.
+/// The end of the last program that ran with these notes; `None` where none ran, or where its end was not
+/// noted. After a loss of power nothing is known: the program's own files may be lost.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
     let Ended {
@@ -139,8 +140,8 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
     (place == here()).then_some(Left::Ended { how, was_asked })
 }
 
-/// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is
-/// waited for as long as its guard may take, and then it is ended.
+/// Ends every process that an earlier worker of this machine started with these notes: it waits as long as
+/// the guard may take, and then kills.
 pub fn end_leftover(notes: &Path, grace: Duration) {
     let Some(Standing {
         place,
@@ -161,7 +162,7 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
     if lives(guard) {
         process::signal_group(guard.0, Signal::Kill);
     }
-    // A group outlives its first process, and nobody else gets its number until it is empty.
+    // A group outlives its first process, and its number is not reused until the group is empty.
     if lives(program) || process::look(program.0) == Look::Gone {
         process::signal_group(program.0, Signal::Kill);
     }

@@ -1,11 +1,11 @@
-//! Several programs work on one store while processes are killed and halt, machines lose their power, clocks jump,
-//! calls fail and the disk is full. Whatever happens:
+//! Several programs work on one store while processes are killed and halt, machines lose their power, clocks
+//! jump, calls fail and the disk is full. These properties hold all the same:
 //!
 //! 1. A trial that was said to have ended has ended, with the same bytes, and does not run again, also where it
 //!    was packed.
 //! 2. Two computations of a trial give the same bytes.
-//! 3. What a trial saved is there when it goes on.
-//! 4. Nobody takes a trial from a process that lives and renews its lease.
+//! 3. A saved step of a trial is there when the trial continues.
+//! 4. No process takes a trial from a process that lives and renews its lease.
 //! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
 //! 6. Nothing outside the store is touched.
 //! 7. Measurements of a trial at a pause are there from when that was said, and a search that pauses its trials
@@ -55,16 +55,16 @@ const HEARTBEAT: Duration = Duration::from_secs(5);
 /// Longer than any machine shows old names.
 const SETTLES: Duration = Duration::from_secs(10);
 
-/// What all processes have.
+/// State that all simulated processes share.
 struct Bench {
     registry: Registry,
     trials: Vec<Trial>,
     ledger: Arc<Ledger>,
-    /// On which machine the process of each place runs.
+    /// The machine of each place, by its number.
     hosts: Vec<usize>,
     /// Whether calls for files fail now and then.
     calls_fail: bool,
-    /// Whether what fails is tried again: then a failure is no end that stays.
+    /// Whether failed trials are tried again: then a failure is not final.
     tries_again: bool,
 }
 
@@ -129,7 +129,7 @@ impl Bench {
         }
     }
 
-    /// One program that runs what is missing; true where nothing is.
+    /// Runs the missing trials as one program; true where none is missing.
     fn run(&self, place: usize) -> bool {
         let store = Store::at("/store");
         self.ledger.holds(&store, &self.trials);
@@ -155,7 +155,7 @@ impl Bench {
         Ok(false)
     }
 
-    /// One slot that runs these tasks.
+    /// Runs these tasks in one slot.
     fn work(&self, place: usize, tasks: &[Task<'_>], store: &Store, leases: &Leases) -> Result<(), Error> {
         let (queue, halt, workers) = (Queue::new(tasks, [one_core()]), AtomicBool::new(false), workers());
         let all = Shared {
@@ -235,7 +235,7 @@ impl Runner for InThread<'_> {
             &worker::Stops::default(),
             &mut replies,
         );
-        // What cannot be read in this moment counts as not whole.
+        // A result that cannot be read in this moment counts as not whole.
         let broken = ledger.broken().filter(|_| !self.bench.calls_fail);
         assert_eq!(broken, None);
         match &reply {
@@ -251,7 +251,7 @@ impl Runner for InThread<'_> {
     fn dismiss(&mut self) {}
 }
 
-/// Renews the leases when there is progress, in the place of the thread that does it.
+/// Renews the leases when there is progress, as the watching thread does in a real run.
 struct Beating<'a, 'b> {
     runner: &'a InThread<'b>,
     trial: String,
@@ -339,7 +339,7 @@ fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(
     play(machine, |place| bench.run(place), || inspect(&bench))
 }
 
-/// Runs what is at each place to the end, and looks at the store after the power went once more.
+/// Runs `run` at each place to its end, and inspects the store after a further loss of power.
 fn play(
     machine: Machine,
     run: impl Fn(usize) -> bool + Sync,
@@ -351,7 +351,8 @@ fn play(
     }
     machine.lose_power();
     machine.again();
-    // What a process stored that was killed before it could say so may be lost once more, and is computed again.
+    // A trial that was stored by a process which was killed before it could say so may be lost again, and is
+    // computed again.
     let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
         return (machine, outcome);
@@ -370,11 +371,11 @@ fn play(
     (machine, outcome)
 }
 
-/// Everything was computed and is there; whoever held a lease is gone.
+/// Asserts that every trial was computed and is stored, and that every process that held a lease is gone.
 fn inspect(bench: &Bench) {
     let store = Store::at("/store");
     bench.ledger.holds(&store, &bench.trials);
-    // From elsewhere an owner shows to be gone when it has been silent for long.
+    // On another machine, an owner counts as gone after a long silence.
     clock::sleep(Duration::from_secs(900));
     for trial in &bench.trials {
         let end = quietly(|| store.end(&trial.id));
@@ -384,7 +385,7 @@ fn inspect(bench: &Bench) {
     }
 }
 
-/// How many seeds are run; REGIMEN_SIM_SEEDS replaces it.
+/// Number of seeds to run; `REGIMEN_SIM_SEEDS` replaces it.
 fn seeds() -> u64 {
     let usual = if variable("CI").is_some() { 5_000 } else { 1_000 };
     variable("REGIMEN_SIM_SEEDS").map_or(usual, |text| text.parse().unwrap())

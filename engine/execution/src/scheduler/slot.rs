@@ -1,4 +1,4 @@
-//! One worker slot: takes trials from the queue, under their leases, and has them run.
+//! Worker slots: each takes trials from the queue, under their leases, and has them run.
 
 use super::{
     Event, Task, Workers,
@@ -24,18 +24,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The first wait before a place is looked after again; it doubles up to 16 times that.
+/// First wait before a place is tried again; it doubles up to 16 times that.
 const SHORTEST_WAIT: Duration = Duration::from_secs(1);
 
 /// A signal to a group of processes reaches all of them within this time.
 const SIGNALLED_WITHIN: Duration = Duration::from_millis(100);
 
-/// What runs the trials of a slot: a process of its own, outside tests.
+/// Runner of the trials of a slot: outside tests, a process of its own.
 pub(super) trait Runner {
-    /// Runs a trial to its end, its pause, or until it is stopped; `progress` hears steps done and in all.
+    /// Runs a trial to its end, its pause, or until it is stopped; `progress` receives steps done and in all.
     ///
     /// # Errors
-    /// [`Error::Worker`] where nothing can be run.
+    /// [`Error::Worker`] where no trial can be run.
     fn run(
         &mut self,
         request: Request,
@@ -43,7 +43,7 @@ pub(super) trait Runner {
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<Answer, Error>;
 
-    /// Nothing more will be run for now.
+    /// Called when no trial follows for now.
     fn dismiss(&mut self);
 }
 
@@ -62,30 +62,30 @@ impl<R: Runner + ?Sized> Runner for Box<R> {
     }
 }
 
-/// What became of a request.
+/// Result of a request.
 pub(super) enum Answer {
-    /// The last word about it.
+    /// The last message about the request.
     Said(Reply),
-    /// Who ran it is gone without one.
+    /// The process that ran the trial is gone without a last message.
     Died {
-        /// How.
+        /// End state of the trial.
         state: EndState,
-        /// In words.
+        /// The reason, in words.
         reason: String,
-        /// Whether it was ended for a limit.
+        /// Whether the process was ended for a limit.
         by_limit: bool,
     },
-    /// Nothing is known of it: where it was to run cannot be reached, for this reason.
+    /// The result is unknown: the place of the runner cannot be reached, for this reason.
     Lost(String),
 }
 
-/// What all slots share.
+/// State that all slots share.
 #[derive(Clone, Copy)]
 pub(super) struct Shared<'a> {
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
-    /// Those in the bucket by which the store is shared, where there is one.
+    /// Leases in the bucket by which the store is shared, where there is one.
     pub(super) shared_leases: Option<&'a BucketLeases>,
     pub(super) workers: &'a Workers,
     pub(super) queue: &'a Queue<'a>,
@@ -93,26 +93,26 @@ pub(super) struct Shared<'a> {
     pub(super) halt: &'a AtomicBool,
 }
 
-/// One slot.
+/// One worker slot.
 pub(super) struct Slot<'a, R> {
     number: usize,
-    /// Place of its machine among all.
+    /// Index of the slot's machine.
     machine: usize,
     all: Shared<'a>,
     runner: R,
     events: &'a Sender<Event>,
-    /// Since when, and how often, its place could not be reached; `None` where it was reached last.
+    /// Begin and number of the failed attempts to reach its place; `None` where the last one succeeded.
     lost: Option<(Instant, u32)>,
-    /// True where it could not be reached for as long as somebody waits.
+    /// Whether its place could not be reached within the patience for it.
     is_given_up: bool,
 }
 
-/// What became of an attempt.
+/// Result of an attempt.
 enum Attempt {
     Ended(TrialEnd),
     Stopped,
     Paused,
-    /// Something that it takes cannot be used, for this reason.
+    /// A source of the trial cannot be used, for this reason.
     Unready(String),
     /// The place of the slot cannot be reached, for this reason.
     Lost(String),
@@ -151,8 +151,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                             self.pass_over(trial, &obstacle);
                             continue;
                         }
-                        // What cannot be written now cannot be written by the other slots either: nothing new
-                        // begins.
+                        // The other slots cannot write to the store either: no new trial begins.
                         self.all.halt.store(true, Ordering::SeqCst);
                         self.all.queue.done(trial);
                         self.tell(Event::Broken {
@@ -171,7 +170,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// What lies at the place of one trial concerns no other one.
+    /// Reports an obstacle at the place of one trial; it concerns no other trial.
     fn pass_over(&self, trial: usize, obstacle: &Error) {
         let reason = obstacle.to_string();
         self.tell(Event::Obstructed { trial, reason });
@@ -191,7 +190,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.stopping()
     }
 
-    /// Takes a trial up, unless it takes what is not there.
+    /// Begins a trial, unless one of its sources is absent.
     fn take(&mut self, turn: Turn) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         match readiness(&task.after, self.all.store) {
@@ -252,7 +251,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// Another program has the trial: this one waits for it, or goes without it.
+    /// Another program has the trial: this one waits for it, or continues without it.
     fn leave_to(&self, owner: Owner, turn: Turn) {
         if !self.all.workers.wait_for_others {
             self.all.queue.done(turn.task);
@@ -308,7 +307,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// The trial goes back to the others, and the place is looked after again later.
+    /// Puts the trial back for other slots; its place is tried again later.
     fn lose(&mut self, turn: Turn, problem: String) {
         self.all.queue.retry(turn, Duration::ZERO);
         let (since, times) = self.lost.unwrap_or((clock::now(), 0));
@@ -327,7 +326,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Decides whether the end is final; one that is goes to the other machines.
+    /// Decides whether the end is final; a final end goes to the other machines.
     fn ended(&self, turn: Turn, end: TrialEnd) -> Result<(), Error> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
@@ -401,7 +400,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Stores how it died.
+    /// Stores the death of the process as the end of its trial.
     fn died(
         &self,
         task: &Task<'_>,
@@ -424,14 +423,14 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(Attempt::Ended(self.all.store.acknowledge(task.trial, end)?))
     }
 
-    /// The stored end of a trial, where it is one and not the one that is known.
+    /// The stored end of a trial, where it differs from the known one.
     fn new_end(&self, task: &Task<'_>, turn: &Turn) -> Option<TrialEnd> {
         let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
         stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }
 
     fn tell(&self, event: Event) {
-        // A caller that no longer listens has stopped caring; the trials go on.
+        // A caller that receives no more events needs none; the trials go on.
         let _ = self.events.send(event);
     }
 }

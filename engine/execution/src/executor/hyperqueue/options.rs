@@ -88,7 +88,7 @@ impl Options {
         Duration::from_secs(self.answer_s.map_or(60, NonZeroU32::get).into())
     }
 
-    /// Refuses what would mean something else in another folder, or nothing at all.
+    /// Refuses values that would mean something else in another folder, or nothing at all.
     ///
     /// # Errors
     /// [`Error::Option`] with the key.

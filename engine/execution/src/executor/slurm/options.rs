@@ -48,7 +48,7 @@ pub struct Options {
     pub setup: Option<Vec<String>>,
 }
 
-/// What the submission itself says to `sbatch`: identity, size and where logs go.
+/// Arguments of `sbatch` that the submission sets itself: identity, size and where logs go.
 const OURS: [&str; 13] = [
     "--job-name",
     "-J",
@@ -119,7 +119,7 @@ impl Options {
         seconds(self.submit_s, 300)
     }
 
-    /// Refuses what Slurm would misread.
+    /// Refuses values that Slurm would misread.
     ///
     /// # Errors
     /// [`Error::Option`] with the key.

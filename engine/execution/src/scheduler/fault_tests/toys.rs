@@ -133,7 +133,7 @@ impl Agent for Tally {
     }
 
     fn learn(&mut self, _: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        // Whatever was saved before this step is promised to stay.
+        // A step that was saved before this one is promised to stay.
         Ledger::of_this_trial(|ledger, trial| ledger.goes_on(trial, self.count));
         self.count += 1;
         if self.fails && self.count == 3 {
@@ -174,7 +174,7 @@ impl Agent for Tally {
         let path = dir.join(Self::POLICY);
         let left = (self.count as f64 + self.began_with).to_string();
         fs::write(&path, &left).map_err(Error::file("write", &path))?;
-        // Datasets lie deeper than anything else that a trial leaves.
+        // Datasets lie deeper than any other artifact of a trial.
         let folder = dir.join("dataset/data");
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let path = folder.join("part.parquet");

@@ -26,7 +26,7 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks at the process that runs a trial.
+/// Interval between two checks of the process that runs a trial.
 const PERIOD: Duration = Duration::from_millis(20);
 
 /// The far side: answers one connection, with a store of its own and one process that runs trials.
@@ -38,7 +38,7 @@ pub struct Relay {
     process: Arc<Shared>,
 }
 
-/// What is said to the other side. A word and the files behind it are said in one breath.
+/// Output to the other side. A message and its files are written under one lock.
 #[derive(Clone)]
 struct Output(Arc<Mutex<Box<dyn Write + Send>>>);
 
@@ -47,7 +47,7 @@ impl Output {
         self.say_with(word, "", None)
     }
 
-    /// Says how a trial ended, with what it left.
+    /// Sends the end of a trial, with the files that it left.
     fn say_with(&self, word: &FromHost, id: &str, files: Option<&Bundle>) -> io::Result<()> {
         let mut output = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         say(&mut *output, word)?;
@@ -58,8 +58,8 @@ impl Output {
         output.flush()
     }
 
-    /// Says from now on that this process runs. A thread of its own says it: an other side that takes nothing in holds
-    /// up nothing else.
+    /// Sends a sign of life from now on. A thread of its own sends it: a blocked connection blocks no other
+    /// work.
     fn stay_alive(&self) {
         let output = self.clone();
         std::thread::spawn(move || {
@@ -83,7 +83,7 @@ impl Relay {
     /// Works in the folder `store`, seen from the current one.
     ///
     /// # Errors
-    /// Where that cannot be written.
+    /// [`Error::File`] where that folder cannot be written.
     pub fn open(store: &Path, lease_expiry: Duration) -> Result<Self, Error> {
         let program = std::env::current_exe().map_err(broken)?;
         let store = Store::at(store);
@@ -100,7 +100,7 @@ impl Relay {
     /// at once.
     ///
     /// # Errors
-    /// Where nobody listens any more.
+    /// [`Error::Worker`] where the other side is gone.
     pub fn serve(
         &self,
         build: Option<&Build>,
@@ -126,7 +126,7 @@ impl Relay {
         Ok(())
     }
 
-    /// Holds the limits of what runs, and renews the leases, as long as this process lives.
+    /// Holds the limits of the running trial, and renews the leases, as long as this process lives.
     fn watch(&self) {
         let (process, leases) = (Arc::clone(&self.process), Arc::clone(&self.leases));
         let heartbeat = self.lease_expiry / 6;
@@ -178,7 +178,7 @@ impl Relay {
         })
     }
 
-    /// Removes a trial that nobody needs here. Checkpoints and rows of others stay.
+    /// Removes a trial that is needed here no more. Checkpoints and rows of other trials stay.
     fn remove(&self, trial: &str) -> Result<(), Error> {
         let folder = self.store.folder(trial);
         if let Claim::Held(_) = self.leases.claim(trial)? {

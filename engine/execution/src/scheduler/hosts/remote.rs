@@ -25,11 +25,11 @@ pub(in crate::scheduler) struct Remote<'a> {
     replies: Option<Replies>,
 }
 
-/// Why a trial did not run.
+/// Reason for which a trial did not run.
 enum Trouble {
-    /// Something is wrong on this side: with the store, or with what the study names.
+    /// This side has failed: the store, or a file that the study names.
     Here(Error),
-    /// Something is wrong with the host, or on the way to it.
+    /// The host has failed, or the connection to it.
     There(String),
 }
 
@@ -43,7 +43,7 @@ impl From<io::Error> for Trouble {
 }
 
 impl<'a> Remote<'a> {
-    /// No connection yet. What trials leave is taken into `store`.
+    /// A slot without a connection yet. Artifacts of trials are written into `store`.
     pub(in crate::scheduler) fn new(host: &'a Host, store: &'a Store, process: &'a Shared) -> Self {
         Self {
             host,
@@ -90,7 +90,8 @@ impl<'a> Remote<'a> {
         Ok(answer)
     }
 
-    /// Waits until the host has removed what has arrived: a connection that ends before leaves it there.
+    /// Waits until the host has removed the trial that has arrived: a connection that ends earlier leaves it
+    /// there.
     fn clear_away(&self, id: String, replies: &mut Replies) -> Result<(), Trouble> {
         self.send(&ToHost::Arrived(id))?;
         match heard(replies)? {
@@ -115,7 +116,7 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// Brings a trial to the host, from which the next one takes.
+    /// Sends the host a trial that is a source of the next one.
     fn bring(&self, source: &str, replies: &mut Replies) -> Result<(), Trouble> {
         self.send(&ToHost::Has(source.to_owned()))?;
         match heard(replies)? {
@@ -123,7 +124,7 @@ impl<'a> Remote<'a> {
             Some(FromHost::Has(false)) => {}
             other => return Err(unexpected(other)),
         }
-        // What is not there makes the trial unready, which the host says.
+        // An absent source makes the trial unready, as the host reports.
         let Some(files) = self.store.bundle(source).ok().flatten() else {
             return Ok(());
         };
@@ -134,7 +135,8 @@ impl<'a> Remote<'a> {
         Ok(())
     }
 
-    /// Brings a file that the study names. One that cannot be read or has changed fails the trial there as here.
+    /// Sends a file that the study names. A file that cannot be read or has changed fails the trial there as
+    /// here.
     fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Trouble> {
         let read = input_file::read(path, input_file::Use::Bytes).ok();
         let Some(bytes) = read.filter(|bytes| contract::digest::of_bytes(bytes) == digest) else {
@@ -148,7 +150,7 @@ impl<'a> Remote<'a> {
         Ok(self.process.write(&bytes)?)
     }
 
-    /// Hears what becomes of the trial, and takes it in where it has ended.
+    /// Reads messages about the trial until its last one, and takes the trial in where it has ended.
     fn listen(
         &self,
         id: &str,
@@ -184,7 +186,7 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// What arrived damaged is the way's fault; what cannot be written is this side's.
+    /// Damage on arrival is the fault of the connection; a failed write is the fault of this side.
     fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
         let taken = self.store.take_in(id, files).map(drop);
         taken.map_err(|error| match error {
@@ -234,7 +236,7 @@ impl Runner for Remote<'_> {
     }
 }
 
-/// The next word that is more than a sign of life.
+/// The next message that is more than a sign of life.
 fn heard(replies: &mut Replies) -> io::Result<Option<FromHost>> {
     loop {
         match hear(replies)? {

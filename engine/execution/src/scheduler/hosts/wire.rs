@@ -1,5 +1,5 @@
-//! What is said between this program and the one that it starts on a host: lines of JSON, and behind some of them the
-//! bytes of files.
+//! Messages between this program and the one that it starts on a host: lines of JSON, some of them followed
+//! by the bytes of files.
 
 use crate::{
     limits::Limits,
@@ -35,64 +35,64 @@ pub(super) enum ToHost {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum FromHost {
-    /// The program runs: who it is.
+    /// The program runs; its version and source code.
     Ready(String),
     /// Whether the trial is there.
     Has(bool),
-    /// How far the trial is, or its last word; behind the end of a trial it follows itself.
+    /// Progress of the trial, or its last word; the end of a trial is followed by its files.
     Said(Reply),
-    /// Who ran it is gone without a last word.
+    /// The process that ran the trial is gone without a last word.
     Died {
-        /// How.
+        /// End state of the trial.
         state: EndState,
-        /// In words.
+        /// The reason, in words.
         reason: String,
-        /// Whether it was ended for a limit.
+        /// Whether the process was ended for a limit.
         by_limit: bool,
     },
     /// Another program has the trial there.
     Held(String),
     /// A trial that has ended follows.
     Trial(Manifest),
-    /// What has arrived at the other side is not there any more.
+    /// The trial that has arrived at the other side is removed from the host.
     Removed,
-    /// What was asked cannot be done there.
+    /// The request cannot be carried out on the host, for this reason.
     Refused(String),
-    /// Nothing new: the program there runs.
+    /// Sign of life without news.
     Alive,
 }
 
-/// Time between two words of a program on a host that has nothing to say.
+/// Interval between two signs of life of a program on a host.
 pub(super) const ALIVE_EVERY: Duration = Duration::from_secs(2);
-/// A host that says nothing for so long while something is waited for is lost, as `ssh` counts it.
+/// Silence after which a host counts as lost while an answer is waited for; `ssh` has the same limit.
 pub(super) const SILENT_FOR: Duration = Duration::from_secs(30);
 
-/// What is to be run.
+/// Order to run a trial.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Order {
     /// The trial; its store is the host's own.
     pub(super) request: Request,
-    /// What it may use.
+    /// Limits of the trial.
     pub(super) limits: Limits,
 }
 
 /// A file that a study names, whose bytes follow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct StudyFile {
-    /// Its path, seen from the folder in which the run was started.
+    /// Path of the file, seen from the folder in which the run was started.
     pub(super) path: String,
-    /// Hash of what it holds.
+    /// Hash of its content.
     pub(super) digest: String,
-    /// Its length in bytes.
+    /// Length of the file in bytes.
     pub(super) length: u64,
 }
 
-/// Writes a line.
+/// Writes a message as one line.
 pub(super) fn say(output: &mut impl Write, line: &impl Serialize) -> io::Result<()> {
     writeln!(output, "{}", serde_json::to_string(line)?)
 }
 
-/// The next line that is one of ours; `None` at the end. Whatever else a host prints on standard output is passed over.
+/// The next line that is a message; `None` at the end. Other output of the host is skipped.
 pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<Option<T>> {
     loop {
         let mut line = Vec::new();
