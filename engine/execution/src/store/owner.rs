@@ -1,8 +1,8 @@
-//! Processes that compute trials, and whether they still run.
+//! Owners: processes that compute trials, and whether they still run.
 //!
-//! A process id means something only within one process namespace of one boot of one machine. Who stands in
-//! the same one looks and knows. From everywhere else nothing is known: another host, but also another
-//! container on this one, or a machine that has the same name or was started again.
+//! A process id is valid only within one process namespace of one boot of one machine. A process in the same
+//! namespace sees whether the owner runs. From everywhere else it is unknown: on another host, but also in
+//! another container on this one, or on a machine that has the same name or was started again.
 
 use crate::world::process::{self, Look, Place};
 use serde::{Deserialize, Serialize};
@@ -12,20 +12,20 @@ use serde::{Deserialize, Serialize};
 pub struct Owner {
     /// Name of the machine.
     pub host: String,
-    /// The machine's boot and the process namespace: process ids mean something only within them. Empty where
-    /// they are not known.
+    /// The machine's boot and the process namespace, within which process ids are valid. Empty where they are
+    /// not known.
     pub boot: String,
-    /// Process id.
+    /// Process id in that namespace.
     pub pid: u32,
-    /// When the process started, in clock ticks since boot; tells a process from a later one with its id.
+    /// Start of the process in clock ticks since boot; tells a process from a later one with its id.
     pub started_ticks: u64,
-    /// The Slurm job and array task it runs in.
+    /// The Slurm job and array task of the process.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub slurm_job: Option<String>,
 }
 
 impl Owner {
-    /// This process.
+    /// The owner that stands for this process.
     #[must_use]
     #[expect(
         clippy::disallowed_methods,
@@ -56,7 +56,8 @@ impl Owner {
         self.is_alive_seen_from(&Self::this_process(), process::look)
     }
 
-    /// The same from where the process `here` stands; `look` shows the process of an id there.
+    /// As [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a
+    /// process id there.
     fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> Look) -> Option<bool> {
         if here.boot.is_empty() || (&self.host, &self.boot) != (&here.host, &here.boot) {
             return None;
@@ -68,7 +69,7 @@ impl Owner {
         }
     }
 
-    /// The name of the file in which the process announces itself.
+    /// File name under which the process announces itself.
     pub(super) fn token(&self) -> String {
         let identity = format!("{}/{}/{}/{}", self.host, self.boot, self.pid, self.started_ticks);
         format!(

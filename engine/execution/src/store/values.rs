@@ -6,8 +6,8 @@ use contract::{parquet::values_digest, trial_end::EndState};
 use std::collections::BTreeMap;
 
 impl Store {
-    /// Digests of the values in the tables that a trial left, by path inside its folder, from the files themselves.
-    /// A file that cannot be read has none: damage is told where its bytes are held against their hash.
+    /// Digests of the values in the tables of a trial, by path inside its folder, from the files themselves.
+    /// A file that cannot be read has none: its bytes are held against their hash elsewhere.
     pub(super) fn values_of(&self, file: &TrialFile) -> BTreeMap<String, String> {
         let id = file.key.id();
         let folder = self.folder(&id);

@@ -10,21 +10,21 @@ use std::{
 
 pub use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 
-/// Where a process stands: ids of processes mean something only there.
+/// Place of a process: process ids are valid only there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
-    /// Name of the machine.
+    /// Host name of the machine.
     pub host: String,
-    /// Its boot and the process namespace; empty where they are not known.
+    /// Boot id and process namespace; empty where they are not known.
     pub boot: String,
 }
 
-/// What a look at a process id shows.
+/// State of a process, as a probe of its id finds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    /// A process that started then, in clock ticks since boot.
+    /// A process with this start time, in clock ticks since boot.
     Started(u64),
-    /// None, or only the remains of one.
+    /// No process, or only the remains of one.
     Gone,
     /// The system does not say.
     Hidden,
@@ -39,7 +39,7 @@ pub fn id() -> u32 {
     std::process::id()
 }
 
-/// Where this process stands.
+/// Place of this process.
 pub fn place() -> Place {
     #[cfg(test)]
     if let Some(place) = super::simulated::place() {
@@ -51,7 +51,7 @@ pub fn place() -> Place {
     }
 }
 
-/// What is seen of a process of this place.
+/// Probes a process id of this place.
 pub fn look(pid: u32) -> Look {
     #[cfg(test)]
     if let Some(look) = super::simulated::look(pid) {
@@ -67,7 +67,8 @@ pub fn look(pid: u32) -> Look {
     }
 }
 
-/// Ends a process that leads a group of its own, with what it started; what cannot be ended is left to itself.
+/// Ends a process that leads a group of its own, with its descendants; a process that cannot be ended is left
+/// to itself.
 pub fn end_group(child: &mut Child) {
     signal_group(child.id(), Signal::Kill);
     let _ = child.kill();
@@ -76,15 +77,15 @@ pub fn end_group(child: &mut Child) {
 /// A signal to a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
-    /// To end, in good order.
+    /// Asks for an orderly end.
     Term,
-    /// A signal that programs are free to use: many save their state.
+    /// A signal for free use: many programs save their state at it.
     Usr1,
-    /// To stand still.
+    /// Stops the process.
     Stop,
-    /// To go on.
+    /// Continues a stopped process.
     Continue,
-    /// To be gone.
+    /// Kills the process.
     Kill,
 }
 
@@ -123,8 +124,8 @@ pub fn adopt_orphans() -> std::io::Result<()> {
     rustix::process::set_child_subreaper(named(std::process::id())).map_err(Into::into)
 }
 
-/// This process, and the program that takes its place, is ended when the thread ends that started it. False where that
-/// is over already: `parent` is no longer the parent.
+/// Has this process, and the program that replaces it, ended when the thread ends that started it. False
+/// where that thread is gone already: `parent` is no longer the parent.
 ///
 /// # Errors
 /// The error of the system.
@@ -160,7 +161,7 @@ fn named(pid: u32) -> Option<rustix::process::Pid> {
     i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw)
 }
 
-/// A number that nobody can guess, for names that nobody else takes; it is in no result.
+/// A random number that cannot be guessed, for unique names; it is in no result.
 #[expect(
     clippy::disallowed_methods,
     reason = "a name that nobody has needs the system's randomness, and is in no result"

@@ -1,10 +1,10 @@
-//! A disk that keeps what was flushed, and of the rest what chance leaves.
+//! A disk that keeps flushed changes, and a random part of the others.
 //!
-//! Everybody sees every change at once. A change is durable when what it changed was flushed: bytes with their file,
-//! names with their folder. When the power goes, a file keeps a random beginning of its unflushed writes, the last of
-//! them maybe in part; a folder keeps a random beginning of its unflushed changes. What renames between two folders
-//! happens in both or in neither. This is less than journalling file systems promise, and all that the store may
-//! rely on.
+//! Every process sees every change at once. A change is durable when the changed object was flushed: bytes
+//! with their file, names with their folder. When the power goes, a file keeps a random beginning of its
+//! unflushed writes, the last of them maybe in part; a folder keeps a random beginning of its unflushed
+//! changes. A rename between two folders happens in both or in neither. This is less than journalling file
+//! systems promise, and all that the store may rely on.
 
 use super::dice::Dice;
 use std::{
@@ -23,15 +23,15 @@ pub const ROOT: Node = 0;
 
 pub struct Disk {
     nodes: Vec<Inode>,
-    /// Changes of names so far.
+    /// Number of changes of names so far.
     changes: u64,
-    /// Those that changed two folders and are durable in one of them.
+    /// Changes of two folders that are durable in one of them.
     durable: BTreeSet<u64>,
 }
 
 pub struct Inode {
     pub body: Body,
-    /// When it was changed, by the clock of the disk.
+    /// Time of the last change, by the clock of the disk.
     pub changed: Duration,
 }
 
@@ -65,7 +65,7 @@ pub struct Names {
     unflushed: Vec<Renamed>,
 }
 
-/// Names that one change gave and took in one folder.
+/// Names that one change gave and removed in one folder.
 struct Renamed {
     number: u64,
     names: Vec<(OsString, Option<Node>)>,
@@ -117,7 +117,7 @@ impl Disk {
         }
     }
 
-    /// What a path leads to.
+    /// The file or folder to which a path leads.
     pub fn find(&self, path: &Path) -> io::Result<Node> {
         let mut node = ROOT;
         for name in parts(path) {
@@ -145,7 +145,7 @@ impl Disk {
         self.nodes.len() - 1
     }
 
-    /// Gives and takes names, all at once; of one or two folders.
+    /// Gives and removes names in one or two folders, all at once.
     pub fn change(&mut self, names: Vec<(Node, OsString, Option<Node>)>, at: Duration) {
         self.changes += 1;
         let folders: BTreeSet<Node> = names.iter().map(|(folder, ..)| *folder).collect();
@@ -185,7 +185,7 @@ impl Disk {
         Ok(())
     }
 
-    /// What a file holds, or the names in a folder, are durable from now on.
+    /// Makes the content of a file, or the names in a folder, durable.
     pub fn flush(&mut self, node: Node) {
         match &mut self.nodes[node].body {
             Body::File(content) => {
@@ -215,7 +215,7 @@ impl Disk {
         }
     }
 
-    /// The power of one machine goes: what only its memory held of files is lost.
+    /// The power of one machine goes: unflushed writes in its memory are lost.
     pub fn lose_host(&mut self, host: usize, dice: &mut Dice) {
         for inode in &mut self.nodes {
             if let Body::File(content) = &mut inode.body {
@@ -224,7 +224,7 @@ impl Disk {
         }
     }
 
-    /// How many of its unflushed changes each folder keeps.
+    /// Number of unflushed changes that each folder keeps.
     fn kept(&self, dice: &mut Dice) -> BTreeMap<Node, usize> {
         let mut kept = BTreeMap::new();
         let mut happened = self.durable.clone();
@@ -235,7 +235,7 @@ impl Disk {
                 kept.insert(node, count);
             }
         }
-        // What happened in one folder happened in the other, and so did what came before it there.
+        // A change of two folders is kept in both, and so are the earlier changes there.
         loop {
             let mut more = false;
             for (node, count) in &mut kept {
@@ -263,7 +263,7 @@ impl Disk {
 }
 
 impl Content {
-    /// Loses unflushed changes of the machines that are meant: a random beginning of them stays.
+    /// Loses unflushed changes of the machines that `meant` selects: a random beginning of them stays.
     fn lose(&mut self, dice: &mut Dice, meant: impl Fn(usize) -> bool) {
         let count = self
             .unflushed
@@ -313,7 +313,7 @@ impl Renamed {
 }
 
 impl Change {
-    /// Leaves a beginning of what is written.
+    /// Leaves a random beginning of the write.
     fn tear(&mut self, dice: &mut Dice) {
         if let Self::Write { bytes, .. } = self {
             bytes.truncate(dice.up_to(bytes.len()));

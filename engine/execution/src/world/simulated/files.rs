@@ -23,14 +23,14 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-/// A file that is open.
+/// An open file, simulated or real.
 #[derive(Debug)]
 pub enum File {
     Real(real::File),
     Simulated(Open),
 }
 
-/// A file of the simulated disk that is open.
+/// An open file of the simulated disk.
 pub struct Open {
     by: Rc<Process>,
     node: Node,
@@ -39,7 +39,7 @@ pub struct Open {
     path: PathBuf,
 }
 
-/// How to open a file.
+/// Options for opening a file.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
     read: bool,
@@ -50,7 +50,7 @@ pub struct OpenOptions {
     create_new: bool,
 }
 
-/// What is known of a file or folder.
+/// Metadata of a file or folder.
 #[derive(Debug, Clone)]
 pub enum Metadata {
     Real(real::Metadata),
@@ -181,7 +181,7 @@ pub fn remove_dir_all(path: impl AsRef<Path>) -> io::Result<()> {
         } else {
             remove_file(entry.path())
         };
-        // Somebody else may have removed it meanwhile.
+        // Another process may have removed it meanwhile.
         removed.or_else(|error| {
             if error.kind() == ErrorKind::NotFound {
                 Ok(())
@@ -306,13 +306,14 @@ pub fn read_dir(path: impl AsRef<Path>) -> io::Result<std::vec::IntoIter<io::Res
     Ok(either("list", path, simulated, on_real)?.into_iter())
 }
 
-/// What a path leads to for a call that asks the disk itself: names that a machine remembers as missing stay so.
+/// The object of a path for a call that asks the disk itself: names that a machine remembers as missing stay
+/// missing.
 fn fresh(machine: &mut Machine, me: &Me, path: &Path) -> io::Result<Node> {
     machine.find(me.host, path, me.quiet)?;
     machine.disk.find(path)
 }
 
-/// Where a name is to be given that nothing may have yet.
+/// The folder and name for a new entry that may not exist yet.
 fn free<'a>(machine: &Machine, path: &'a Path) -> io::Result<(Node, &'a OsStr)> {
     let (folder, name) = machine.disk.place(path)?;
     if machine.disk.names(folder)?.now.contains_key(name) {

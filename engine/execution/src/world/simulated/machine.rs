@@ -1,4 +1,4 @@
-//! What is simulated: machines, the processes on them, the disk that they share, time, and faults.
+//! The simulated world: machines, the processes on them, the disk that they share, time, and faults.
 
 use super::{
     dice::Dice,
@@ -13,10 +13,10 @@ use std::{
     time::Duration,
 };
 
-/// What may go wrong, each with its probability at a call; nothing does after so many calls.
+/// Possible faults, each with its probability at a call; none strikes after so many calls.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Faults {
-    /// Calls during which faults strike.
+    /// Number of calls during which faults strike.
     pub calls: u64,
     /// A process is killed.
     pub kill: f64,
@@ -28,32 +28,32 @@ pub struct Faults {
     pub host_power: f64,
     /// The clock of a machine jumps by up to two hours, either way.
     pub clock: f64,
-    /// A call for a file fails, before or after it did what was asked.
+    /// A call for a file fails, before or after it took effect.
     pub fail: f64,
     /// The disk is full for a while.
     pub full: f64,
-    /// For so long a machine may see the names in a folder as they were, unless it changed them itself.
+    /// Longest time for which a machine may see the old names in a folder, unless it changed them itself.
     pub stale: Duration,
 }
 
-/// Everything that the processes share.
+/// State that the processes share.
 pub struct Machine {
     pub dice: Dice,
     /// Time since the beginning; no process can set it.
     pub time: Duration,
     pub disk: Disk,
     pub processes: Vec<Entry>,
-    /// Whose turn it is; `None` where no process is left.
+    /// Place of the process that has the turn; `None` where no process is left.
     pub turn: Option<usize>,
-    /// What went wrong, which ends the simulation.
+    /// The failure that ends the simulation.
     pub failed: Option<String>,
-    /// Files that are locked, with the place in `processes` of who holds them.
+    /// Locked files, each with the holder's place in `processes`.
     pub locks: BTreeMap<Node, usize>,
-    /// Where flushing does nothing, as a line of the program.
+    /// Line of the program whose flushes have no effect.
     pub without_flush: Option<String>,
     /// The lines of the program that flushed.
     pub flushed: BTreeSet<String>,
-    /// What was called, where it is wanted.
+    /// Calls so far, where a trace is wanted.
     pub trace: Option<Vec<String>>,
     faults: Faults,
     calls: u64,
@@ -65,17 +65,17 @@ pub struct Machine {
 #[derive(Default)]
 struct Host {
     boot: u64,
-    /// How far its clock is ahead, in seconds.
+    /// Difference of its clock to the true time, in seconds.
     ahead_s: i64,
     /// Names in folders, and when it asked for them.
     seen: BTreeMap<Node, (Duration, BTreeMap<OsString, Node>)>,
 }
 
-/// The process at one place of the simulation; another one takes its place when it is gone.
+/// The process at one place of the simulation; a new one replaces it when it is gone.
 pub struct Entry {
     pub host: usize,
     pub pid: u32,
-    /// Raised with every process at this place.
+    /// Number that grows with every process at this place.
     pub generation: u64,
     pub state: State,
 }
@@ -84,13 +84,13 @@ pub struct Entry {
 pub enum State {
     /// Runs, or begins, from this time on.
     From(Duration),
-    /// It is over, and none takes its place.
+    /// The process is over, and none replaces it.
     Over,
 }
 
-/// Calls after which a simulation counts as one that makes no progress.
+/// Number of calls after which a simulation counts as one without progress.
 const MOST_CALLS: u64 = 400_000;
-/// What the clocks of the machines stand at around the beginning.
+/// Date of the machines' clocks near the beginning.
 const EPOCH: Duration = Duration::from_secs(1_800_000_000);
 
 impl Machine {
@@ -139,7 +139,7 @@ impl Machine {
         if ahead_s < 0 { time - by } else { time + by }
     }
 
-    /// The clock that dates what is on the disk.
+    /// Date by the clock of the disk.
     pub fn disk_date(&self) -> Duration {
         EPOCH + self.time
     }
@@ -159,7 +159,7 @@ impl Machine {
         }
     }
 
-    /// True while faults strike.
+    /// Whether faults strike now.
     pub fn is_troubled(&self) -> bool {
         self.calls < self.faults.calls
     }
@@ -280,7 +280,7 @@ impl Machine {
         entry.state = State::From(self.time + pause);
     }
 
-    /// A new process begins at every place, clocks are right, and nothing goes wrong any more.
+    /// Starts a new process at every place, sets the clocks right, and ends all faults.
     pub fn again(&mut self) {
         self.faults = Faults::default();
         self.calls = 0;
@@ -297,7 +297,7 @@ impl Machine {
         }
     }
 
-    /// Whether a call for a file fails, and then whether it does its work before.
+    /// Decides whether a call for a file fails, and whether it takes effect before.
     pub fn fails(&mut self) -> Option<bool> {
         let fails = self.is_troubled() && self.dice.chance(self.faults.fail);
         fails.then(|| self.dice.chance(0.5))
@@ -322,7 +322,7 @@ impl Machine {
         }
     }
 
-    /// What a path leads to, as a machine sees it.
+    /// The object of a path, as a machine sees it.
     pub fn find(&mut self, host: usize, path: &Path, quiet: bool) -> io::Result<Node> {
         let Ok((folder, name)) = self.disk.place(path) else {
             return self.disk.find(path);
@@ -333,7 +333,7 @@ impl Machine {
             .ok_or(ErrorKind::NotFound.into())
     }
 
-    /// Changes names of folders; the machine that does it sees them as they are from now on.
+    /// Changes names of folders; the machine that does it sees the present names from now on.
     pub fn change(&mut self, host: usize, names: Vec<(Node, &OsStr, Option<Node>)>) {
         for (folder, ..) in &names {
             self.hosts[host].seen.remove(folder);

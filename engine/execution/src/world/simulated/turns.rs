@@ -14,15 +14,15 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What the threads share.
+/// State that the threads share.
 struct Shared {
     machine: Mutex<Machine>,
-    /// One for each place: it is told when it has the turn, or is gone.
+    /// A condition for each place: it is signalled when its process gets the turn, or is gone.
     told: Vec<Condvar>,
     began: Instant,
 }
 
-/// The process that a thread is.
+/// The simulated process of a thread.
 pub struct Process {
     shared: Arc<Shared>,
     at: usize,
@@ -30,14 +30,14 @@ pub struct Process {
     quiet: Cell<bool>,
 }
 
-/// What a thread unwinds with whose process is gone.
+/// Payload of the unwinding of a thread whose process is gone.
 struct Gone;
 
-/// Runs `body` in a process at each place until each has said that it is done; it begins again in a new process
-/// where it was killed or is not done. Gives the machine back.
+/// Runs `body` in a process at each place until each has said that it is done; a process that was killed or
+/// is not done is replaced by a new one. Returns the machine.
 ///
 /// # Errors
-/// What a process panicked with, and that there is no progress; with the machine.
+/// The panic of a process, or the lack of progress; with the machine.
 pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
     contract::clock::simulate(super::now);
     let places = machine.processes.len();
@@ -61,7 +61,7 @@ pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine,
     (machine, outcome)
 }
 
-/// Does something without passing the turn on, without faults, and sees everything as it is.
+/// Runs `act` without passing the turn on and without faults; it sees everything as it is.
 pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
     let this = super::this();
     this.iter().for_each(|this| this.quiet.set(true));
@@ -97,7 +97,7 @@ impl Shared {
         self.machine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the process of a place begins; `None` where none does any more.
+    /// Waits until the process of a place begins; `None` where no further one does.
     fn begin(&self, at: usize) -> Option<u64> {
         let mut machine = self.lock();
         loop {
@@ -114,7 +114,7 @@ impl Shared {
         }
     }
 
-    /// Takes in how a process ended; true where the place is left.
+    /// Records the end of a process; true where its place is left.
     fn end(&self, at: usize, generation: u64, outcome: Result<bool, Box<dyn Any + Send>>) -> bool {
         let mut machine = self.lock();
         let killed = machine.processes[at].generation != generation;
@@ -138,7 +138,7 @@ impl Shared {
         machine.failed.is_some() || machine.processes[at].state == State::Over
     }
 
-    /// Tells whose turn it is; where the simulation has failed, everybody.
+    /// Wakes the process that has the turn; where the simulation has failed, every one.
     fn tell(&self, machine: &Machine) {
         match machine.turn.filter(|_| machine.failed.is_none()) {
             Some(at) => self.told[at].notify_one(),
@@ -152,7 +152,7 @@ impl Process {
         self.shared.began
     }
 
-    /// A look at the machine that cannot fail.
+    /// Accesses the machine without a fault.
     pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Me) -> T) -> T {
         let mut machine = self.turn();
         let me = self.me(&machine);
@@ -235,7 +235,7 @@ impl Process {
     }
 }
 
-/// Who calls.
+/// Identity of the calling process.
 pub struct Me {
     pub at: usize,
     pub host: usize,
