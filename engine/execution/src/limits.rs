@@ -1,4 +1,5 @@
-//! What one trial may use, and what is tried again. Limits never reach a trial's identity or its numbers.
+//! Limits of one trial, and the ends after which it is tried again. Neither reaches a trial's identity or its
+//! numbers.
 
 use contract::trial_end::EndState;
 use schemars::JsonSchema;

@@ -115,7 +115,7 @@ impl Dispatch<'_> {
         self.ensure(missing, &mut |text| watch.say(text))
     }
 
-    /// Waits until every trial has ended; submits again while tasks are too few for what is missing.
+    /// Waits until every trial has ended; submits again while tasks are too few for the missing trials.
     ///
     /// # Errors
     /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and the errors

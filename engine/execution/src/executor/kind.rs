@@ -1,4 +1,4 @@
-//! The list of executors: their names, what each is, and the form of its table in `regimen.toml`.
+//! The list of executors: the name and description of each, and the form of its table in `regimen.toml`.
 
 use super::{Error, Executor, hyperqueue, kubernetes, slurm, ssh};
 use schemars::{JsonSchema, Schema};

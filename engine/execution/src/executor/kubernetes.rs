@@ -178,7 +178,7 @@ spec:
         ))
     }
 
-    /// Requests and limits are the same, so that a worker gets what it counts on.
+    /// Requests and limits are the same, so that a worker gets the resources that it counts on.
     fn resources(&self) -> String {
         let memory = self.options.memory_mb;
         let memory = memory.map_or_else(String::new, |memory_mb| {

@@ -28,7 +28,7 @@ pub struct Options {
     pub patience_s: Option<NonZeroU32>,
 }
 
-/// How hosts are reached, and what they are asked for.
+/// Access to hosts: the way to reach them, and the resources that are used on them.
 #[derive(Debug, Clone)]
 pub struct Access {
     /// Names of the hosts, as `ssh` knows them.

@@ -4,7 +4,7 @@
 //! <store>/submissions/<id>/submission.json       the trials that were submitted, and the state of their jobs
 //!                          array-0.sbatch        the script of each array, as its queue reads it
 //!                          array-0.job           the job that took it, where a queue finds none by its name
-//!                          array-0-task-0.log    what its workers printed
+//!                          array-0-task-0.log    output of its workers
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```
 //!
@@ -83,7 +83,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// Divides `tasks` into arrays of at most `largest` tasks, of which `at_once` in all may run at a time.
+    /// Divides `tasks` into arrays of at most `largest` tasks; `at_once` tasks of all arrays may run at a time.
     ///
     /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond
     /// that are left out: a worker pulls trials until none is left, and the process that follows the

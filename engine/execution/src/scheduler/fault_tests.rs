@@ -11,7 +11,7 @@
 //! 7. Measurements of a trial at a pause are there from when that was said, and a search that pauses its trials
 //!    chooses the same, whatever failed meanwhile.
 //!
-//! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.
+//! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints its calls.
 
 mod batch;
 mod ledger;

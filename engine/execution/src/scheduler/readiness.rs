@@ -14,7 +14,7 @@ pub(super) enum Readiness {
     Unready(String),
 }
 
-/// State of the sources of a trial, none of which this program has still to run.
+/// State of the sources of a trial. This program has none of them still to run.
 pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
     let mut answer = Readiness::Ready;
     for source in after {

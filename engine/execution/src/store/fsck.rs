@@ -67,7 +67,7 @@ impl Fault {
 pub struct Finding {
     /// The file or folder, as a path inside the store.
     pub path: PathBuf,
-    /// What kind of fault it is.
+    /// Kind of the fault.
     pub fault: Fault,
     /// Description of the fault, for people.
     pub problem: String,

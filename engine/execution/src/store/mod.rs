@@ -179,7 +179,7 @@ type Loaded = (TrialEnd, MetricsTable);
 /// The folder of the records of verdicts that were seen.
 const LOOKS: &str = "looks";
 
-/// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
+/// Version of `trial.json`: from 2 on it ends with a hash of the text before it.
 const TRIAL_SCHEMA: u32 = 2;
 
 impl Store {
@@ -430,7 +430,7 @@ impl Store {
     }
 }
 
-/// Folders, of which every store that is not empty has at least one.
+/// Folders of a store; every store that is not empty has at least one of them.
 const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
 
 /// The reason for which a folder is no store, as a phrase; `None` where it is one, or empty. Commands that

@@ -1,5 +1,5 @@
 //! Digests of the values in a trial's tables. A result is the same where its values are, so that a library or a codec
-//! may change without changing what a trial is. The bytes of a file are held against the hash in `trial.json`.
+//! may change without changing a trial. The bytes of a file are held against the hash in `trial.json`.
 
 use super::{METRICS, Store, TrialFile, inside::read_in};
 use contract::{parquet::values_digest, trial_end::EndState};

@@ -88,7 +88,7 @@ impl Queue for Slurm {
     }
 
     fn options(&self) -> Value {
-        // Options are numbers, words and lists of words, all of which JSON has.
+        // Options are numbers, words and lists of words, and JSON has all of these.
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 

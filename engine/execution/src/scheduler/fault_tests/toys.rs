@@ -55,7 +55,7 @@ impl Environment for Throw {
     }
 }
 
-/// Counts how often it learned; it may go on from what another one left.
+/// Counts its learning steps; it may continue from the policy of another one.
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct TallyConfig {
@@ -65,7 +65,7 @@ struct TallyConfig {
     fails: bool,
     /// Whether it leaves nothing, so that its trial can be packed.
     leaves_nothing: bool,
-    /// What a search looks for; 0 in other trials.
+    /// The swept value of a search; 0 in other trials.
     #[serde(skip_serializing_if = "is_zero")]
     rate: f64,
     /// Whether its learning fails now and then, through no fault of its own.

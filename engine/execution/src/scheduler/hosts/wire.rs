@@ -25,7 +25,7 @@ pub(super) enum ToHost {
     File(StudyFile),
     /// Run a trial.
     Run(Box<Order>),
-    /// The trial has arrived: nobody needs it there any more.
+    /// The trial has arrived and can be removed from the host.
     Arrived(String),
     /// Save a checkpoint of the running trial and leave it. The word is that of a worker process.
     Stop,

@@ -70,7 +70,7 @@ impl BucketLeases {
             let Some(lease) = objects.get(key)? else { continue };
             let found: Option<Announcement> = serde_json::from_slice(&lease.bytes).ok();
             match found {
-                // A request that was sent again met what its first attempt had written.
+                // A request that was sent again met the object of its first attempt.
                 Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
                 Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
                 // A lease that cannot be read belongs to no process.
