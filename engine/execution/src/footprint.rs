@@ -1,4 +1,4 @@
-//! Time and memory of a process with all that it started, for which limits hold.
+//! Time and memory of a process and its descendants, for which limits hold.
 
 use crate::{limits::Limits, world::fs};
 use contract::trial_end::EndState;
@@ -50,7 +50,7 @@ pub(crate) fn family(pid: u32) -> Vec<u32> {
     all
 }
 
-/// The processes that the threads of a process started; none where the system does not say.
+/// Ids of the processes that the threads of a process started; empty where the system does not say.
 fn children(pid: u32) -> Vec<u32> {
     let threads = fs::read_dir(format!("/proc/{pid}/task"))
         .into_iter()
@@ -72,7 +72,7 @@ fn shared_out_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/smaps_rollup"), ["Pss:", "SwapPss:"])
 }
 
-/// The sum of two lines of a file of the system, in bytes; the second may be absent.
+/// Sum of two lines of a file of the system, in bytes; the second may be absent.
 fn bytes_of(path: &str, [first, second]: [&str; 2]) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
     let kilobytes = |key: &str| {

@@ -1,4 +1,4 @@
-//! How trials are computed and kept: on this machine, on others, and in the store.
+//! Computation and storage of trials: on this machine, on others, and in the store.
 //!
 //! Only [`world`] names files, clocks and processes; tests of crashes and power losses replace it by a
 //! simulated machine.

@@ -38,12 +38,12 @@ pub enum Way {
 pub struct Options {
     /// JSON Schema of the table.
     pub schema: Schema,
-    read: Read,
-    build: Build,
+    read: OptionsParser,
+    build: ExecutorFactory,
 }
 
-type Read = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
-type Build = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
+type OptionsParser = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
+type ExecutorFactory = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
 
 /// All executors, in the order in which they are shown.
 #[must_use]

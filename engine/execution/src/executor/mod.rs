@@ -1,4 +1,4 @@
-//! Past one machine: the same `worker` command, started by something that owns more machines.
+//! Executors, which start workers on other machines: the same `worker` command as on this one.
 //!
 //! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until
 //! none is left, so how many of them run, where, and how often they die cannot reach a result: a missing
@@ -45,7 +45,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Something that starts workers on other machines, with its options.
+/// An executor: a batch system or a set of hosts that starts workers on other machines, with its options.
 pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
@@ -67,7 +67,7 @@ pub trait Executor: Debug {
     /// [`Error::Option`] where an option is missing that has no default.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
 
-    /// Hosts that the program reaches itself; `None` where something else owns the machines.
+    /// Hosts that the program reaches itself; `None` where the executor owns the machines.
     fn access(&self) -> Option<&Access> {
         None
     }
@@ -103,7 +103,7 @@ pub enum Error {
         /// The error of the system.
         source: std::io::Error,
     },
-    /// The executor is there but cannot answer now; the same question may be answered later.
+    /// The executor is there but cannot answer now; a later attempt may succeed.
     #[error("{program} gets no answer: {said}")]
     Busy {
         /// Name of the program that asked.

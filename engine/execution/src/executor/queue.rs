@@ -22,7 +22,7 @@ pub trait Queue {
     /// executor of them again.
     fn options(&self) -> Value;
 
-    /// The most tasks that one array may have.
+    /// Largest number of tasks in one array.
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
@@ -53,7 +53,7 @@ pub trait Queue {
     /// Ending of the file name of a script.
     fn script_ending(&self) -> &'static str;
 
-    /// The tasks of these submissions that it knows of; it may forget ended ones after a while.
+    /// Tasks of these submissions that the queue knows of; it may forget ended ones after a while.
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.

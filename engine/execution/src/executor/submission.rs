@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The record is written before the jobs are submitted, so there is no job without a record. A crash in
-//! between leaves a record without jobs, which the next look at the queue shows.
+//! between leaves a record without jobs, which the next question to the queue shows.
 
 use super::{Queue, Work};
 use crate::{
@@ -28,7 +28,7 @@ use std::{
 /// Version of the record's form.
 const SCHEMA: u32 = 1;
 
-/// One submission: some workers for the trials that were missing then.
+/// A submission: workers for the trials that were missing at its time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Submission {
     /// Version of this record's form.
@@ -39,7 +39,7 @@ pub struct Submission {
     pub state: State,
     /// The command of its workers.
     pub work: Work,
-    /// Name of the executor that took it.
+    /// Name of the executor that took the submission.
     #[serde(default = "the_first")]
     pub executor: String,
     /// Options of the executor with which its workers were asked for.
@@ -61,13 +61,13 @@ fn the_first() -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Its jobs may be queued or running.
+    /// The jobs may be queued or running.
     Open,
-    /// Its jobs have ended.
+    /// The jobs have ended.
     Ended,
-    /// It was given up by `regimen cancel`.
+    /// The submission was given up by `regimen cancel`.
     Cancelled,
-    /// The executor did not take it.
+    /// The executor did not take the submission.
     Refused,
 }
 
@@ -108,7 +108,7 @@ impl Array {
 }
 
 impl Submission {
-    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter).
+    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter) in the store.
     #[must_use]
     pub fn sample(store: &Path, work: &Work, queue: &dyn Queue, arrays: Vec<Array>) -> Self {
         Self {
@@ -132,7 +132,7 @@ impl Submission {
         let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         self.id = unused_name(&all)?;
-        // A job must not outlive its record, whatever becomes of the power.
+        // A job must not outlive its record, even through a loss of power.
         flush_way(&self.folder(), 2)?;
         self.save()
     }
@@ -154,7 +154,7 @@ impl Submission {
         Ok(submissions)
     }
 
-    /// The submission of a name; `None` where its record is not there or cannot be understood.
+    /// The submission with an id; `None` where its record is absent or cannot be understood.
     ///
     /// # Errors
     /// Where the record cannot be read.
@@ -288,7 +288,8 @@ pub fn heal(store: &Path) -> Result<Findings, Error> {
 
 const RECORD: &str = "submission.json";
 
-/// A record; `None` where a submitter died before it wrote one, or a later version of the program wrote it.
+/// Reads a record; `None` where a submitter died before it wrote one, or a later version of the program wrote
+/// it.
 fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
     if !is_folder(folder)? {
         return Ok(None);

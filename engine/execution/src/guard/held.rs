@@ -1,9 +1,12 @@
 //! The worker's side of a guard.
 
-use super::{Ended, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted};
+use super::{
+    EndNote, Order, ProgramNote, STOP, StartFailureNote, VERBS, broken, ended, here, read, standing,
+    unstarted,
+};
 use crate::world::{
     clock, fs,
-    process::{self, Child, ChildStdin, Command, Look, Signal, Stdio},
+    process::{self, Child, ChildStdin, Command, ProcessState, Signal, Stdio},
 };
 use contract::{Error, ending::Ending};
 use std::{
@@ -24,10 +27,10 @@ pub struct Guarded {
     order: Order,
 }
 
-/// The rest of a program that ended.
+/// End of a program under a guard.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Left {
-    /// It ended.
+    /// The program ended by itself or at a signal.
     Ended {
         /// Exit code or signal of the program.
         how: Ending,
@@ -77,7 +80,7 @@ impl Guarded {
         })
     }
 
-    /// Tells the program to end; it has its grace for that.
+    /// Tells the program to end within its grace.
     pub fn ask_to_stop(&mut self) {
         if let Some(mut orders) = self.orders.take() {
             let _ = writeln!(orders, "{STOP}");
@@ -92,7 +95,7 @@ impl Guarded {
     /// Waits for the end of a program that was asked to stop, or has ended.
     pub fn end(&mut self) -> Left {
         let status = self.wait();
-        if let Some(Unstarted { problem }) = read(&unstarted(&self.order.notes)) {
+        if let Some(StartFailureNote { problem }) = read(&unstarted(&self.order.notes)) {
             return Left::Unstarted(problem);
         }
         if let Some(left) = last_ending(&self.order.notes) {
@@ -132,7 +135,7 @@ impl Drop for Guarded {
 /// noted. After a loss of power nothing is known: the program's own files may be lost.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
-    let Ended {
+    let EndNote {
         place,
         how,
         was_asked,
@@ -143,7 +146,7 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
 /// Ends every process that an earlier worker of this machine started with these notes: it waits as long as
 /// the guard may take, and then kills.
 pub fn end_leftover(notes: &Path, grace: Duration) {
-    let Some(Standing {
+    let Some(ProgramNote {
         place,
         guard,
         program,
@@ -154,7 +157,7 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
     if place != here() {
         return;
     }
-    let lives = |(pid, since): (u32, u64)| process::look(pid) == Look::Started(since);
+    let lives = |(pid, since): (u32, u64)| process::look(pid) == ProcessState::Started(since);
     let begun = clock::now();
     while (lives(guard) || lives(program)) && !grace.is_zero() && clock::since(begun) < grace + LATE {
         clock::sleep(LOOK);
@@ -163,7 +166,7 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
         process::signal_group(guard.0, Signal::Kill);
     }
     // A group outlives its first process, and its number is not reused until the group is empty.
-    if lives(program) || process::look(program.0) == Look::Gone {
+    if lives(program) || process::look(program.0) == ProcessState::Gone {
         process::signal_group(program.0, Signal::Kill);
     }
     let _ = fs::remove_file(standing(notes));

@@ -19,7 +19,7 @@ use crate::{
     footprint,
     world::{
         clock, fs,
-        process::{self, Command, Look, Signal, Stdio},
+        process::{self, Command, ProcessState, Signal, Stdio},
     },
 };
 use contract::{Error, ending::Ending};
@@ -57,7 +57,7 @@ pub struct Order {
     pub notes: PathBuf,
     /// The signal that tells the program to end.
     pub signal: StopSignal,
-    /// How long it may take for that, in milliseconds.
+    /// Time in which the program may end by itself after the signal, in milliseconds.
     pub grace_ms: u64,
 }
 
@@ -84,7 +84,7 @@ impl StopSignal {
 /// The note of a program before it begins: the process ids of its guard and itself, each with its start time,
 /// and the machine and boot in which they are valid. So no guard can be killed before its program is known.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Standing {
+struct ProgramNote {
     place: [String; 2],
     guard: (u32, u64),
     program: (u32, u64),
@@ -92,7 +92,7 @@ struct Standing {
 
 /// The note of a program's end, with the machine and boot on which it ended.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Ended {
+struct EndNote {
     place: [String; 2],
     how: Ending,
     was_asked: bool,
@@ -100,7 +100,7 @@ struct Ended {
 
 /// The note of a program that could not be started.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Unstarted {
+struct StartFailureNote {
     problem: String,
 }
 
@@ -148,7 +148,7 @@ fn become_program(words: &[String]) -> ExitCode {
         Ok(()) => Command::new(program).args(arguments).exec(),
         Err(problem) => problem,
     };
-    let unstarted = Unstarted {
+    let unstarted = StartFailureNote {
         problem: problem.to_string(),
     };
     let _ = write(&self::unstarted(notes), &unstarted);
@@ -191,7 +191,7 @@ fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<(
     let place = here();
     write(
         &ended(&order.notes),
-        &Ended {
+        &EndNote {
             place,
             how,
             was_asked,
@@ -216,11 +216,11 @@ fn start(order: &Order) -> std::io::Result<u32> {
 /// Writes the note of this process, which becomes the program of a guard.
 fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
     let since = |pid| match process::look(pid) {
-        Look::Started(ticks) => ticks,
-        Look::Gone | Look::Hidden => 0,
+        ProcessState::Started(ticks) => ticks,
+        ProcessState::Gone | ProcessState::Hidden => 0,
     };
     let own = process::id();
-    let standing = Standing {
+    let standing = ProgramNote {
         place: here(),
         guard: (guard, since(guard)),
         program: (own, since(own)),
@@ -253,7 +253,7 @@ fn after(grace: Duration, gone: &Receiver<()>, then: impl FnOnce()) {
 /// Ends all descendants of this process. They are stopped first, so that they start no process while others
 /// are ended.
 fn end_all() {
-    let lives = |pid: &u32| matches!(process::look(*pid), Look::Started(_));
+    let lives = |pid: &u32| matches!(process::look(*pid), ProcessState::Started(_));
     loop {
         let others: Vec<u32> = footprint::family(process::id())[1..].to_vec();
         let others: Vec<u32> = others.into_iter().filter(lives).collect();

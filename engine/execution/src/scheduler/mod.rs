@@ -83,7 +83,7 @@ pub enum Event {
         /// The wait before the next attempt.
         wait: Duration,
     },
-    /// Another program has the trial; it is looked after again later.
+    /// Another program has the trial; it is tried again later.
     Held {
         /// Index into the list of tasks.
         trial: usize,
@@ -97,44 +97,44 @@ pub enum Event {
         /// End of the trial.
         end: TrialEnd,
     },
-    /// A trial takes from one that another program runs; it is looked after again later.
+    /// A source of a trial is running in another program; the trial is tried again later.
     Awaits {
         /// Index into the list of tasks.
         trial: usize,
-        /// Id of the trial that is waited for.
+        /// Id of that source.
         source: String,
         /// Process that runs the source.
         owner: Owner,
     },
-    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It
-    /// stays missing.
+    /// A trial is blocked: one of its sources has not ended `ok`, or left no usable artifact. The trial stays
+    /// missing.
     Unready {
         /// Index into the list of tasks.
         trial: usize,
         /// Id of the source, and the reason.
         reason: String,
     },
-    /// Something at the place of a trial stands in its way; it stays missing, and the others go on.
+    /// An obstacle lies at the place of a trial; the trial stays missing, and the others go on.
     Obstructed {
         /// Index into the list of tasks.
         trial: usize,
         /// The obstacle, and the remedy.
         reason: String,
     },
-    /// A trial was given up because the run is being stopped; it stays missing and continues from its
+    /// A trial was interrupted because the run is being stopped; it stays missing and continues from its
     /// checkpoint.
     Stopped {
         /// Worker slot.
         slot: usize,
     },
-    /// A trial has come to its pause.
+    /// A trial has reached its pause.
     Paused {
         /// Worker slot.
         slot: usize,
         /// Index into the list of tasks.
         trial: usize,
     },
-    /// The place of a slot cannot be reached; its trial goes back to the others.
+    /// The place of a slot cannot be reached; its trial goes back to the other slots.
     Lost {
         /// Worker slot.
         slot: usize,
@@ -143,7 +143,7 @@ pub enum Event {
         /// The wait before the next attempt to reach it; `None` where it is given up.
         wait: Option<Duration>,
     },
-    /// A slot cannot go on.
+    /// A slot has failed and takes no further trial.
     Broken {
         /// Worker slot.
         slot: usize,
@@ -168,7 +168,7 @@ pub struct Task<'a> {
     pub before: Option<TrialEnd>,
     /// Ids of the trials that must have ended `ok` before it begins.
     pub after: Vec<String>,
-    /// The step at which it pauses, once that is measured; `None` to go to its end.
+    /// The step at which the trial pauses, once that is measured; `None` to go to its end.
     pub until: Option<u64>,
     /// Cores and cards that the trial needs.
     pub needs: Needs,
@@ -191,7 +191,7 @@ pub struct Workers {
     pub checkpoint_every: Duration,
     /// Interval between two renewals of the leases.
     pub heartbeat: Duration,
-    /// Leases of programs on other machines count as dead when not renewed for this long.
+    /// Time without renewal after which leases of programs on other machines count as dead.
     pub lease_expiry: Duration,
 }
 
@@ -219,11 +219,12 @@ pub fn run(
     let queue = Queue::new(tasks, machines(workers));
     let places = places(workers);
     let count = places.len().min(tasks.len());
-    let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
+    let children: Vec<process::WorkerProcess> =
+        (0..count).map(|_| process::WorkerProcess::default()).collect();
     std::thread::scope(|scope| {
         let slots: Vec<_> = (0..count)
             .map(|number| {
-                let shared = slot::Shared {
+                let shared = slot::SlotContext {
                     tasks,
                     store,
                     leases: &leases,

@@ -1,7 +1,7 @@
 //! Worker processes, which the slot that talks to one and the thread that watches it share.
 
 use super::{
-    silence::{Listened, Silence},
+    silence::{Silence, WatchedReader},
     slot::{Answer, Runner},
     worker::{Message, Reply, Request},
 };
@@ -28,13 +28,13 @@ const TOLD: Duration = Duration::from_millis(300);
 /// Runs the trials of one slot in a process, which is replaced when it dies.
 pub(super) struct Worker<'a> {
     program: &'a Path,
-    process: &'a Shared,
+    process: &'a WorkerProcess,
     replies: Option<Replies>,
 }
 
 impl<'a> Worker<'a> {
     /// A worker without a process yet; `program` will be started.
-    pub(super) fn new(program: &'a Path, process: &'a Shared) -> Self {
+    pub(super) fn new(program: &'a Path, process: &'a WorkerProcess) -> Self {
         Self {
             program,
             process,
@@ -114,7 +114,7 @@ fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<R
 }
 
 /// Messages of a process.
-pub(super) type Replies = BufReader<Listened<ChildStdout>>;
+pub(super) type Replies = BufReader<WatchedReader<ChildStdout>>;
 
 /// Time in which an idle process leaves once its input has ended.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
@@ -125,7 +125,7 @@ const PIECE: usize = 1 << 16;
 
 /// The process of one slot, where it has one.
 #[derive(Default)]
-pub(super) struct Shared {
+pub(super) struct WorkerProcess {
     process: Mutex<Option<Process>>,
 }
 
@@ -137,10 +137,10 @@ struct Process {
     silence: Silence,
     /// Silence after which the process counts as lost while an answer is waited for.
     patience: Option<Duration>,
-    busy: Option<Busy>,
+    busy: Option<ActiveRequest>,
 }
 
-struct Busy {
+struct ActiveRequest {
     since: Instant,
     limits: Arc<Limits>,
     told_to_stop: bool,
@@ -148,7 +148,7 @@ struct Busy {
     exceeded: Option<(EndState, String)>,
 }
 
-impl Shared {
+impl WorkerProcess {
     /// Starts a process, and returns the reader of its messages. A process that is silent for longer than
     /// `patience` while an answer is waited for is ended with all its descendants: its group is its own.
     pub(super) fn start(&self, command: &mut Command, patience: Option<Duration>) -> Result<Replies, Error> {
@@ -173,7 +173,7 @@ impl Shared {
             busy: None,
         });
         let pipe = replies;
-        Ok(BufReader::new(Listened { pipe, silence }))
+        Ok(BufReader::new(WatchedReader { pipe, silence }))
     }
 
     /// Sends bytes to an idle process. A process that accepts none blocks only its slot.
@@ -196,7 +196,7 @@ impl Shared {
         let _ = self.write(format!("{message}\n").as_bytes());
         if let Some(process) = self.lock().as_mut() {
             let limits = Arc::clone(limits);
-            process.busy = Some(Busy {
+            process.busy = Some(ActiveRequest {
                 since: clock::now(),
                 limits,
                 told_to_stop: false,
@@ -270,14 +270,14 @@ impl Shared {
         }
     }
 
-    /// The time for which the process was suspended counts for no limit.
+    /// Excludes the time for which this program was suspended from every limit.
     pub(super) fn was_suspended(&self, away: Duration) {
         if let Some(Process { busy: Some(busy), .. }) = self.look().as_deref_mut().and_then(Option::as_mut) {
             busy.since += away;
         }
     }
 
-    /// Ends a process that is over a limit, or silent for longer than it may.
+    /// Ends a process that exceeds a limit, or its allowed silence.
     pub(super) fn hold_limits(&self) {
         if let Some(process) = self.look().as_deref_mut().and_then(Option::as_mut)
             && let Some(patience) = process.patience
@@ -295,7 +295,7 @@ impl Shared {
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             match &busy.exceeded {
-                // Processes that a program started hold the memory, and hear nothing of its worker's end for a while.
+                // Descendants hold the memory, and do not notice the end of the worker for a while.
                 Some((EndState::Oom, _)) => {
                     let family = family(child.id());
                     family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));
@@ -342,7 +342,7 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
         return (EndState::Killed, "the worker process vanished".into());
     };
     match (status.signal(), status.code()) {
-        // SIGABRT is how a Rust program that cannot unwind ends itself.
+        // A Rust program that cannot unwind ends itself by SIGABRT.
         (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
         (Some(signal), _) => (
             EndState::Killed,
@@ -360,7 +360,7 @@ mod tests {
     use super::*;
 
     /// A process that is silent on both pipes, and whose descendants hold them.
-    fn silent(shared: &Shared, patience: Duration) -> Replies {
+    fn silent(shared: &WorkerProcess, patience: Duration) -> Replies {
         use std::os::unix::process::CommandExt as _;
         let mut command = Command::new("sh");
         command.args(["-c", "sleep 600 & sleep 600"]).process_group(0);
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn who_says_nothing_for_longer_than_it_may_is_ended_and_its_reader_goes_on() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let mut replies = silent(&shared, Duration::from_millis(300));
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -387,7 +387,7 @@ mod tests {
 
     #[test]
     fn who_takes_nothing_in_is_ended_too() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let _replies = silent(&shared, Duration::from_millis(300));
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -404,7 +404,7 @@ mod tests {
 
     #[test]
     fn whoever_stops_waits_less_for_one_that_is_silent_before_it_was_asked_anything() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let mut replies = silent(&shared, STOPS_WITHIN * 100);
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -422,7 +422,7 @@ mod tests {
 
     #[test]
     fn one_that_is_not_waited_for_may_be_silent() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let _replies = silent(&shared, Duration::from_millis(10));
         clock::sleep(Duration::from_millis(50));
         shared.hold_limits();

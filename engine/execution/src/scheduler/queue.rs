@@ -25,18 +25,18 @@ const BUSY_FOR: Duration = Duration::from_millis(50);
 const HELD_FOR: Duration = Duration::from_millis(300);
 
 /// The next step of a slot.
-pub(super) enum Next {
+pub(super) enum NextStep {
     /// Try this trial.
-    Try(Turn),
+    Try(TrialAttempt),
     /// Wait: no trial is due yet.
     Wait(Duration),
     /// Leave: no trial is left.
     Done,
 }
 
-/// One attempt at a trial.
+/// An attempt at a trial, with its share of a machine.
 #[derive(Debug, Clone)]
-pub(super) struct Turn {
+pub(super) struct TrialAttempt {
     /// Index of the trial in the list of tasks.
     pub(super) task: usize,
     /// Number of the attempt, from 1.
@@ -64,7 +64,7 @@ struct State<'a> {
     ready: BTreeSet<(Reverse<u64>, usize)>,
     /// Number of a task's sources that this program has still to run, or is running.
     awaited: Vec<usize>,
-    later: Vec<Later>,
+    later: Vec<Deferral>,
     /// Free cores and cards of each machine.
     pools: Vec<Pool>,
     /// Trials that slots work on, each with its machine and its share: one of them may come back as a retry,
@@ -72,9 +72,9 @@ struct State<'a> {
     busy: BTreeMap<usize, (usize, Share)>,
 }
 
-struct Later {
+struct Deferral {
     due: Instant,
-    turn: Turn,
+    turn: TrialAttempt,
 }
 
 impl<'a> Queue<'a> {
@@ -138,23 +138,24 @@ impl<'a> Queue<'a> {
             .collect();
     }
 
-    /// The next trial for a machine; its slot says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
-    pub(super) fn next(&self, machine: usize) -> Next {
+    /// The next step of a slot of a machine; the slot reports on its trial by [`Queue::done`],
+    /// [`Queue::retry`] or [`Queue::held`].
+    pub(super) fn next(&self, machine: usize) -> NextStep {
         let mut state = self.lock();
         let now = clock::now();
         let due = state.due(self.tasks, machine, now);
         let next = due.or_else(|| state.first_that_fits(self.tasks, machine));
         if let Some(turn) = next {
             state.busy.insert(turn.task, (machine, turn.share.clone()));
-            return Next::Try(turn);
+            return NextStep::Try(turn);
         }
         let could_fit = |task: usize| state.pools[machine].could_fit(&self.tasks[task].needs);
         let later = state.later.iter().filter(|later| could_fit(later.turn.task));
         match later.map(|later| later.due).min() {
-            Some(due) if due > now => Next::Wait(due.saturating_duration_since(now)),
-            Some(_) => Next::Wait(BUSY_FOR),
-            None if !state.busy.is_empty() => Next::Wait(BUSY_FOR),
-            None => Next::Done,
+            Some(due) if due > now => NextStep::Wait(due.saturating_duration_since(now)),
+            Some(_) => NextStep::Wait(BUSY_FOR),
+            None if !state.busy.is_empty() => NextStep::Wait(BUSY_FOR),
+            None => NextStep::Done,
         }
     }
 
@@ -173,17 +174,17 @@ impl<'a> Queue<'a> {
     }
 
     /// Puts a trial back for another attempt after a wait.
-    pub(super) fn retry(&self, turn: Turn, wait: Duration) {
+    pub(super) fn retry(&self, turn: TrialAttempt, wait: Duration) {
         let mut state = self.lock();
         state.give_back(self.tasks, turn.task);
-        state.later.push(Later {
+        state.later.push(Deferral {
             due: clock::now() + wait,
             turn,
         });
     }
 
     /// Puts a trial back that cannot begin yet: another program has it, or has its source.
-    pub(super) fn held(&self, turn: Turn) {
+    pub(super) fn held(&self, turn: TrialAttempt) {
         self.retry(turn, HELD_FOR);
     }
 
@@ -194,8 +195,8 @@ impl<'a> Queue<'a> {
 }
 
 impl State<'_> {
-    /// A trial whose wait is over.
-    fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<Turn> {
+    /// A trial whose wait is over, if it fits the machine.
+    fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<TrialAttempt> {
         let pool = &mut self.pools[machine];
         let mut due = self
             .later
@@ -204,13 +205,13 @@ impl State<'_> {
             .filter(|(_, later)| later.due <= now);
         let (place, share) =
             due.find_map(|(place, later)| Some((place, pool.take(&tasks[later.turn.task].needs)?)))?;
-        let Later { turn, .. } = self.later.swap_remove(place);
-        Some(Turn { share, ..turn })
+        let Deferral { turn, .. } = self.later.swap_remove(place);
+        Some(TrialAttempt { share, ..turn })
     }
 
     /// The first trial in order that fits the free cores and cards. Earlier trials keep the cores that they
     /// wait for from later ones.
-    fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<Turn> {
+    fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<TrialAttempt> {
         let mut free = self.pools[machine].clone();
         let mut fitting = None;
         for &(path, task) in &self.ready {
@@ -229,7 +230,7 @@ impl State<'_> {
         let (path, task) = fitting?;
         let share = self.pools[machine].take(&tasks[task].needs)?;
         self.ready.remove(&(path, task));
-        Some(Turn {
+        Some(TrialAttempt {
             task,
             attempt: 1,
             before: tasks[task].before.clone(),
@@ -334,8 +335,8 @@ mod tests {
 
     fn next(queue: &Queue<'_>) -> Option<usize> {
         match queue.next(0) {
-            Next::Try(turn) => Some(turn.task),
-            Next::Wait(_) | Next::Done => None,
+            NextStep::Try(turn) => Some(turn.task),
+            NextStep::Wait(_) | NextStep::Done => None,
         }
     }
 
@@ -357,7 +358,7 @@ mod tests {
         );
         queue.done(2);
         assert!(
-            matches!(queue.next(0), Next::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait(_)),
             "what is running may be waited for"
         );
         queue.done(0);
@@ -366,7 +367,7 @@ mod tests {
         queue.done(3);
         assert_eq!(next(&queue), Some(4));
         queue.done(4);
-        assert!(matches!(queue.next(0), Next::Done));
+        assert!(matches!(queue.next(0), NextStep::Done));
     }
 
     #[test]
@@ -458,7 +459,9 @@ mod tests {
         ];
         let gpus = vec!["7".to_owned()];
         let queue = Queue::new(&tasks, [Capacity { cores: 2, gpus }]);
-        let Next::Try(turn) = queue.next(0) else { panic!() };
+        let NextStep::Try(turn) = queue.next(0) else {
+            panic!()
+        };
         assert_eq!(turn.share.gpus, Some(vec!["7".into()]));
         assert_eq!([next(&queue), next(&queue)], [Some(2), None]);
         queue.retry(turn, Duration::from_secs(100));
@@ -474,11 +477,14 @@ mod tests {
         let queue = Queue::new(&tasks, machines);
         assert_eq!(next(&queue), Some(1));
         assert!(
-            matches!(queue.next(0), Next::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait(_)),
             "what runs may be tried again"
         );
         queue.done(1);
-        assert!(matches!(queue.next(0), Next::Done));
-        assert!(matches!(queue.next(1), Next::Try(Turn { task: 0, .. })));
+        assert!(matches!(queue.next(0), NextStep::Done));
+        assert!(matches!(
+            queue.next(1),
+            NextStep::Try(TrialAttempt { task: 0, .. })
+        ));
     }
 }

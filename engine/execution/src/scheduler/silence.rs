@@ -32,12 +32,12 @@ impl Silence {
 }
 
 /// A pipe whose reader can be watched while it waits.
-pub(super) struct Listened<R> {
+pub(super) struct WatchedReader<R> {
     pub(super) pipe: R,
     pub(super) silence: Silence,
 }
 
-impl<R: Read> Read for Listened<R> {
+impl<R: Read> Read for WatchedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.silence.during(|| self.pipe.read(buffer))
     }

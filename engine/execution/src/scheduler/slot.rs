@@ -2,7 +2,7 @@
 
 use super::{
     Event, Task, Workers,
-    queue::{Next, Queue, Turn},
+    queue::{NextStep, Queue, TrialAttempt},
     readiness::{Readiness, readiness},
     worker::{Reply, Request},
 };
@@ -81,7 +81,7 @@ pub(super) enum Answer {
 
 /// State that all slots share.
 #[derive(Clone, Copy)]
-pub(super) struct Shared<'a> {
+pub(super) struct SlotContext<'a> {
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
@@ -98,7 +98,7 @@ pub(super) struct Slot<'a, R> {
     number: usize,
     /// Index of the slot's machine.
     machine: usize,
-    all: Shared<'a>,
+    all: SlotContext<'a>,
     runner: R,
     events: &'a Sender<Event>,
     /// Begin and number of the failed attempts to reach its place; `None` where the last one succeeded.
@@ -108,7 +108,7 @@ pub(super) struct Slot<'a, R> {
 }
 
 /// Result of an attempt.
-enum Attempt {
+enum AttemptOutcome {
     Ended(TrialEnd),
     Stopped,
     Paused,
@@ -119,10 +119,10 @@ enum Attempt {
 }
 
 impl<'a, R: Runner> Slot<'a, R> {
-    /// A slot that has run nothing yet.
+    /// A slot before its first trial.
     pub(super) fn new(
         (number, machine): (usize, usize),
-        all: Shared<'a>,
+        all: SlotContext<'a>,
         runner: R,
         events: &'a Sender<Event>,
     ) -> Self {
@@ -137,11 +137,11 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Works until nothing is left or the run is stopped.
+    /// Works until no trial is left or the run is stopped.
     pub(super) fn work(&mut self) -> Result<(), Error> {
         while !self.stopping() && !self.is_given_up {
             match self.all.queue.next(self.machine) {
-                Next::Try(turn) => {
+                NextStep::Try(turn) => {
                     let (trial, store) = (turn.task, self.all.store);
                     let id = &self.all.tasks[trial].trial.id;
                     if let Some(obstacle) = store.obstacle(id) {
@@ -162,8 +162,8 @@ impl<'a, R: Runner> Slot<'a, R> {
                         return Err(error);
                     }
                 }
-                Next::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
-                Next::Done => break,
+                NextStep::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
+                NextStep::Done => break,
             }
         }
         self.runner.dismiss();
@@ -191,7 +191,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     }
 
     /// Begins a trial, unless one of its sources is absent.
-    fn take(&mut self, turn: Turn) -> Result<(), Error> {
+    fn take(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         match readiness(&task.after, self.all.store) {
             Readiness::Ready => return self.claim(turn),
@@ -218,7 +218,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     }
 
     /// Claims a trial and runs it, unless another program has it or has ended it.
-    fn claim(&mut self, turn: Turn) -> Result<(), Error> {
+    fn claim(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let task = &self.all.tasks[turn.task];
         match self.all.leases.claim(&task.trial.id)? {
             Claim::Held(owner) => self.leave_to(owner, turn),
@@ -231,9 +231,9 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there as well,
-    /// and takes it in where another machine has ended it.
-    fn under_shared_lease(&mut self, turn: Turn) -> Result<(), Error> {
+    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there
+    /// as well, and fetches it where another machine has ended it.
+    fn under_shared_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
             return self.under_lease(turn);
         };
@@ -241,7 +241,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         match leases.claim(id)? {
             Claim::Held(owner) => self.leave_to(owner, turn),
             Claim::Mine => {
-                // Of a trial that runs again although it has ended the bucket has that end, or a newer one.
+                // For a trial that runs again although it has ended, the bucket has that end, or a newer one.
                 let fetched = bucket.fetch_missing(self.all.store, id);
                 let outcome = fetched.and_then(|()| self.under_lease(turn));
                 leases.release(id)?;
@@ -252,7 +252,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     }
 
     /// Another program has the trial: this one waits for it, or continues without it.
-    fn leave_to(&self, owner: Owner, turn: Turn) {
+    fn leave_to(&self, owner: Owner, turn: TrialAttempt) {
         if !self.all.workers.wait_for_others {
             self.all.queue.done(turn.task);
             return;
@@ -264,7 +264,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.all.queue.held(turn);
     }
 
-    fn under_lease(&mut self, turn: Turn) -> Result<(), Error> {
+    fn under_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         // The end may have been stored after the list of missing trials was made.
         if let Some(end) = self.new_end(task, &turn) {
@@ -272,7 +272,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.all.queue.done(index);
             return Ok(());
         }
-        // Another program may have taken it to its pause meanwhile.
+        // Another program may have brought it to its pause meanwhile.
         let measured = || self.all.store.measured_until(&task.trial.id);
         if task
             .until
@@ -286,11 +286,11 @@ impl<'a, R: Runner> Slot<'a, R> {
             trial: index,
         });
         match self.attempt(task, &turn)? {
-            Attempt::Stopped => {
+            AttemptOutcome::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
                 self.all.queue.done(index);
             }
-            Attempt::Paused => {
+            AttemptOutcome::Paused => {
                 self.tell(Event::Paused {
                     slot: self.number,
                     trial: index,
@@ -300,15 +300,15 @@ impl<'a, R: Runner> Slot<'a, R> {
                     bucket.bring(self.all.store, &task.trial.id)?;
                 }
             }
-            Attempt::Unready(reason) => self.give_up(index, reason),
-            Attempt::Lost(problem) => self.lose(turn, problem),
-            Attempt::Ended(end) => self.ended(turn, end)?,
+            AttemptOutcome::Unready(reason) => self.give_up(index, reason),
+            AttemptOutcome::Lost(problem) => self.lose(turn, problem),
+            AttemptOutcome::Ended(end) => self.ended(turn, end)?,
         }
         Ok(())
     }
 
     /// Puts the trial back for other slots; its place is tried again later.
-    fn lose(&mut self, turn: Turn, problem: String) {
+    fn lose(&mut self, turn: TrialAttempt, problem: String) {
         self.all.queue.retry(turn, Duration::ZERO);
         let (since, times) = self.lost.unwrap_or((clock::now(), 0));
         self.lost = Some((since, times + 1));
@@ -327,7 +327,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     }
 
     /// Decides whether the end is final; a final end goes to the other machines.
-    fn ended(&self, turn: Turn, end: TrialEnd) -> Result<(), Error> {
+    fn ended(&self, turn: TrialAttempt, end: TrialEnd) -> Result<(), Error> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
             Some(wait) if !self.stopping() => {
@@ -338,7 +338,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                     wait,
                 });
                 self.all.queue.retry(
-                    Turn {
+                    TrialAttempt {
                         attempt: turn.attempt + 1,
                         before: Some(end),
                         ..turn
@@ -368,7 +368,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {
+    fn attempt(&mut self, task: &Task<'_>, turn: &TrialAttempt) -> Result<AttemptOutcome, Error> {
         let request = Request {
             trial: task.trial.clone(),
             store: self.all.store.root().to_path_buf(),
@@ -386,14 +386,14 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.lost = None;
         }
         match answer {
-            Answer::Lost(_) if self.stopping() => Ok(Attempt::Stopped),
-            Answer::Lost(problem) => Ok(Attempt::Lost(problem)),
-            Answer::Said(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
-            Answer::Said(Reply::Paused) => Ok(Attempt::Paused),
-            Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
+            Answer::Lost(_) if self.stopping() => Ok(AttemptOutcome::Stopped),
+            Answer::Lost(problem) => Ok(AttemptOutcome::Lost(problem)),
+            Answer::Said(Reply::Ended { end }) => Ok(AttemptOutcome::Ended(end)),
+            Answer::Said(Reply::Paused) => Ok(AttemptOutcome::Paused),
+            Answer::Said(Reply::Unready { reason }) => Ok(AttemptOutcome::Unready(reason)),
             Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(Attempt::Stopped),
-            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(Attempt::Stopped),
+            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(AttemptOutcome::Stopped),
+            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(AttemptOutcome::Stopped),
             Answer::Died { state, reason, .. } => {
                 self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
             }
@@ -404,11 +404,11 @@ impl<'a, R: Runner> Slot<'a, R> {
     fn died(
         &self,
         task: &Task<'_>,
-        turn: &Turn,
+        turn: &TrialAttempt,
         state: EndState,
         reason: String,
         wall_s: f64,
-    ) -> Result<Attempt, Error> {
+    ) -> Result<AttemptOutcome, Error> {
         let end = TrialEnd {
             state,
             reason,
@@ -418,13 +418,15 @@ impl<'a, R: Runner> Slot<'a, R> {
         };
         // The process may have stored its trial and died before it could say so.
         if let Some(stored) = self.new_end(task, turn) {
-            return Ok(Attempt::Ended(stored));
+            return Ok(AttemptOutcome::Ended(stored));
         }
-        Ok(Attempt::Ended(self.all.store.acknowledge(task.trial, end)?))
+        Ok(AttemptOutcome::Ended(
+            self.all.store.acknowledge(task.trial, end)?,
+        ))
     }
 
     /// The stored end of a trial, where it differs from the known one.
-    fn new_end(&self, task: &Task<'_>, turn: &Turn) -> Option<TrialEnd> {
+    fn new_end(&self, task: &Task<'_>, turn: &TrialAttempt) -> Option<TrialEnd> {
         let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
         stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }

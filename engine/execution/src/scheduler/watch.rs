@@ -1,6 +1,6 @@
 //! The watching thread: leases, limits, the wish to stop.
 
-use super::process::Shared;
+use super::process::WorkerProcess;
 use crate::{
     store::{BucketLeases, Leases},
     world::clock,
@@ -19,7 +19,7 @@ const SUSPENDED: Duration = Duration::from_secs(1);
 
 /// Processes, leases and flags of the watching thread.
 pub(super) struct Watch<'a> {
-    pub(super) children: &'a [Shared],
+    pub(super) children: &'a [WorkerProcess],
     pub(super) leases: &'a Leases,
     /// The wish to stop from outside, and from within.
     pub(super) stop: &'a AtomicBool,

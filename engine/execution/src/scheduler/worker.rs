@@ -1,4 +1,4 @@
-//! The inside of a worker process: one request a line, one trial a request.
+//! The inside of a worker process, which runs one trial for each line of input.
 
 use crate::{
     store::{RunningTrial, Store},
@@ -23,7 +23,7 @@ use std::{
     time::Duration,
 };
 
-/// A line to a worker.
+/// A message to a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Message {
@@ -38,9 +38,9 @@ pub enum Message {
 pub struct Request {
     /// The trial to run.
     pub trial: Trial,
-    /// The store's folder.
+    /// Folder of the store.
     pub store: PathBuf,
-    /// Time between two checkpoints.
+    /// Interval between two checkpoints, in seconds.
     pub checkpoint_every_s: f64,
     /// The step at which the trial pauses, once that is measured.
     #[serde(default)]
@@ -71,9 +71,9 @@ pub enum Reply {
     },
     /// The trial was stopped as asked and will continue from its checkpoint.
     Stopped,
-    /// The trial has come to its pause.
+    /// The trial has reached its pause.
     Paused,
-    /// Something that the trial takes cannot be used; the trial stays missing.
+    /// A source of the trial cannot be used; the trial stays missing.
     Unready {
         /// The source, and its problem.
         reason: String,
@@ -140,7 +140,7 @@ fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) 
 /// The wishes to stop that reach a worker.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stops {
-    /// The scheduler asks the running trial to save a checkpoint and leave.
+    /// Set when the scheduler asks the running trial to save a checkpoint and leave.
     asked: Arc<AtomicBool>,
     /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began.
     /// The scheduler answers it; processes of the trial may not have survived it.
@@ -195,7 +195,7 @@ fn attempt(
     let mut progress = |done, total| {
         if clock::since(told) > Duration::from_millis(200) {
             told = clock::now();
-            // A scheduler that is gone shows when the end is told.
+            // A scheduler that is gone shows when the end is reported.
             let _ = say(replies, &Reply::Progress { done, total });
         }
     };
@@ -253,7 +253,7 @@ fn answered(
         Ok(Err(error @ (Error::Store { .. } | Error::Source { .. }))) => return Err(error),
         Ok(Err(error @ Error::NotFinite { .. })) => {
             let end = end(EndState::Nan, &error.to_string());
-            // Searches that pause trials compare it with others up to where it could be compared.
+            // Searches compare a failed trial with others up to its last finite measurement.
             store.keep_partial(trial, end.clone(), keeper.before_error())?;
             end
         }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// The folder of the records in a store.
 pub(super) const FOLDER: &str = "environments";
-/// The key of a record with the announcement.
+/// Key of the announcement in a record.
 const KEY: &str = "announced";
 /// Version of the announcements; raised whenever an environment of the same config would announce something
 /// else.

@@ -5,12 +5,12 @@
 use std::{path::Path, sync::OnceLock};
 
 /// Function of a crash test: it gets the name of the boundary and the file that is being written.
-type Hook = fn(&'static str, &Path);
+type FailpointHook = fn(&'static str, &Path);
 
-static HOOK: OnceLock<Hook> = OnceLock::new();
+static HOOK: OnceLock<FailpointHook> = OnceLock::new();
 
 /// Installs the function that is called at every boundary. The first one stays.
-pub fn install(hook: Hook) {
+pub fn install(hook: FailpointHook) {
     // A second hook is a mistake of a test program; the first goes on working.
     let _ = HOOK.set(hook);
 }

@@ -87,7 +87,7 @@ impl Store {
     }
 }
 
-/// Why a bundle was not taken in.
+/// Reason for which a bundle was refused.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum BundleError {
     /// The bundle differs from the acknowledgement of the other machine, for this reason.
@@ -114,7 +114,7 @@ impl BundleError {
 /// Longest file in bytes; a greater length is not believed.
 const MOST_BYTES: u64 = 1 << 36;
 
-/// The files of a trial, whose bytes follow in this order.
+/// Names and lengths of the files of a trial, whose bytes follow in this order.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Manifest {
     /// Id of the trial.
@@ -124,7 +124,7 @@ pub(crate) struct Manifest {
 }
 
 impl Manifest {
-    /// The files of a trial.
+    /// The manifest of a bundle.
     pub(crate) fn of(trial: &str, bundle: &[(String, Vec<u8>)]) -> Self {
         let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
         Self {

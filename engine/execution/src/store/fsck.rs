@@ -23,7 +23,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Why a file was set aside.
+/// Reason for which a file was set aside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
@@ -182,7 +182,7 @@ impl<'a> Check<'a> {
         self.note(path.to_owned(), Fault::Unreadable, &problem(error), None);
     }
 
-    /// Records of verdicts that were seen, a file a study.
+    /// Checks the records of seen verdicts, one file for each study.
     fn looks(&mut self, folder: &Path) {
         for name in self.names(folder) {
             let path = folder.join(&name);
@@ -443,8 +443,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// The record of a trial at a pause, or before a number was not finite. A trial whose record is damaged runs again,
-    /// also where it has ended so.
+    /// Checks the record of a trial at a pause, or before a number was not finite. A trial with a damaged
+    /// record runs again, also where it has ended so.
     fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);

@@ -246,7 +246,7 @@ struct Outline<'a> {
     schema: u32,
     #[serde(borrow, default)]
     parts: Option<[&'a str; 3]>,
-    /// Names of files that it acknowledges besides the metrics.
+    /// Files that the acknowledgement names besides the metrics, by path.
     #[serde(default)]
     files: BTreeMap<String, IgnoredAny>,
     key: Replicate,

@@ -129,7 +129,8 @@ impl Leases {
     pub fn claim(&self, id: &str) -> Result<Claim, Error> {
         let folder = self.store.folder(id);
         let lease = folder.join("lease");
-        // A lease is as old as its owner's file: it would begin silent where this process was halted for long.
+        // A lease is as old as its owner's file: without this renewal it would begin silent after a long
+        // halt.
         self.beat()?;
         loop {
             // Packing removes the folders of trials, so that this one may be absent.
@@ -238,7 +239,7 @@ impl Leases {
         Ok(self.lives(lease, &found)?.then_some(found.said.owner))
     }
 
-    fn lives(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+    fn lives(&self, lease: &Path, found: &LeaseFile) -> Result<bool, Error> {
         match found.said.owner.is_alive() {
             Some(alive) => Ok(alive),
             None => Ok(!self.is_silent(lease, found)?),
@@ -246,7 +247,7 @@ impl Leases {
     }
 
     /// Whether a lease was not renewed for as long as it holds.
-    fn is_silent(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+    fn is_silent(&self, lease: &Path, found: &LeaseFile) -> Result<bool, Error> {
         // Both times come from the clock of the file system that holds them.
         self.beat()?;
         let now = modified(&self.file).map_err(Error::file("read", &self.file))?;
@@ -279,7 +280,7 @@ impl Leases {
         let mark = mark_for(file, &owner);
         match fs::hard_link(&self.file, &mark) {
             Ok(()) => {
-                // Marks have names of their own for every owner; this place in a trial has one.
+                // Marks have names of their own for every owner; this failpoint has one for all.
                 let mark_of_any = file.with_file_name("takeover");
                 let place = if file.ends_with("lease") {
                     file
@@ -308,9 +309,9 @@ impl Leases {
     /// its owner lives, or the file is absent.
     fn dead_owner(&self, file: &Path) -> Result<Option<String>, Error> {
         match look(file)? {
-            Looked::Gone => Ok(None),
-            Looked::Damaged => Ok(Some(String::new())),
-            Looked::Owned(found) => {
+            LeaseEntry::Gone => Ok(None),
+            LeaseEntry::Damaged => Ok(Some(String::new())),
+            LeaseEntry::Owned(found) => {
                 let lives = self.lives(file, &found)?;
                 Ok((!lives).then(|| found.said.owner.token()))
             }
@@ -350,7 +351,7 @@ impl Store {
             .flatten();
         let found = entries.filter_map(|entry| read(&entry.path()).ok()?);
         let mut owners: Vec<Owner> = found
-            .filter(Found::may_be_alive)
+            .filter(LeaseFile::may_be_alive)
             .map(|found| found.said.owner)
             .collect();
         owners.sort_by(|a, b| (&a.host, a.pid).cmp(&(&b.host, b.pid)));
@@ -372,12 +373,12 @@ fn forget_the_dead(folder: &Path) {
 
 /// An owner's file, or a lease, with the time of its renewal.
 #[derive(Debug)]
-struct Found {
+struct LeaseFile {
     said: Announcement,
     renewed: SystemTime,
 }
 
-impl Found {
+impl LeaseFile {
     fn expiry(&self) -> Duration {
         self.said.expiry()
     }
@@ -396,31 +397,32 @@ impl Found {
 }
 
 /// Reads an owner's file or a lease; `None` where there is no such file or no owner in it.
-fn read(path: &Path) -> Result<Option<Found>, Error> {
+fn read(path: &Path) -> Result<Option<LeaseFile>, Error> {
     Ok(match look(path)? {
-        Looked::Owned(found) => Some(found),
-        Looked::Gone | Looked::Damaged => None,
+        LeaseEntry::Owned(found) => Some(found),
+        LeaseEntry::Gone | LeaseEntry::Damaged => None,
     })
 }
 
 /// Entry at the place of a lease.
-enum Looked {
+enum LeaseEntry {
     Gone,
     /// A file without an owner: no process can hold a trial by it.
     Damaged,
-    Owned(Found),
+    Owned(LeaseFile),
 }
 
-fn look(path: &Path) -> Result<Looked, Error> {
+fn look(path: &Path) -> Result<LeaseEntry, Error> {
     // A pipe that is opened waits for a writer.
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     if fs::symlink_metadata(path).is_ok_and(|data| !data.is_file()) {
-        return Ok(Looked::Damaged);
+        return Ok(LeaseEntry::Damaged);
     }
     match read() {
-        Ok((text, renewed)) => Ok(serde_json::from_slice(&text)
-            .map_or(Looked::Damaged, |said| Looked::Owned(Found { said, renewed }))),
-        Err(source) if source.kind() == ErrorKind::NotFound => Ok(Looked::Gone),
+        Ok((text, renewed)) => Ok(serde_json::from_slice(&text).map_or(LeaseEntry::Damaged, |said| {
+            LeaseEntry::Owned(LeaseFile { said, renewed })
+        })),
+        Err(source) if source.kind() == ErrorKind::NotFound => Ok(LeaseEntry::Gone),
         Err(source) => Err(Error::file("read", path)(source)),
     }
 }

@@ -103,7 +103,7 @@ pub struct Merge<'a> {
 }
 
 /// Result of checking a copy: its acknowledgement, `None` where it has none, or its faults.
-type Look = Result<Option<TrialFile>, Vec<Finding>>;
+type CopyCheck = Result<Option<TrialFile>, Vec<Finding>>;
 
 impl<'a> Merge<'a> {
     /// A merge into the store `into` under `leases`; without leases no file is written.
@@ -228,7 +228,7 @@ impl<'a> Merge<'a> {
         fate
     }
 
-    /// Takes one trial whose lease the caller holds already.
+    /// Copies one trial whose lease the caller holds already.
     ///
     /// # Errors
     /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
@@ -307,7 +307,7 @@ impl<'a> Merge<'a> {
     }
 }
 
-/// Files of a trial's folder that are there while it is missing.
+/// Files that a trial's folder may hold while the trial is missing.
 const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", OUTPUT];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
@@ -347,7 +347,7 @@ pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
 }
 
 /// Checks every byte of a copy.
-fn look(store: &Store, id: &str) -> Result<Look, Error> {
+fn look(store: &Store, id: &str) -> Result<CopyCheck, Error> {
     let folder = store.folder(id);
     let inside = folder.strip_prefix(store.root()).unwrap_or(&folder);
     if is_link(&folder) {
@@ -380,7 +380,7 @@ impl Store {
     }
 }
 
-/// The first finding as an error.
+/// The error for the first finding.
 fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
     let first = findings.into_iter().next();
     let (path, problem) = first.map_or_else(Default::default, |it| (it.path, it.problem));

@@ -111,7 +111,7 @@ pub struct TrialFile {
     pub parts: Option<[String; 3]>,
     /// The key of the trial: all that determined its numbers.
     pub key: TrialKey,
-    /// How the trial ended.
+    /// End of the trial.
     pub end: TrialEnd,
     /// Time of the end, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
     /// digest holds it.
@@ -174,7 +174,7 @@ impl TrialFile {
 }
 
 /// End and metrics of a trial: no metrics unless it ended `ok`.
-type Loaded = (TrialEnd, MetricsTable);
+type EndWithMetrics = (TrialEnd, MetricsTable);
 
 /// The folder of the records of verdicts that were seen.
 const LOOKS: &str = "looks";
@@ -349,7 +349,7 @@ impl Store {
     }
 
     /// End and metrics of a trial; `None` where it has not run.
-    fn loaded(&self, id: &str) -> Result<Option<Loaded>, Error> {
+    fn loaded(&self, id: &str) -> Result<Option<EndWithMetrics>, Error> {
         let Some(end) = self.end(id)? else {
             return Ok(None);
         };

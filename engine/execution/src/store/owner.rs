@@ -4,7 +4,7 @@
 //! namespace sees whether the owner runs. From everywhere else it is unknown: on another host, but also in
 //! another container on this one, or on a machine that has the same name or was started again.
 
-use crate::world::process::{self, Look, Place};
+use crate::world::process::{self, Place, ProcessState};
 use serde::{Deserialize, Serialize};
 
 /// A process that computes trials.
@@ -38,8 +38,8 @@ impl Owner {
             .map(|(job, task)| format!("{job}_{task}"));
         let (pid, Place { host, boot }) = (process::id(), process::place());
         let started_ticks = match process::look(pid) {
-            Look::Started(ticks) => ticks,
-            Look::Gone | Look::Hidden => 0,
+            ProcessState::Started(ticks) => ticks,
+            ProcessState::Gone | ProcessState::Hidden => 0,
         };
         Self {
             host,
@@ -58,14 +58,14 @@ impl Owner {
 
     /// As [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a
     /// process id there.
-    fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> Look) -> Option<bool> {
+    fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> ProcessState) -> Option<bool> {
         if here.boot.is_empty() || (&self.host, &self.boot) != (&here.host, &here.boot) {
             return None;
         }
         match look(self.pid) {
-            Look::Started(ticks) => Some(ticks == self.started_ticks),
-            Look::Gone => Some(false),
-            Look::Hidden => None,
+            ProcessState::Started(ticks) => Some(ticks == self.started_ticks),
+            ProcessState::Gone => Some(false),
+            ProcessState::Hidden => None,
         }
     }
 
@@ -92,15 +92,15 @@ mod tests {
             started_ticks: 7,
             ..here.clone()
         };
-        let seen = |owner: &Owner, look: Look| owner.is_alive_seen_from(&here, |_| look);
-        assert_eq!(seen(&this, Look::Started(7)), Some(true));
+        let seen = |owner: &Owner, look: ProcessState| owner.is_alive_seen_from(&here, |_| look);
+        assert_eq!(seen(&this, ProcessState::Started(7)), Some(true));
         assert_eq!(
-            seen(&this, Look::Started(8)),
+            seen(&this, ProcessState::Started(8)),
             Some(false),
             "a later process has its id"
         );
-        assert_eq!(seen(&this, Look::Gone), Some(false));
-        assert_eq!(seen(&this, Look::Hidden), None);
+        assert_eq!(seen(&this, ProcessState::Gone), Some(false));
+        assert_eq!(seen(&this, ProcessState::Hidden), None);
         let (boot, namespace) = here.boot.split_once(' ').unwrap();
         let elsewhere = [
             Owner {
@@ -117,7 +117,7 @@ mod tests {
             },
         ];
         for owner in elsewhere {
-            assert_eq!(seen(&owner, Look::Gone), None, "{owner:?}");
+            assert_eq!(seen(&owner, ProcessState::Gone), None, "{owner:?}");
         }
     }
 
@@ -127,7 +127,7 @@ mod tests {
             boot: String::new(),
             ..Owner::this_process()
         };
-        assert_eq!(nowhere.is_alive_seen_from(&nowhere, |_| Look::Gone), None);
+        assert_eq!(nowhere.is_alive_seen_from(&nowhere, |_| ProcessState::Gone), None);
     }
 
     #[test]

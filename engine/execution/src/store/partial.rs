@@ -39,7 +39,7 @@ pub struct Partial {
 }
 
 impl Partial {
-    /// The step of its last measurement while learning; `None` where none was made.
+    /// Step of the last measurement while learning; `None` where there was none.
     #[must_use]
     pub fn step(&self) -> Option<u64> {
         let measured = self.table.rows.iter().filter(|row| row.phase == Phase::Evaluate);

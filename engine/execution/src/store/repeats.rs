@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 /// Folder of these files in a store.
 pub(super) const FOLDER: &str = "repeats";
-/// The key of a file with the answer.
+/// Key of the answer in a file.
 const KEY: &str = "repeats";
 
 impl Store {

@@ -4,12 +4,12 @@
 //! <trial's folder>/running/metrics.log      every row so far
 //!                          checkpoint-<n>/  state.json, agent/, manifest.json
 //!                          output.gz        output of the trial
-//!                          work/            of an agent that trains itself; its own business
+//!                          work/            working folder of an agent that trains itself
 //! ```
 //!
-//! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are
-//! then removed. One that is not whole, or whose rows are not in the log, is passed over: the trial continues
-//! from an older one or begins anew, and either way ends with the same numbers.
+//! A checkpoint is written into a folder of another name, flushed to the disk and renamed; older ones are
+//! then removed. A checkpoint that is not whole, or whose rows are not in the log, is skipped: the trial
+//! continues from an older one or begins anew, and either way ends with the same numbers.
 //!
 //! No file here is acknowledged: the measurements at a pause are stored besides, see
 //! [`Partial`](super::Partial).

@@ -15,7 +15,7 @@ pub struct Receipt {
     pub schema: u32,
     /// The program that computed the trials again.
     pub program: String,
-    /// The source code that it was built from, where it knows.
+    /// Source code of that program, where it is known.
     pub build: Option<Build>,
     /// Folder of the store.
     pub store: PathBuf,
@@ -31,7 +31,7 @@ pub struct Receipt {
     pub missing: usize,
     /// Trials that did not end `ok`: there is nothing to compare.
     pub not_ok: usize,
-    /// A line per trial.
+    /// One entry per trial.
     pub trials: Vec<Entry>,
 }
 

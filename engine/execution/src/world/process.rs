@@ -21,12 +21,12 @@ pub struct Place {
 
 /// State of a process, as a probe of its id finds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
+pub enum ProcessState {
     /// A process with this start time, in clock ticks since boot.
     Started(u64),
     /// No process, or only the remains of one.
     Gone,
-    /// The system does not say.
+    /// The system does not tell.
     Hidden,
 }
 
@@ -52,18 +52,20 @@ pub fn place() -> Place {
 }
 
 /// Probes a process id of this place.
-pub fn look(pid: u32) -> Look {
+pub fn look(pid: u32) -> ProcessState {
     #[cfg(test)]
     if let Some(look) = super::simulated::look(pid) {
         return look;
     }
     match fs::read_to_string(format!("/proc/{pid}/stat")) {
-        Ok(stat) => started_ticks(&stat).map_or(Look::Gone, Look::Started),
+        Ok(stat) => started_ticks(&stat).map_or(ProcessState::Gone, ProcessState::Started),
         // The first process always runs: where it cannot be seen, those of other users are hidden too.
-        Err(source) if source.kind() == ErrorKind::NotFound && fs::exists(Path::new("/proc/1")) => Look::Gone,
+        Err(source) if source.kind() == ErrorKind::NotFound && fs::exists(Path::new("/proc/1")) => {
+            ProcessState::Gone
+        }
         // The process ended while its file was read.
-        Err(source) if source.raw_os_error() == Some(NO_SUCH_PROCESS) => Look::Gone,
-        Err(_) => Look::Hidden,
+        Err(source) if source.raw_os_error() == Some(NO_SUCH_PROCESS) => ProcessState::Gone,
+        Err(_) => ProcessState::Hidden,
     }
 }
 
@@ -102,21 +104,21 @@ impl Signal {
     }
 }
 
-/// Sends a signal to a process; one that is gone gets none.
+/// Sends a signal to a process, unless it is gone.
 pub fn signal(pid: u32, signal: Signal) {
     if let Some(pid) = named(pid) {
         let _ = rustix::process::kill_process(pid, signal.of_system());
     }
 }
 
-/// Sends a signal to the group that a process leads; one that is gone gets none.
+/// Sends a signal to the group that a process leads, unless it is gone.
 pub fn signal_group(leader: u32, signal: Signal) {
     if let Some(leader) = named(leader) {
         let _ = rustix::process::kill_process_group(leader, signal.of_system());
     }
 }
 
-/// Processes whose parents are gone become children of this one from now on.
+/// Makes orphaned descendants children of this process from now on.
 ///
 /// # Errors
 /// The error of the system.
@@ -134,7 +136,7 @@ pub fn die_with(parent: u32) -> std::io::Result<bool> {
     Ok(rustix::process::getppid() == named(parent))
 }
 
-/// Waits for a child, and takes in all others that end meanwhile.
+/// Waits for a child, and reaps all others that end meanwhile.
 ///
 /// # Errors
 /// The error of the system, as where there is no such child.
@@ -190,9 +192,10 @@ fn boot() -> Option<String> {
     Some(format!("{boot} {}", namespace.display()))
 }
 
-/// When a process started, by its line in `/proc`; `None` for the remains of one.
+/// Start time of a process in clock ticks since boot, from its line in `/proc`; `None` for the remains of
+/// one.
 fn started_ticks(stat: &str) -> Option<u64> {
-    // The name in parentheses may hold anything; the fields after it are numbered from 3.
+    // The name in parentheses may hold any character; the fields after it are numbered from 3.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let gone = matches!(*fields.first()?, "Z" | "X");
     if gone { None } else { fields.get(19)?.parse().ok() }
@@ -204,7 +207,7 @@ mod tests {
 
     #[test]
     fn this_process_runs_and_its_remains_would_not() {
-        assert!(matches!(look(id()), Look::Started(_)));
+        assert!(matches!(look(id()), ProcessState::Started(_)));
         assert_eq!(
             started_ticks("7 (a) b) S 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"),
             Some(4711)

@@ -45,7 +45,7 @@ pub fn kind() -> Kind {
 }
 
 /// A job of a submission, and the array that it is.
-struct Handed<'a> {
+struct AcceptedJob<'a> {
     submission: &'a Submission,
     array: usize,
     job: Job,
@@ -164,12 +164,12 @@ impl Queue for HyperQueue {
 }
 
 /// The jobs that a server took for these submissions.
-fn handed(submissions: &[Submission]) -> Result<Vec<Handed<'_>>, Error> {
+fn handed(submissions: &[Submission]) -> Result<Vec<AcceptedJob<'_>>, Error> {
     let mut all = Vec::new();
     for submission in submissions {
         for array in 0..submission.arrays.len() {
             let job = request::job(submission, array)?;
-            all.extend(job.map(|job| Handed {
+            all.extend(job.map(|job| AcceptedJob {
                 submission,
                 array,
                 job,
@@ -180,7 +180,7 @@ fn handed(submissions: &[Submission]) -> Result<Vec<Handed<'_>>, Error> {
 }
 
 /// The living tasks of a job; the tasks of another server ended with it.
-fn living(handed: &Handed<'_>, counts: &Counts) -> Vec<Task> {
+fn living(handed: &AcceptedJob<'_>, counts: &Counts) -> Vec<Task> {
     let known = counts.jobs.get(&handed.job.job);
     let Some(count) = known.filter(|_| handed.job.server == counts.server) else {
         return Vec::new();

@@ -158,8 +158,8 @@ fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
 fn command<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Command {
     let mut command = Command::new(program);
     command.args(arguments);
-    // These variables stand for options: they would hide jobs from us or take them the name that we find them
-    // by.
+    // These variables stand for options: they would hide our jobs, or replace the name by which they are
+    // found.
     let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
     for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(ours)) {
         command.env_remove(name);

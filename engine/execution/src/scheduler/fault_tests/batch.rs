@@ -2,9 +2,9 @@
 //! machines of their own. The batch system keeps its jobs whatever becomes of the others; it may be busy, and
 //! may take a job and give no answer. Two more properties hold:
 //!
-//! 1. No task lives whose job has no record in the store.
+//! 1. No task lives without a record of its job in the store.
 //! 2. Together, the waiting programs hand over no more tasks than trials are missing, unless one of them sees
-//! an old list of records or was halted between its look and its submission.
+//!    an old list of records or was halted between its look and its submission.
 //!
 //! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
 
@@ -260,7 +260,7 @@ impl Site {
             trials: ids.collect(),
             stop: Stop::default(),
         };
-        let mut watch = Waiting { bench: &self.bench };
+        let mut watch = WaitingProgram { bench: &self.bench };
         let missing = watch.missing();
         if missing.is_empty() {
             return true;
@@ -273,7 +273,7 @@ impl Site {
     /// Runs one task after the other on a machine until no trial is missing.
     fn serve(&self, place: usize) -> bool {
         let store = Store::at("/store");
-        while !(Waiting { bench: &self.bench }).missing().is_empty() {
+        while !(WaitingProgram { bench: &self.bench }).missing().is_empty() {
             let Some((job, task)) = self.batch.begin() else {
                 clock::sleep(Duration::from_secs(5));
                 continue;
@@ -286,11 +286,11 @@ impl Site {
     }
 }
 
-struct Waiting<'a> {
+struct WaitingProgram<'a> {
     bench: &'a Bench,
 }
 
-impl Watch for Waiting<'_> {
+impl Watch for WaitingProgram<'_> {
     fn missing(&mut self) -> BTreeSet<String> {
         let store = Store::at("/store");
         let ids = self.bench.trials.iter().map(|trial| &trial.id);

@@ -49,13 +49,13 @@ struct Runner {
 
 /// State of the process that asks.
 #[derive(Clone, Copy)]
-pub struct Who {
+pub struct ProcessStatus {
     pub place: usize,
     pub pid: u32,
     pub host: usize,
     /// The date by the clock of the disk.
     pub now: Duration,
-    /// When it renewed its leases last, by that clock.
+    /// Time of the last renewal of its leases, by that clock.
     pub renewed: Duration,
     /// Whether it holds the lease of its trial now.
     pub has_lease: bool,
@@ -68,10 +68,16 @@ impl Ledger {
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// A process begins to run a trial. `lives` says whether a process runs.
-    pub fn begins(self: &Arc<Self>, trial: &str, who: Who, expiry: Duration, lives: impl Fn(u32) -> bool) {
+    /// Records that a process begins to run a trial. `lives` says whether a process runs.
+    pub fn begins(
+        self: &Arc<Self>,
+        trial: &str,
+        who: ProcessStatus,
+        expiry: Duration,
+        lives: impl Fn(u32) -> bool,
+    ) {
         let mut promises = self.lock();
-        // A process that was halted after it took the lease may have lost it, and everything with it.
+        // A process that was halted after it took the lease may have lost the lease and all its state.
         assert!(
             !who.has_lease || !promises.ended.contains_key(trial),
             "{trial} has ended and runs again"
@@ -104,7 +110,7 @@ impl Ledger {
 
     /// Records that a process has renewed its leases. A process that lost its lease while it was halted
     /// renews none by it.
-    pub fn hears(&self, who: Who) {
+    pub fn hears(&self, who: ProcessStatus) {
         if !who.has_lease {
             return;
         }

@@ -59,7 +59,7 @@ impl Environment for Throw {
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct TallyConfig {
-    /// Where it goes on from.
+    /// Artifact from which it continues.
     from: Option<artifact::Artifact<artifact::Policy>>,
     /// Whether its learning fails in the end.
     fails: bool,
@@ -68,7 +68,7 @@ struct TallyConfig {
     /// The swept value of a search; 0 in other trials.
     #[serde(skip_serializing_if = "is_zero")]
     rate: f64,
-    /// Whether its learning fails now and then, through no fault of its own.
+    /// Whether its learning fails at random, through no fault of its own.
     #[serde(skip_serializing_if = "is_false")]
     falls: bool,
 }

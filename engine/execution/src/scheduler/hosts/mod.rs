@@ -113,7 +113,7 @@ impl Found {
     /// identifies this program.
     ///
     /// # Errors
-    /// Where this program cannot be read.
+    /// [`Error::File`] where this program cannot be read.
     pub fn reach(
         access: &Access,
         store: &Path,
@@ -124,7 +124,7 @@ impl Found {
         let bytes = File::open(&program).and_then(contract::digest::of_file);
         let digest = bytes.map_err(Error::file("read", &program))?;
         let whose = format!("{} {}", process::place().host, absolute(store).display());
-        let asked = Asked {
+        let asked = HostInquiry {
             access,
             program: &program,
             name: format!("regimen-{}", &digest[..16]),
@@ -157,7 +157,7 @@ impl Found {
 }
 
 /// Question that every host is asked.
-struct Asked<'a> {
+struct HostInquiry<'a> {
     access: &'a Access,
     program: &'a Path,
     /// File name of the program on a host, by its content.
@@ -168,7 +168,7 @@ struct Asked<'a> {
     lease_expiry: Duration,
 }
 
-impl Asked<'_> {
+impl HostInquiry<'_> {
     fn host(&self, host: &str) -> Result<Host, String> {
         let folder = quoted(&self.access.folder);
         let look = format!(
@@ -279,7 +279,7 @@ fn absolute(path: &Path) -> PathBuf {
 mod tests {
     use super::*;
 
-    /// A host that is this machine: `ssh` is a shell that passes over its options and the name.
+    /// Access to this machine as a host: `ssh` is a shell that skips its options and the name.
     fn access(folder: &Path, command: &str) -> Access {
         let script = folder.join("ssh");
         std::fs::write(&script, command).unwrap();

@@ -13,31 +13,31 @@ use std::{
     time::Duration,
 };
 
-/// A line to a host.
+/// A message to a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum ToHost {
-    /// Is there a trial with this id, which others take from?
+    /// Whether the host has the trial with this id, which is a source of others.
     Has(String),
-    /// A trial follows, which others take from.
+    /// The files of a trial follow, which is a source of others.
     Trial(Manifest),
-    /// A file of the study follows.
+    /// The bytes of a file of the study follow.
     File(StudyFile),
     /// Run a trial.
     Run(Box<Order>),
     /// The trial has arrived and can be removed from the host.
     Arrived(String),
-    /// Save a checkpoint of the running trial and leave it. The word is that of a worker process.
+    /// Save a checkpoint of the running trial and leave it. Worker processes have the same message.
     Stop,
 }
 
-/// A line from a host.
+/// A message from a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum FromHost {
     /// The program runs; its version and source code.
     Ready(String),
-    /// Whether the trial is there.
+    /// Whether the host has the trial.
     Has(bool),
     /// Progress of the trial, or its last word; the end of a trial is followed by its files.
     Said(Reply),
@@ -50,9 +50,9 @@ pub(super) enum FromHost {
         /// Whether the process was ended for a limit.
         by_limit: bool,
     },
-    /// Another program has the trial there.
+    /// Another program on the host has the trial.
     Held(String),
-    /// A trial that has ended follows.
+    /// The files of a trial that has ended follow.
     Trial(Manifest),
     /// The trial that has arrived at the other side is removed from the host.
     Removed,
@@ -105,7 +105,7 @@ pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<
     }
 }
 
-/// An error of the conversation.
+/// The error for a broken conversation.
 pub(super) fn broken(problem: impl ToString) -> Error {
     Error::Worker {
         problem: problem.to_string(),

@@ -6,7 +6,7 @@
 //! if that is still the same (`If-Match`). No clock but the watcher's own is read. As in folders, a lease
 //! saves work and is not needed for correctness: two processes that compute one trial bring the same numbers.
 
-use super::{Announcement, Bucket, When};
+use super::{Announcement, Bucket, WriteCondition};
 use crate::{
     store::{Claim, Owner},
     world::clock,
@@ -26,7 +26,7 @@ pub(crate) struct BucketLeases {
     /// Number of times that this process has counted up its object.
     beats: Mutex<u64>,
     held: Mutex<BTreeSet<String>>,
-    /// The tags of others' objects, by token, and since when they are unchanged.
+    /// Tags of other processes' objects, by token, and the moment since which each is unchanged.
     seen: Mutex<BTreeMap<String, (String, Instant)>>,
 }
 
@@ -64,7 +64,7 @@ impl BucketLeases {
     fn taken(&self, key: &str, said: &[u8]) -> Result<Claim, String> {
         let objects = &self.bucket.objects;
         loop {
-            if objects.put(key, said, When::New)? {
+            if objects.put(key, said, WriteCondition::New)? {
                 return Ok(Claim::Mine);
             }
             let Some(lease) = objects.get(key)? else { continue };
@@ -74,7 +74,7 @@ impl BucketLeases {
                 Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
                 Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
                 // A lease that cannot be read belongs to no process.
-                found if objects.put(key, said, When::Unchanged(&lease.tag))? => {
+                found if objects.put(key, said, WriteCondition::Unchanged(&lease.tag))? => {
                     found.map_or(Ok(()), |dead| objects.delete(&of_owner(&dead.owner)))?;
                     return Ok(Claim::Mine);
                 }
@@ -129,7 +129,7 @@ impl BucketLeases {
         let put = self
             .bucket
             .objects
-            .put(&key, beats.to_string().as_bytes(), When::Always);
+            .put(&key, beats.to_string().as_bytes(), WriteCondition::Always);
         put.map(drop)
             .map_err(|problem| self.bucket.error("renew the leases in", problem))
     }
@@ -221,7 +221,10 @@ mod tests {
     #[test]
     fn a_lease_that_nobody_can_read_is_nobodys() {
         let bucket = bucket();
-        bucket.objects.put("leases/ab", b"{", When::New).unwrap();
+        bucket
+            .objects
+            .put("leases/ab", b"{", WriteCondition::New)
+            .unwrap();
         assert_eq!(on(&bucket, "one").claim("ab").unwrap(), Claim::Mine);
     }
 

@@ -28,7 +28,7 @@ use contract::{
     Error, digest,
     trial_end::{TrialEnd, is_missing},
 };
-use objects::{Object, Objects, When};
+use objects::{Object, Objects, WriteCondition};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 /// Time after which a process that fetches a trial counts as gone, where no process can see it.
@@ -68,25 +68,25 @@ impl Bucket {
     }
 
     /// Copies a trial from the bucket into a store.
-    fn fetch(&self, store: &Store, id: &str) -> Result<Fetch, Error> {
+    fn fetch(&self, store: &Store, id: &str) -> Result<FetchOutcome, Error> {
         let found = self.objects.get(&key(id));
         let found = found.map_err(|problem| self.error(&format!("fetch trial {id} from"), problem))?;
         let Some(object) = found else {
-            return Ok(Fetch::Nothing);
+            return Ok(FetchOutcome::Nothing);
         };
         let files = match bundle::from_bytes(id, &object.bytes) {
             Ok(files) => files,
-            Err(problem) => return Ok(Fetch::Damaged { object, problem }),
+            Err(problem) => return Ok(FetchOutcome::Damaged { object, problem }),
         };
         let earlier = store.earlier(id);
         if earlier.is_some() && end_in(&files) == earlier {
-            return Ok(Fetch::Nothing);
+            return Ok(FetchOutcome::Nothing);
         }
         match store.take_in(id, &files) {
-            Ok(true) => Ok(Fetch::Taken),
+            Ok(true) => Ok(FetchOutcome::Taken),
             // The pause is known in the store already.
-            Ok(false) => Ok(Fetch::Nothing),
-            Err(BundleError::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
+            Ok(false) => Ok(FetchOutcome::Nothing),
+            Err(BundleError::Damaged(problem)) => Ok(FetchOutcome::Damaged { object, problem }),
             Err(BundleError::Here(error)) => Err(error),
         }
     }
@@ -97,11 +97,11 @@ impl Bucket {
         if !store.lacks(id) {
             return Ok(());
         }
-        let Fetch::Damaged { object, .. } = self.fetch(store, id)? else {
+        let FetchOutcome::Damaged { object, .. } = self.fetch(store, id)? else {
             return Ok(());
         };
         let aside = format!("aside/{id}-{}", &digest::of_bytes(&object.bytes)[..16]);
-        let moved = self.objects.put(&aside, &object.bytes, When::Always);
+        let moved = self.objects.put(&aside, &object.bytes, WriteCondition::Always);
         let moved = moved.and_then(|_| self.objects.delete(&key(id)));
         moved.map_err(|problem| self.error(&format!("set trial {id} aside in"), problem))
     }
@@ -112,7 +112,7 @@ impl Bucket {
             return Ok(());
         };
         let bytes = bundle::to_bytes(id, &files);
-        let put = self.objects.put(&key(id), &bytes, When::Always);
+        let put = self.objects.put(&key(id), &bytes, WriteCondition::Always);
         put.map(drop)
             .map_err(|problem| self.error(&format!("bring trial {id} into"), problem))
     }
@@ -126,8 +126,8 @@ impl Bucket {
     }
 }
 
-/// The outcome of fetching a trial.
-enum Fetch {
+/// Result of fetching a trial.
+enum FetchOutcome {
     /// The trial is in the store now.
     Taken,
     /// The trial is not in the bucket, or has the end there after which it is to be tried again here.
@@ -138,14 +138,14 @@ enum Fetch {
 
 /// Result of fetching trials from the bucket.
 #[derive(Debug, Default)]
-pub struct Fetched {
+pub struct FetchReport {
     /// Number of trials that are new in the store.
     pub taken: usize,
     /// Damaged objects of the bucket, in sentences; their trials are missing.
     pub damaged: Vec<String>,
 }
 
-/// The object of a trial.
+/// Key of the object of a trial.
 fn key(id: &str) -> String {
     format!("trials/{id}")
 }
@@ -172,8 +172,8 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::Bucket`] where the bucket cannot be read, and the errors of leases and of writing a trial.
-    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<Fetched, Error> {
-        let mut fetched = Fetched::default();
+    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<FetchReport, Error> {
+        let mut fetched = FetchReport::default();
         let Some(bucket) = &self.bucket else {
             return Ok(fetched);
         };
@@ -192,9 +192,9 @@ impl Store {
                 let outcome = bucket.fetch(self, id);
                 leases.release(id)?;
                 match outcome? {
-                    Fetch::Taken => fetched.taken += 1,
-                    Fetch::Nothing => {}
-                    Fetch::Damaged { problem, .. } => {
+                    FetchOutcome::Taken => fetched.taken += 1,
+                    FetchOutcome::Nothing => {}
+                    FetchOutcome::Damaged { problem, .. } => {
                         let object = format!("{}/{}", bucket.address.trim_end_matches('/'), key(id));
                         fetched.damaged.push(format!("`{object}` is damaged: {problem}"));
                     }
@@ -284,7 +284,7 @@ mod tests {
         let mut bytes = bucket.objects.get(&key).unwrap().unwrap().bytes;
         let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 9;
         bytes[place] ^= 1;
-        bucket.objects.put(&key, &bytes, When::Always).unwrap();
+        bucket.objects.put(&key, &bytes, WriteCondition::Always).unwrap();
         // A trial beside it is fetched all the same.
         let beside = crate::store::stub::trial(4, 1);
         one.finish(&beside, &Recorder::default(), 1.0).unwrap();
@@ -299,7 +299,10 @@ mod tests {
             "{:?}",
             fetched.damaged
         );
-        bucket.objects.put(&key, &bytes[..place], When::Always).unwrap();
+        bucket
+            .objects
+            .put(&key, &bytes[..place], WriteCondition::Always)
+            .unwrap();
         let cut_off = two.fetch(ids()).unwrap();
         assert!(
             cut_off.taken == 0 && cut_off.damaged[0].contains(&key),

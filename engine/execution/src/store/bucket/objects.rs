@@ -12,7 +12,7 @@ pub(super) struct Object {
 
 /// Condition under which an object is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum When<'a> {
+pub(super) enum WriteCondition<'a> {
     /// No condition.
     Always,
     /// Only where there is no object.
@@ -26,7 +26,7 @@ pub(super) trait Objects: Send + Sync + Debug {
     /// Reads an object; `None` where there is none.
     fn get(&self, key: &str) -> Result<Option<Object>, String>;
     /// Writes an object; false where the condition does not hold.
-    fn put(&self, key: &str, bytes: &[u8], when: When<'_>) -> Result<bool, String>;
+    fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String>;
     /// Removes an object, if there is one.
     fn delete(&self, key: &str) -> Result<(), String>;
     /// Every key that begins with `prefix`.

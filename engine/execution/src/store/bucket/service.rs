@@ -1,6 +1,6 @@
 //! Object storage over HTTP: Amazon's S3, and every service with the same protocol.
 
-use super::objects::{Object, Objects, When};
+use super::objects::{Object, Objects, WriteCondition};
 use crate::world::clock;
 use rusty_s3::{
     Credentials, UrlStyle,
@@ -176,23 +176,25 @@ impl Objects for Service {
         }
     }
 
-    fn put(&self, key: &str, bytes: &[u8], when: When<'_>) -> Result<bool, String> {
+    fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String> {
         let key = self.key(key);
         let answer = answered(|| {
             let action = PutObject::new(&self.bucket, Some(&self.credentials), &key);
             let request = self.agent.put(action.sign(SIGNED_FOR).as_str());
             match when {
-                When::Always => request,
-                When::New => request.header("if-none-match", "*"),
-                When::Unchanged(tag) => request.header("if-match", tag),
+                WriteCondition::Always => request,
+                WriteCondition::New => request.header("if-none-match", "*"),
+                WriteCondition::Unchanged(tag) => request.header("if-match", tag),
             }
             .send(bytes)
         })?;
         match answer.status {
             StatusCode::OK | StatusCode::CREATED | StatusCode::NO_CONTENT => Ok(true),
-            StatusCode::PRECONDITION_FAILED if when != When::Always => Ok(false),
+            StatusCode::PRECONDITION_FAILED if when != WriteCondition::Always => Ok(false),
             // The version that was to be replaced is gone.
-            StatusCode::NOT_FOUND if matches!(when, When::Unchanged(_)) && !says(&answer, "NoSuchBucket") => {
+            StatusCode::NOT_FOUND
+                if matches!(when, WriteCondition::Unchanged(_)) && !says(&answer, "NoSuchBucket") =>
+            {
                 Ok(false)
             }
             _ => answer.refused(),

@@ -16,7 +16,7 @@
 
 use super::{
     super::index::parse,
-    outline::{Gathered, Outlines},
+    outline::{OutlineWriter, Outlines},
 };
 use contract::digest::of_bytes as hash;
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
@@ -68,7 +68,7 @@ pub(super) fn number(id: &str) -> Option<u128> {
     digits.then(|| u128::from_str_radix(id, 16).ok()).flatten()
 }
 
-/// The id that [`number`] came from.
+/// Id of a trial from its [`number`].
 pub(super) fn id_of(number: u128) -> String {
     format!("{number:032x}")
 }
@@ -78,7 +78,7 @@ pub(super) struct Writer<W: Write> {
     to: W,
     at: u64,
     entries: Vec<Entry>,
-    outlines: Gathered,
+    outlines: OutlineWriter,
 }
 
 impl<W: Write> Writer<W> {
@@ -88,7 +88,7 @@ impl<W: Write> Writer<W> {
             to,
             at: BEGIN.len() as u64,
             entries: Vec::new(),
-            outlines: Gathered::default(),
+            outlines: OutlineWriter::default(),
         })
     }
 

@@ -16,7 +16,7 @@ mod tests;
 
 pub use packing::Packing;
 
-use super::{Loaded, Store, StoredTrial, index::parse, inside, names};
+use super::{EndWithMetrics, Store, StoredTrial, index::parse, inside, names};
 use crate::world::fs::File;
 use contract::{Error, digest, trial_end::EndState};
 use form::{Entry, id_of, number};
@@ -46,14 +46,14 @@ pub(super) struct Pack {
 
 /// A short trial, as packs hold it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Short {
+pub(super) struct ShortTrial {
     /// Bytes of `trial.json`.
     pub(super) acknowledgement: Vec<u8>,
     /// Bytes of `metrics.parquet`.
     pub(super) metrics: Vec<u8>,
 }
 
-impl Short {
+impl ShortTrial {
     /// Whether these are the acknowledged bytes of this trial.
     fn is_whole(&self, id: &str) -> bool {
         self.state(id).is_some()
@@ -114,7 +114,7 @@ impl Store {
     ///
     /// # Errors
     /// Where a pack cannot be read.
-    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
+    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<AcknowledgedTrial>, Error> {
         let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
     }
@@ -146,7 +146,7 @@ impl Store {
     ///
     /// # Errors
     /// Where a pack cannot be read.
-    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<Short>, Error> {
+    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<ShortTrial>, Error> {
         let mut found = Vec::new();
         for pack in self.packs_of(id)? {
             let held = pack.trial(id)?;
@@ -164,13 +164,16 @@ impl Store {
 }
 
 /// Text of a `trial.json`, and the trial that it describes.
-pub(super) type Acknowledged = (Vec<u8>, StoredTrial);
+pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 
 /// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
 ///
 /// # Errors
 /// Where a pack cannot be read.
-pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<Acknowledged>, Error> {
+pub(super) fn acknowledged_in(
+    packs: &mut [Reader<'_>],
+    id: &str,
+) -> Result<Option<AcknowledgedTrial>, Error> {
     for pack in packs {
         let Some(text) = pack.acknowledgement(id)? else {
             continue;
@@ -217,7 +220,11 @@ fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option
 /// # Errors
 /// [`Error::File`] where a pack cannot be read, [`Error::Damaged`] where no copy in the store matches its
 /// acknowledgement.
-pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Result<Option<Loaded>, Error> {
+pub(super) fn loaded_in(
+    packs: &mut [Reader<'_>],
+    store: &Store,
+    id: &str,
+) -> Result<Option<EndWithMetrics>, Error> {
     let Some((_, trial)) = acknowledged_in(packs, id)? else {
         return Ok(None);
     };
@@ -286,10 +293,10 @@ impl Reader<'_> {
         entry.map(bytes).transpose()
     }
 
-    fn trial_at(&mut self, entry: &Entry) -> Result<Short, Error> {
+    fn trial_at(&mut self, entry: &Entry) -> Result<ShortTrial, Error> {
         let mut bytes = self.bytes(entry.at, entry.length())?;
         let metrics = bytes.split_off((entry.acknowledgement as usize).min(bytes.len()));
-        Ok(Short {
+        Ok(ShortTrial {
             acknowledgement: bytes,
             metrics,
         })
@@ -361,11 +368,11 @@ impl Pack {
     }
 
     /// The bytes that the pack has for a trial, damaged or not.
-    pub(super) fn trial(&self, id: &str) -> Result<Option<Short>, Error> {
+    pub(super) fn trial(&self, id: &str) -> Result<Option<ShortTrial>, Error> {
         self.entry(id).map(|entry| self.trial_at(entry)).transpose()
     }
 
-    fn trial_at(&self, entry: &Entry) -> Result<Short, Error> {
+    fn trial_at(&self, entry: &Entry) -> Result<ShortTrial, Error> {
         self.reader()?.trial_at(entry)
     }
 }

@@ -40,7 +40,7 @@ struct Origin {
     numerics: u32,
     device: String,
     build: Option<Build>,
-    /// Whether its trials noted when they ended.
+    /// Whether the ends of its trials have a date.
     dated: bool,
 }
 
@@ -91,12 +91,12 @@ impl Outline {
 
 /// Outlines of a pack that is being written.
 #[derive(Debug, Default)]
-pub(super) struct Gathered {
+pub(super) struct OutlineWriter {
     outlines: Vec<u8>,
     origins: BTreeMap<Origin, u32>,
 }
 
-impl Gathered {
+impl OutlineWriter {
     /// Adds the next trial.
     pub(super) fn add(&mut self, trial: Option<StoredTrial>) {
         let outline = trial
@@ -292,7 +292,7 @@ mod tests {
     }
 
     fn written(trials: &[StoredTrial]) -> Vec<u8> {
-        let mut gathered = Gathered::default();
+        let mut gathered = OutlineWriter::default();
         trials.iter().for_each(|trial| gathered.add(Some(trial.clone())));
         let mut bytes = b"before".to_vec();
         let at = bytes.len() as u64;

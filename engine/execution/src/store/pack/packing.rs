@@ -7,7 +7,7 @@
 //! interrupted, every trial is whole in one of the two places, and the next packing completes it.
 
 use super::{
-    ENDING, FOLDER, Pack, Short,
+    ENDING, FOLDER, Pack, ShortTrial,
     form::{Writer, id_of, number},
 };
 use crate::{
@@ -87,7 +87,7 @@ impl Store {
     /// Writes a new pack of those trials that no pack has yet.
     pub(super) fn write_pack(&self, ids: &[String]) -> Result<Packing, Error> {
         let packs = self.packs()?;
-        let is_new = |id: &String, trial: &Short| {
+        let is_new = |id: &String, trial: &ShortTrial| {
             let has = |pack: &Arc<Pack>| pack.trial(id).is_ok_and(|held| held.as_ref() == Some(trial));
             !packs.iter().any(has)
         };
@@ -100,7 +100,10 @@ impl Store {
     }
 
     /// Writes a pack of these trials, which come in the order of their ids.
-    pub(super) fn new_pack(&self, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<Packing, Error> {
+    pub(super) fn new_pack(
+        &self,
+        trials: &mut dyn Iterator<Item = (u128, ShortTrial)>,
+    ) -> Result<Packing, Error> {
         let folder = self.root.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         // Processes of several machines may have the same process id.
@@ -127,7 +130,7 @@ impl Store {
     }
 
     /// A whole trial that can be packed. A trial that cannot be read is left out; `fsck` reports it.
-    fn short(&self, id: &str) -> Option<Short> {
+    fn short(&self, id: &str) -> Option<ShortTrial> {
         let folder = self.folder(id);
         let mut files = inside::files_of(&folder).ok()?;
         files.retain(|name| !is_lease(name));
@@ -139,7 +142,7 @@ impl Store {
             paused(id, &read(name)?)?
         } else if files == ["metrics.parquet", "trial.json"] {
             let [acknowledgement, metrics] = FILES.map(read);
-            Short {
+            ShortTrial {
                 acknowledgement: acknowledgement?,
                 metrics: metrics?,
             }
@@ -178,12 +181,12 @@ impl Store {
     }
 
     /// Removes the files of a trial that are the same bytes as those of one of `held`; true where they were.
-    fn remove_files(&self, id: &str, held: &[Short]) -> Result<bool, Error> {
+    fn remove_files(&self, id: &str, held: &[ShortTrial]) -> Result<bool, Error> {
         let folder = self.folder(id);
         let own = FILES.map(|name| inside::read(&folder.join(name)));
         let [acknowledgement, metrics] = own;
         let (acknowledgement, metrics) = (acknowledgement?, metrics?);
-        let is_same = |held: &Short| {
+        let is_same = |held: &ShortTrial| {
             acknowledgement
                 .as_ref()
                 .is_none_or(|own| *own == held.acknowledgement)
@@ -205,16 +208,16 @@ impl Store {
 }
 
 /// A trial at its pause, from the bytes of its file.
-fn paused(id: &str, bytes: &[u8]) -> Option<Short> {
+fn paused(id: &str, bytes: &[u8]) -> Option<ShortTrial> {
     let [metrics, acknowledgement] = partial::parts(id, bytes).ok()?;
-    Some(Short {
+    Some(ShortTrial {
         acknowledgement,
         metrics,
     })
 }
 
 /// Writes a pack, flushes it and reads it back; returns its number of trials and its size in bytes.
-fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<(usize, u64), Error> {
+fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, ShortTrial)>) -> Result<(usize, u64), Error> {
     let wrong = || Error::file("write", path);
     let file = File::create(path).map_err(Error::file("create", path))?;
     let mut writer = Writer::begin(BufWriter::new(file)).map_err(wrong())?;

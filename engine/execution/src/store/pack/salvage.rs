@@ -1,6 +1,6 @@
 //! Salvage of a damaged pack: whole trials go into a new one, and the old one is set aside.
 
-use super::{ENDING, FOLDER, Pack, Short, form::id_of, is_pack};
+use super::{ENDING, FOLDER, Pack, ShortTrial, form::id_of, is_pack};
 use crate::{
     store::{
         Store,
@@ -37,7 +37,7 @@ impl Store {
             Some(_) => self.new_pack(&mut whole)?.pack,
             None => None,
         };
-        // An opened pack is known by its name.
+        // Opened packs are cached by their names.
         self.forget_pack(path);
         if new.as_deref() == Some(path) {
             Ok(())
@@ -49,7 +49,7 @@ impl Store {
 
 impl Pack {
     /// The whole trials of the pack, in the order of their ids, each once.
-    fn whole(&self) -> impl Iterator<Item = (u128, Short)> {
+    fn whole(&self) -> impl Iterator<Item = (u128, ShortTrial)> {
         let mut last = None;
         self.index.entries.iter().filter_map(move |entry| {
             let trial = self.trial_at(entry).ok()?;

@@ -18,7 +18,7 @@ use std::{
 /// Number of a file or folder.
 pub type Node = usize;
 
-/// The folder above all.
+/// The root folder.
 pub const ROOT: Node = 0;
 
 pub struct Disk {
@@ -44,11 +44,11 @@ pub enum Body {
 pub struct Content {
     pub bytes: Vec<u8>,
     durable: Vec<u8>,
-    unflushed: Vec<Written>,
+    unflushed: Vec<UnflushedWrite>,
 }
 
 /// A change of a file, and the machine whose memory holds it until it is flushed.
-struct Written {
+struct UnflushedWrite {
     host: usize,
     change: Change,
 }
@@ -62,11 +62,11 @@ enum Change {
 pub struct Names {
     pub now: BTreeMap<OsString, Node>,
     durable: BTreeMap<OsString, Node>,
-    unflushed: Vec<Renamed>,
+    unflushed: Vec<NameChange>,
 }
 
 /// Names that one change gave and removed in one folder.
-struct Renamed {
+struct NameChange {
     number: u64,
     names: Vec<(OsString, Option<Node>)>,
 }
@@ -126,7 +126,7 @@ impl Disk {
         Ok(node)
     }
 
-    /// The folder in which a path's last name stands, and that name.
+    /// The folder of a path's last name, and that name.
     pub fn place<'a>(&self, path: &'a Path) -> io::Result<(Node, &'a OsStr)> {
         let name = path.file_name().ok_or(ErrorKind::InvalidInput)?;
         let folder = self.find(path.parent().unwrap_or(Path::new("")))?;
@@ -134,7 +134,7 @@ impl Disk {
         Ok((folder, name))
     }
 
-    /// A new file or folder that no name leads to yet.
+    /// A new file or folder without a name.
     pub fn make(&mut self, folder: bool, at: Duration) -> Node {
         let body = if folder {
             Body::Folder(Names::default())
@@ -151,7 +151,7 @@ impl Disk {
         let folders: BTreeSet<Node> = names.iter().map(|(folder, ..)| *folder).collect();
         for folder in folders {
             let of = names.iter().filter(|(of, ..)| *of == folder);
-            let renamed = Renamed {
+            let renamed = NameChange {
                 number: self.changes,
                 names: of.map(|(_, name, to)| (name.clone(), *to)).collect(),
             };
@@ -170,15 +170,15 @@ impl Disk {
             at,
             bytes: bytes.to_vec(),
         };
-        self.alter(node, Written { host, change })
+        self.alter(node, UnflushedWrite { host, change })
     }
 
     pub fn cut(&mut self, node: Node, length: usize, host: usize) -> io::Result<()> {
         let change = Change::Cut(length);
-        self.alter(node, Written { host, change })
+        self.alter(node, UnflushedWrite { host, change })
     }
 
-    fn alter(&mut self, node: Node, written: Written) -> io::Result<()> {
+    fn alter(&mut self, node: Node, written: UnflushedWrite) -> io::Result<()> {
         let content = self.content_of(node)?;
         written.change.apply(&mut content.bytes);
         content.unflushed.push(written);
@@ -200,7 +200,7 @@ impl Disk {
         }
     }
 
-    /// The power of the disk and of all machines goes.
+    /// Takes the power from the disk and all machines.
     pub fn lose_power(&mut self, dice: &mut Dice) {
         let mut kept = self.kept(dice);
         for (node, inode) in self.nodes.iter_mut().enumerate() {
@@ -215,7 +215,7 @@ impl Disk {
         }
     }
 
-    /// The power of one machine goes: unflushed writes in its memory are lost.
+    /// Takes the power from one machine: unflushed writes in its memory are lost.
     pub fn lose_host(&mut self, host: usize, dice: &mut Dice) {
         for inode in &mut self.nodes {
             if let Body::File(content) = &mut inode.body {
@@ -301,7 +301,7 @@ impl Names {
     }
 }
 
-impl Renamed {
+impl NameChange {
     fn apply(&self, names: &mut BTreeMap<OsString, Node>) {
         for (name, to) in &self.names {
             match to {

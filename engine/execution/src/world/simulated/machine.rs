@@ -4,7 +4,7 @@ use super::{
     dice::Dice,
     disk::{Disk, Node},
 };
-use crate::world::process::{Look, Place};
+use crate::world::process::{Place, ProcessState};
 use std::{
     collections::{BTreeMap, BTreeSet},
     ffi::{OsStr, OsString},
@@ -22,7 +22,7 @@ pub struct Faults {
     pub kill: f64,
     /// A process halts for up to two minutes, as one that was suspended does.
     pub halt: f64,
-    /// The power of everything goes.
+    /// The power of all machines goes.
     pub power: f64,
     /// The power of one machine goes.
     pub host_power: f64,
@@ -51,7 +51,7 @@ pub struct Machine {
     pub locks: BTreeMap<Node, usize>,
     /// Line of the program whose flushes have no effect.
     pub without_flush: Option<String>,
-    /// The lines of the program that flushed.
+    /// Lines of the program that flushed.
     pub flushed: BTreeSet<String>,
     /// Calls so far, where a trace is wanted.
     pub trace: Option<Vec<String>>,
@@ -67,7 +67,7 @@ struct Host {
     boot: u64,
     /// Difference of its clock to the true time, in seconds.
     ahead_s: i64,
-    /// Names in folders, and when it asked for them.
+    /// Names in folders as it saw them, and the time of each look.
     seen: BTreeMap<Node, (Duration, BTreeMap<OsString, Node>)>,
 }
 
@@ -94,7 +94,7 @@ const MOST_CALLS: u64 = 400_000;
 const EPOCH: Duration = Duration::from_secs(1_800_000_000);
 
 impl Machine {
-    /// Processes at places on machines, by number.
+    /// A world with a process at each place; `hosts_of` gives the machine of each.
     pub fn new(seed: u64, faults: Faults, hosts_of: &[usize]) -> Self {
         let mut dice = Dice::new(seed);
         let count = hosts_of.iter().max().map_or(0, |most| most + 1);
@@ -151,11 +151,11 @@ impl Machine {
         }
     }
 
-    pub fn look(&self, host: usize, pid: u32) -> Look {
+    pub fn look(&self, host: usize, pid: u32) -> ProcessState {
         let runs = |entry: &&Entry| entry.host == host && entry.pid == pid && entry.state != State::Over;
         match self.processes.iter().find(runs) {
-            Some(entry) => Look::Started(u64::from(entry.pid)),
-            None => Look::Gone,
+            Some(entry) => ProcessState::Started(u64::from(entry.pid)),
+            None => ProcessState::Gone,
         }
     }
 
@@ -164,7 +164,7 @@ impl Machine {
         self.calls < self.faults.calls
     }
 
-    /// Time goes on, a fault may strike, and the turn may pass to another process.
+    /// Lets time go on; a fault may strike, and the turn may pass to another process.
     pub fn pass(&mut self, from: usize) {
         self.calls += 1;
         self.time += Duration::from_micros(self.dice.up_to(2000) as u64);
@@ -243,7 +243,7 @@ impl Machine {
         }
     }
 
-    /// The power of everything goes.
+    /// Takes the power from all machines.
     pub fn lose_power(&mut self) {
         self.note(|| "-- the power goes".into());
         for host in 0..self.hosts.len() {
@@ -252,7 +252,7 @@ impl Machine {
         self.disk.lose_power(&mut self.dice);
     }
 
-    /// All processes of a machine are gone, and it starts again.
+    /// Ends all processes of a machine, which starts again.
     fn fall(&mut self, host: usize) {
         for at in 0..self.processes.len() {
             if self.processes[at].host == host {

@@ -17,7 +17,7 @@ mod turns;
 pub use machine::{Faults, Machine};
 pub use turns::{quietly, start};
 
-use super::process::{Look, Place};
+use super::process::{Place, ProcessState};
 use std::{
     cell::RefCell,
     rc::Rc,
@@ -60,7 +60,7 @@ pub fn place() -> Option<Place> {
     Some(this()?.see(|machine, me| machine.place(me.host)))
 }
 
-pub fn look(pid: u32) -> Option<Look> {
+pub fn look(pid: u32) -> Option<ProcessState> {
     Some(this()?.see(|machine, me| machine.look(me.host, pid)))
 }
 
@@ -71,7 +71,8 @@ pub fn disk_date() -> Duration {
 
 /// Whether a process of the simulation runs, as any process may ask.
 pub fn lives(pid: u32) -> bool {
-    let runs = |machine: &mut Machine, _: &turns::Me| machine.processes.iter().any(|entry| entry.pid == pid);
+    let runs =
+        |machine: &mut Machine, _: &turns::Caller| machine.processes.iter().any(|entry| entry.pid == pid);
     this().is_some_and(|this| quietly(|| this.see(runs)))
 }
 

@@ -15,7 +15,7 @@ use std::{
 };
 
 /// State that the threads share.
-struct Shared {
+struct SharedMachine {
     machine: Mutex<Machine>,
     /// A condition for each place: it is signalled when its process gets the turn, or is gone.
     told: Vec<Condvar>,
@@ -24,14 +24,14 @@ struct Shared {
 
 /// The simulated process of a thread.
 pub struct Process {
-    shared: Arc<Shared>,
+    shared: Arc<SharedMachine>,
     at: usize,
     generation: u64,
     quiet: Cell<bool>,
 }
 
 /// Payload of the unwinding of a thread whose process is gone.
-struct Gone;
+struct ProcessLoss;
 
 /// Runs `body` in a process at each place until each has said that it is done; a process that was killed or
 /// is not done is replaced by a new one. Returns the machine.
@@ -41,7 +41,7 @@ struct Gone;
 pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
     contract::clock::simulate(super::now);
     let places = machine.processes.len();
-    let shared = Arc::new(Shared {
+    let shared = Arc::new(SharedMachine {
         machine: Mutex::new(machine),
         told: (0..places).map(|_| Condvar::new()).collect(),
         began: crate::world::clock::now(),
@@ -70,8 +70,8 @@ pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
     outcome
 }
 
-/// One process after the other at a place.
-fn live(shared: &Arc<Shared>, at: usize, body: &(impl Fn(usize) -> bool + Sync)) {
+/// Runs one process after the other at a place.
+fn live(shared: &Arc<SharedMachine>, at: usize, body: &(impl Fn(usize) -> bool + Sync)) {
     loop {
         let Some(generation) = shared.begin(at) else {
             return;
@@ -91,7 +91,7 @@ fn live(shared: &Arc<Shared>, at: usize, body: &(impl Fn(usize) -> bool + Sync))
     }
 }
 
-impl Shared {
+impl SharedMachine {
     fn lock(&self) -> MutexGuard<'_, Machine> {
         // A panic of a process ends the simulation, which only reads the machine then.
         self.machine.lock().unwrap_or_else(PoisonError::into_inner)
@@ -119,7 +119,7 @@ impl Shared {
         let mut machine = self.lock();
         let killed = machine.processes[at].generation != generation;
         match outcome {
-            Err(panic) if !panic.is::<Gone>() => {
+            Err(panic) if !panic.is::<ProcessLoss>() => {
                 let text = panic.downcast_ref::<String>().cloned();
                 let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
                 machine
@@ -153,17 +153,17 @@ impl Process {
     }
 
     /// Accesses the machine without a fault.
-    pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Me) -> T) -> T {
+    pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Caller) -> T) -> T {
         let mut machine = self.turn();
         let me = self.me(&machine);
         look(&mut machine, &me)
     }
 
-    /// A call for a file, which may fail.
+    /// Makes a call for a file, which may fail.
     pub fn call<T>(
         &self,
         what: impl FnOnce() -> String,
-        act: impl FnOnce(&mut Machine, &Me) -> io::Result<T>,
+        act: impl FnOnce(&mut Machine, &Caller) -> io::Result<T>,
     ) -> io::Result<T> {
         if std::thread::panicking() {
             return Err(io::Error::other("the process is gone"));
@@ -220,13 +220,13 @@ impl Process {
     fn hold(&self, machine: &Machine) {
         let gone = machine.processes[self.at].generation != self.generation || machine.failed.is_some();
         if gone && !std::thread::panicking() {
-            resume_unwind(Box::new(Gone));
+            resume_unwind(Box::new(ProcessLoss));
         }
     }
 
-    fn me(&self, machine: &Machine) -> Me {
+    fn me(&self, machine: &Machine) -> Caller {
         let Entry { host, pid, .. } = machine.processes[self.at];
-        Me {
+        Caller {
             at: self.at,
             host,
             pid,
@@ -236,7 +236,7 @@ impl Process {
 }
 
 /// Identity of the calling process.
-pub struct Me {
+pub struct Caller {
     pub at: usize,
     pub host: usize,
     pub pid: u32,

@@ -1,7 +1,7 @@
 //! Packs with any bit changed, and packs cut anywhere: a trial that is read is true, or it is not read.
 
 use super::{super::form, Bench, trial};
-use crate::store::{Store, StoredTrial, pack::Short};
+use crate::store::{Store, StoredTrial, pack::ShortTrial};
 use contract::Error;
 use std::{fs, io::Cursor, path::Path};
 
@@ -9,7 +9,7 @@ use std::{fs, io::Cursor, path::Path};
 const COUNT: u64 = 3;
 
 /// The whole trials in the bytes of a pack, by place.
-fn held(bytes: &[u8]) -> Vec<Option<Short>> {
+fn held(bytes: &[u8]) -> Vec<Option<ShortTrial>> {
     let index = form::index(&mut Cursor::new(bytes)).unwrap();
     let slice = |at: u64, length: u32| {
         let at = usize::try_from(at).unwrap();
@@ -17,7 +17,7 @@ fn held(bytes: &[u8]) -> Vec<Option<Short>> {
     };
     let mut found = vec![None; usize::try_from(COUNT).unwrap()];
     for entry in &index.entries {
-        let short = Short {
+        let short = ShortTrial {
             acknowledgement: slice(entry.at, entry.acknowledgement),
             metrics: slice(entry.at + u64::from(entry.acknowledgement), entry.metrics),
         };
@@ -31,7 +31,7 @@ fn held(bytes: &[u8]) -> Vec<Option<Short>> {
 }
 
 /// Asserts that every trial that is found is true, and returns their number.
-fn n_true(found: &[Option<Short>], whole: &[Option<Short>], place: usize) -> usize {
+fn n_true(found: &[Option<ShortTrial>], whole: &[Option<ShortTrial>], place: usize) -> usize {
     for (one, other) in found.iter().zip(whole) {
         assert!(one.is_none() || one == other, "other content at byte {place}");
     }
