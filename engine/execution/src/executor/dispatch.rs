@@ -19,7 +19,7 @@ use std::{
 
 /// One run that computes its trials through a queue.
 pub struct Dispatch<'a> {
-    /// The store, under a path that all machines see.
+    /// Folder of the store, under a path that all machines see.
     pub store: PathBuf,
     /// The command that a worker runs.
     pub work: Work,
@@ -76,7 +76,7 @@ impl View {
 /// The open submissions of a store with their tasks; no queue is asked where there is none.
 ///
 /// # Errors
-/// Where a record cannot be read or a queue cannot be asked.
+/// [`Error::Engine`] where a record cannot be read, and the errors of queues.
 pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
     holdings_with(store, None, stop)
 }
@@ -129,7 +129,7 @@ fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error
 /// The submissions of a store whose jobs may be queued or running.
 ///
 /// # Errors
-/// Where a record cannot be read.
+/// [`Error::Engine`] where a record cannot be read.
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
     Ok(Submission::all(store)?
         .into_iter()
@@ -143,7 +143,7 @@ const LONGEST_WAIT: Duration = Duration::from_secs(600);
 /// Cancels every open submission that is meant to compute one of these trials and returns them.
 ///
 /// # Errors
-/// Where a queue cannot be asked; the submission stays open then.
+/// The errors of queues; the submission stays open then.
 pub fn cancel(
     store: &Path,
     trials: &BTreeSet<String>,

@@ -27,7 +27,7 @@ pub trait Watch {
     fn say(&mut self, text: &str);
 }
 
-/// How the wait ended.
+/// End of a wait for trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Every trial has ended.

@@ -17,11 +17,11 @@ pub struct Kind {
     pub title: &'static str,
     /// One line about the executor, for its list.
     pub about: &'static str,
-    /// How workers come about.
+    /// Way in which its workers are started.
     pub way: Way,
 }
 
-/// How workers come about.
+/// Way in which workers are started.
 pub enum Way {
     /// This program starts them itself.
     Here,

@@ -31,7 +31,7 @@ impl Store {
     /// computes are left to it.
     ///
     /// # Errors
-    /// Where a file cannot be moved.
+    /// [`Error::File`] where a file cannot be moved.
     pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut mine = Vec::new();

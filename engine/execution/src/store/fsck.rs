@@ -106,7 +106,7 @@ impl Store {
     /// findings from the owners of other files in it.
     ///
     /// # Errors
-    /// Where the store cannot be read, or a file cannot be moved.
+    /// [`Error::File`] where the store cannot be read, or a file cannot be moved.
     pub fn check(&self, mend: bool, further: Vec<Finding>) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut check = Check::new(self);

@@ -110,7 +110,7 @@ const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.p
 /// file.
 ///
 /// # Errors
-/// Where a folder cannot be read.
+/// [`Error::File`] where a folder cannot be read.
 pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
     let mut found = Vec::new();
     gather(trial, "", DEEPEST, &mut found)?;

@@ -166,7 +166,7 @@ impl Leases {
     /// Gives a trial back.
     ///
     /// # Errors
-    /// Where the lease cannot be removed.
+    /// [`Error::File`] where the lease cannot be removed.
     pub fn release(&self, id: &str) -> Result<(), Error> {
         let lease = self.store.folder(id).join("lease");
         boundary::pass("before a lease is given back", &lease);
@@ -187,7 +187,7 @@ impl Leases {
     /// Renews all leases of this process.
     ///
     /// # Errors
-    /// Where the owner's file cannot be written.
+    /// [`Error::File`] where the owner's file cannot be written.
     pub fn beat(&self) -> Result<(), Error> {
         match self.touch() {
             Err(source) if source.kind() == ErrorKind::NotFound => self.announce_again(),

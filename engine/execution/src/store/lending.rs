@@ -6,7 +6,7 @@ use contract::{Error, artifact::Taken};
 use std::path::Path;
 
 impl Store {
-    /// Puts an artifact, every file of which is held against its acknowledged hash, into another store under
+    /// Puts an artifact, with every file held against its acknowledged hash, into another store under
     /// the same trial. Files are linked where both stores lie on one file system, otherwise copied; the
     /// trials that take them there hold them against their hashes again.
     ///

@@ -122,7 +122,7 @@ impl<'a> Merge<'a> {
     /// Copies the new trials of `source` in the order of ids, and reports the fate of each trial.
     ///
     /// # Errors
-    /// Where a store cannot be read or written.
+    /// [`Error::File`] where a store cannot be read or written.
     pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
         refuse_links(source)?;
         for id in ids(source)? {
@@ -370,8 +370,8 @@ fn look(store: &Store, id: &str) -> Result<CopyCheck, Error> {
 }
 
 impl Store {
-    /// The acknowledgement of a trial, every file of which is held against its acknowledged hash; `None`
-    /// where the trial has not ended.
+    /// The acknowledgement of a trial, with every file held against its acknowledged hash; `None` where the
+    /// trial has not ended.
     ///
     /// # Errors
     /// [`Error::Damaged`] for the first file that differs from the acknowledged one.

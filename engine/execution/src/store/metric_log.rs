@@ -68,7 +68,7 @@ pub struct LogPosition {
 /// Reads a log, which may be one that is being written.
 ///
 /// # Errors
-/// Where the file cannot be read. Damage is no error: see [`LogContents::end`].
+/// [`Error::File`] where the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
     bytes_of(path)
         .map(|bytes| decode(&bytes))
@@ -109,7 +109,7 @@ impl MetricLog {
     /// Begins a log; an existing one is lost.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn create(path: &Path, trial: &str) -> Result<Self, Error> {
         File::create(path).map_err(Error::file("create", path))?;
         let mut log = Self::at_end(path, &[], &MetricsTable::default(), 0)?;
@@ -121,7 +121,7 @@ impl MetricLog {
     /// the log does not have its content at that position any more.
     ///
     /// # Errors
-    /// Where the file cannot be read or written.
+    /// [`Error::File`] where the file cannot be read or written.
     pub fn resume(
         path: &Path,
         trial: &str,
@@ -178,7 +178,7 @@ impl MetricLog {
     /// Appends the rows that were recorded since the last time.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn append(&mut self, record: &Recorder) -> Result<(), Error> {
         for rows in record.rows()[self.rows..].chunks(ROWS_PER_FRAME) {
             let payload = encode(&record.names()[self.names..], rows);
@@ -536,7 +536,7 @@ mod tests {
                 first)]));
             prop_assert_ne!(contents.end, LogEnd::Whole);
             let last_change = original.iter().zip(&bytes).rposition(|(one, two)| one != two).unwrap();
-            // Where a frame behind the changed ones is whole, the change is known to be no torn end.
+            // A whole frame behind the changed ones shows that the change is no torn end.
             let changed_to_the_end = rows_before(&counts,
                 last_change) + *counts.last().unwrap() as usize == recorder.rows().len();
             let is_damage = matches!(contents.end, LogEnd::Damaged { .. });

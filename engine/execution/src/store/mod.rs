@@ -480,7 +480,7 @@ pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
 /// Writes a file so that after a crash it is either the old one or the whole new one.
 ///
 /// # Errors
-/// Where the folder or the file cannot be written.
+/// [`Error::File`] where the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let temporary = write_beside(path, bytes)?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;

@@ -1,4 +1,4 @@
-//! How workers are asked for: `[slurm]` in `regimen.toml`.
+//! Options of the executor `slurm`: the table `[slurm]` in `regimen.toml`.
 
 use crate::executor::{Error, four_each};
 use schemars::JsonSchema;
@@ -107,13 +107,13 @@ impl Options {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
     }
 
-    /// How long a question may take.
+    /// Longest time until a question is answered.
     #[must_use]
     pub fn answer(&self) -> Duration {
         seconds(self.answer_s, 60)
     }
 
-    /// How long a submission may take.
+    /// Longest time until a submission is answered.
     #[must_use]
     pub fn submit(&self) -> Duration {
         seconds(self.submit_s, 300)

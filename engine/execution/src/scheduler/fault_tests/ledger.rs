@@ -24,7 +24,7 @@ pub struct Ledger {
 
 #[derive(Default)]
 struct Promises {
-    /// How each trial ended, by its id.
+    /// End of each trial, by its id.
     ended: BTreeMap<String, TrialEnd>,
     /// Steps up to which paused trials were measured, by their ids.
     paused: BTreeMap<String, u64>,

@@ -113,7 +113,7 @@ impl Store {
     /// no pack has it.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
+    /// [`Error::File`] where a pack cannot be read.
     pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<AcknowledgedTrial>, Error> {
         let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
@@ -122,7 +122,7 @@ impl Store {
     /// The metrics of a trial that a pack has with the hash that was acknowledged.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
+    /// [`Error::File`] where a pack cannot be read.
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
         let packs = self.packs_of(id)?;
         metrics_in(&mut readers(&packs)?, id, digest)
@@ -145,7 +145,7 @@ impl Store {
     /// Whole records of a paused trial in packs.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
+    /// [`Error::File`] where a pack cannot be read.
     pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<ShortTrial>, Error> {
         let mut found = Vec::new();
         for pack in self.packs_of(id)? {
@@ -169,7 +169,7 @@ pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 /// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
 ///
 /// # Errors
-/// Where a pack cannot be read.
+/// [`Error::File`] where a pack cannot be read.
 pub(super) fn acknowledged_in(
     packs: &mut [Reader<'_>],
     id: &str,
@@ -190,7 +190,7 @@ pub(super) fn acknowledged_in(
 /// own bytes are not read: they may be damaged, as its metrics may.
 ///
 /// # Errors
-/// Where a pack cannot be read.
+/// [`Error::File`] where a pack cannot be read.
 pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
     for pack in &mut *packs {
         let told = pack.outline(id)?.filter(|trial| trial.id() == id);
@@ -204,7 +204,7 @@ pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<S
 /// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
 ///
 /// # Errors
-/// Where a pack cannot be read.
+/// [`Error::File`] where a pack cannot be read.
 fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
@@ -247,7 +247,7 @@ pub(super) struct Reader<'a> {
 /// Opens these packs.
 ///
 /// # Errors
-/// Where one cannot be read.
+/// [`Error::File`] where one cannot be read.
 pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
     packs.iter().map(|pack| pack.reader()).collect()
 }
