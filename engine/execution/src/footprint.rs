@@ -1,10 +1,11 @@
-//! Time and memory of a process with all that it started, for which limits hold.
+//! Time and memory of a process and its descendants, for which limits hold.
 
 use crate::{limits::Limits, world::fs};
 use contract::trial_end::EndState;
 use std::time::Duration;
 
-/// The limit that a process is over, with how its trial ends for it and in words; `None` where it is over none.
+/// The limit that a process exceeds, as the end state of its trial and in words; `None` where it exceeds
+/// none.
 pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
     if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
         return Some((
@@ -25,10 +26,10 @@ pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(
     ))
 }
 
-/// Memory that a process holds with those that it started, where it is more than `limit`.
+/// Memory of a process and its descendants in bytes, where it is more than `limit`.
 ///
-/// Resident memory is quickly read and counts shared pages several times, as of a process that copies itself for
-/// a moment; only where that is too much, the shares are added up.
+/// Resident memory is quickly read and counts shared pages several times, as for a process that has just
+/// copied itself; the proportional shares are added up only where resident memory exceeds the limit.
 fn held_beyond(pid: u32, limit: u64) -> Option<u64> {
     let family = family(pid);
     let sum = |of: fn(u32) -> Option<u64>| family.iter().filter_map(|pid| of(*pid)).sum::<u64>();
@@ -38,7 +39,7 @@ fn held_beyond(pid: u32, limit: u64) -> Option<u64> {
     Some(sum(|pid| shared_out_bytes(pid).or_else(|| resident_bytes(pid)))).filter(|held| *held > limit)
 }
 
-/// A process and those that come from it; the process alone where the system does not say.
+/// Ids of a process and its descendants; the process alone where the system does not say.
 pub(crate) fn family(pid: u32) -> Vec<u32> {
     let mut all = vec![pid];
     let mut at = 0;
@@ -49,7 +50,7 @@ pub(crate) fn family(pid: u32) -> Vec<u32> {
     all
 }
 
-/// The processes that the threads of a process started; none where the system does not say.
+/// Ids of the processes that the threads of a process started; empty where the system does not say.
 fn children(pid: u32) -> Vec<u32> {
     let threads = fs::read_dir(format!("/proc/{pid}/task"))
         .into_iter()
@@ -61,17 +62,17 @@ fn children(pid: u32) -> Vec<u32> {
     ids.filter_map(|id| id.parse().ok()).collect()
 }
 
-/// Memory that a process holds: resident and swapped out.
+/// Memory that a process holds, resident and swapped out, in bytes.
 fn resident_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/status"), ["VmRSS:", "VmSwap:"])
 }
 
-/// As [`resident_bytes`], of what is shared its part alone.
+/// As [`resident_bytes`], with shared pages counted by their proportional share.
 fn shared_out_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/smaps_rollup"), ["Pss:", "SwapPss:"])
 }
 
-/// The sum of two lines of a file of the system, in bytes; the second may be absent.
+/// Sum of two lines of a file of the system, in bytes; the second may be absent.
 fn bytes_of(path: &str, [first, second]: [&str; 2]) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
     let kilobytes = |key: &str| {
@@ -95,7 +96,7 @@ mod tests {
             .unwrap();
         let own = std::process::id();
         let all = || family(own).len();
-        // The shell, the shell in it, and what that waits for.
+        // The shell, the inner shell, and the command that it waits for.
         while family(child.id()).len() < 3 {
             std::thread::yield_now();
         }

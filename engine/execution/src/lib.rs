@@ -1,7 +1,7 @@
-//! How trials are computed and kept: on this machine, on others, and in the store.
+//! Computation and storage of trials: on this machine, on others, and in the store.
 //!
-//! Only [`world`] names files, clocks and processes; tests of crashes and power losses put a simulated machine in its
-//! place.
+//! Only [`world`] names files, clocks and processes; tests of crashes and power losses replace it by a
+//! simulated machine.
 
 pub mod executor;
 pub mod footprint;

@@ -1,4 +1,5 @@
-//! What one trial may use, and what is tried again. Limits never reach a trial's identity or its numbers.
+//! Limits of one trial, and the ends after which it is tried again. Neither reaches a trial's identity or its
+//! numbers.
 
 use contract::trial_end::EndState;
 use schemars::JsonSchema;
@@ -36,23 +37,23 @@ pub struct Limits {
     pub retry_delay_s: Option<f64>,
 }
 
-/// A limit that limits nothing, or everything.
+/// A limit that has no effect, or that nothing could satisfy.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{key}` is {value}: {instead}")]
 pub struct LimitError {
-    /// The key.
+    /// Key of the limit.
     pub key: &'static str,
-    /// What was given.
+    /// The given value.
     pub value: String,
-    /// What to write instead.
+    /// The values that are allowed.
     pub instead: &'static str,
 }
 
 impl Limits {
-    /// Refuses what limits nothing or everything, wherever it is written.
+    /// Refuses limits without effect and limits that nothing could satisfy, wherever they are written.
     ///
     /// # Errors
-    /// The first key that is wrong.
+    /// [`LimitError`] for the first key that is wrong.
     pub fn check(&self) -> Result<(), LimitError> {
         let wrong = |key, value: &dyn ToString, instead| {
             let value = value.to_string();
@@ -63,7 +64,7 @@ impl Limits {
             ("stalled_after_s", self.stalled_after_s),
         ];
         for (key, time) in times {
-            // A number that is none lies in no range.
+            // NaN lies in no range.
             if let Some(value) = time.filter(|value| !(0.001..=1e9).contains(value)) {
                 let instead = "write seconds from 0.001 to 1e9, or leave it out where nothing is limited";
                 return wrong(key, &value, instead);
@@ -90,8 +91,8 @@ impl Limits {
         Ok(())
     }
 
-    /// These limits with those of the machine: the tighter wall time and memory hold, and the machine's word
-    /// on retries wins.
+    /// These limits combined with those of the machine: the tighter wall time and memory hold, and the
+    /// machine's values for retries win.
     #[must_use]
     pub fn on(&self, machine: &Limits) -> Limits {
         let tighter = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
@@ -105,21 +106,21 @@ impl Limits {
         }
     }
 
-    /// The longest an attempt may take.
+    /// Longest duration of an attempt.
     #[must_use]
     pub fn wall_time(&self) -> Option<Duration> {
         self.wall_time_s
             .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
     }
 
-    /// The most memory a process may hold, in bytes.
+    /// Most memory of a process in bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> Option<u64> {
         self.memory_mb
             .map(|megabytes| megabytes.saturating_mul(1_000_000))
     }
 
-    /// The wait before the next attempt after `attempts` of them, or `None` where the end is final.
+    /// Wait before the next attempt after `attempts` of them; `None` where the end is final.
     #[must_use]
     pub fn retry_after(&self, end: EndState, attempts: u32) -> Option<Duration> {
         let again = self

@@ -1,4 +1,5 @@
-//! How fast the trials of a study go: seconds per step of an agent in an environment, from those that ended well.
+//! Pace of the trials of a study: seconds per step of an agent in an environment, from trials that ended
+//! well.
 
 use contract::{
     trial::TrialCell,
@@ -16,7 +17,7 @@ pub struct Paces<'a> {
 }
 
 impl<'a> Paces<'a> {
-    /// Those of trials with their steps and how they ended.
+    /// The paces of trials, from their numbers of steps and their ends.
     #[must_use]
     pub fn of_ended<'e>(
         trials: impl IntoIterator<Item = (&'a TrialCell, u64, Option<&'e TrialEnd>)>,
@@ -30,7 +31,7 @@ impl<'a> Paces<'a> {
         paces
     }
 
-    /// A trial with so many steps took so long.
+    /// Adds a trial of `cost` steps that took `wall_s` seconds.
     pub fn add(&mut self, cell: &'a TrialCell, cost: u64, wall_s: f64) {
         let sum = self.sums.entry((&cell.agent, &cell.environment)).or_default();
         *sum = (sum.0 + wall_s, sum.1 + steps(cost));
@@ -59,7 +60,8 @@ impl<'a> Paces<'a> {
     }
 }
 
-/// The steps that a pace is of: a trial without training still has its episodes.
+/// Number of steps by which a pace divides: one more than the trial's own, since a trial without training still
+/// has its episodes.
 #[must_use]
 #[allow(clippy::cast_precision_loss, reason = "an estimate")]
 pub fn steps(cost: u64) -> f64 {

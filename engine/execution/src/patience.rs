@@ -1,5 +1,5 @@
-//! How long, and with how much memory, a program that is not ours is tried out. Whoever reads a study makes its
-//! environments, and none may hold that up without end or without a word.
+//! Limits of time and memory for the trial run of an external program. Reading a study makes its
+//! environments, and none of them may block that without end or without a message.
 
 use crate::{footprint, limits::Limits, world::clock};
 use std::{
@@ -12,20 +12,20 @@ use std::{
     time::Duration,
 };
 
-/// Longest time that an environment may take to be made, and to be rehearsed, whatever the study allows a trial.
+/// Longest time in which an environment is made and rehearsed, whatever the study allows a trial.
 pub const LONGEST: Duration = Duration::from_secs(300);
-/// After this time it is said for what is waited.
+/// Time after which a message says for which program the wait is.
 const SILENT: Duration = Duration::from_secs(5);
-/// Time between two looks: a process that takes memory as fast as it can gets some 50 MB in it.
+/// Interval between two checks: a process that takes memory as fast as it can gets some 50 MB in it.
 const PERIOD: Duration = Duration::from_millis(20);
 
 thread_local! {
-    /// What holds while a study is read; in a trial its own limits are held from outside.
+    /// Limits that hold while a study is read; the limits of a trial are held from outside.
     static LIMITS: RefCell<Option<Limits>> = const { RefCell::new(None) };
 }
 static SAY: OnceLock<fn(&str)> = OnceLock::new();
 
-/// Tries something out under the limits of a trial.
+/// Runs `tried` under the limits of a trial.
 pub fn under<T>(limits: &Limits, tried: impl FnOnce() -> T) -> T {
     let before = LIMITS.replace(Some(limits.clone()));
     let found = tried();
@@ -33,13 +33,13 @@ pub fn under<T>(limits: &Limits, tried: impl FnOnce() -> T) -> T {
     found
 }
 
-/// Where it is said for what is waited.
+/// Sets the function that shows for which program the wait is.
 pub fn say_by(say: fn(&str)) {
-    // The first one stays.
+    // The first function stays.
     let _ = SAY.set(say);
 }
 
-/// The eye on a process while it is waited for.
+/// Thread that holds the limits of a process while it is waited for.
 #[derive(Debug)]
 pub struct Watch {
     done: Sender<()>,
@@ -47,8 +47,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches a process with all that it started, while it is busy with `what`; calls `end` with
-    /// the ids of all of these once it is over a limit.
+    /// Watches a process and its descendants while it is busy with `what`; calls `end` with all their ids
+    /// once the limits are exceeded.
     #[must_use]
     pub fn over(pid: u32, what: String, end: impl FnOnce(&[u32]) + Send + 'static) -> Self {
         let of_study = LIMITS.with_borrow(Clone::clone);
@@ -78,7 +78,7 @@ impl Watch {
         Self { done, thread }
     }
 
-    /// Looks no more; why the process was ended, where it was.
+    /// Ends the watch; returns the reason for which the process was ended, if it was.
     #[must_use]
     pub fn end(self) -> Option<String> {
         // The thread may have ended already.

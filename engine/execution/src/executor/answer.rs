@@ -1,4 +1,5 @@
-//! Commands of a batch system: what they answer, within a time, unless somebody stops waiting.
+//! Commands of a batch system: their answers, the time limit of each, and the wish to stop that interrupts
+//! them.
 
 use super::Error;
 use crate::world::{
@@ -16,38 +17,38 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How often it is looked whether a command has ended.
+/// Interval between two checks of whether a command has ended.
 const LOOK: Duration = Duration::from_millis(20);
-/// What a command may still take once nobody waits any more: an answer that is under way is heard.
+/// Time that a command may still take after the wish to stop: an answer that is under way is still read.
 const GRACE: Duration = Duration::from_millis(300);
 
-/// Whether those who wait were asked to stop.
+/// Flag by which the caller asks every wait for an answer to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Stops when the flag is set.
+    /// The wish to stop that is raised when `flag` is set.
     #[must_use]
     pub fn on(flag: &Arc<AtomicBool>) -> Self {
         Self(Arc::clone(flag))
     }
 
-    /// True once nobody is to wait any more.
+    /// Whether the caller has asked to stop.
     #[must_use]
     pub fn is_asked(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// What a command printed, and how it ended.
+/// Output of a command, and its exit status.
 pub(crate) struct Answer {
     pub(crate) status: ExitStatus,
     pub(crate) out: Vec<u8>,
     pub(crate) err: Vec<u8>,
 }
 
-/// Runs a command to its end. One that takes longer than `limit`, or is under way when `stop` is asked for, is
-/// ended with all that it started.
+/// Runs a command to its end. A command that takes longer than `limit`, or is under way when `stop` is
+/// raised, is ended with all that it started.
 ///
 /// # Errors
 /// [`Error::NoProgram`], [`Error::Silent`] after the limit and [`Error::Interrupted`].
@@ -60,7 +61,7 @@ pub(super) fn ask(
     tell(program, command.stdin(Stdio::null()), limit, stop)
 }
 
-/// As [`ask`], of a command whose input is set.
+/// As [`ask`], for a command whose standard input is set already.
 ///
 /// # Errors
 /// As [`ask`].
@@ -95,8 +96,8 @@ pub(crate) fn tell(
     }
 }
 
-/// What comes out of a pipe, once it ends. The reader is not waited for: a process that outlives its command
-/// may hold the pipe.
+/// The bytes of a pipe, once it ends. The reader is a thread that nothing joins: a process that outlives its
+/// command may hold the pipe.
 fn heard(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
     let (tell, told) = channel();
     std::thread::spawn(move || {
@@ -109,11 +110,11 @@ fn heard(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
     told
 }
 
-/// How long an answer is waited for.
+/// Limits of one wait for an answer.
 struct Patience {
     begun: Instant,
     limit: Duration,
-    /// When it was noticed that nobody waits any more.
+    /// Moment at which the wish to stop was noticed.
     stopped: Option<Instant>,
 }
 
@@ -156,7 +157,7 @@ impl Patience {
     }
 }
 
-/// Ends a command and what it started.
+/// Ends a command and all that it started.
 fn end(child: &mut Child) {
     end_group(child);
     let _ = child.wait();

@@ -1,9 +1,9 @@
 //! Keeping as many tasks in a queue as the missing trials are worth.
 //!
-//! What is to be done follows from three things: the trials that are missing in the store, the submissions in
-//! the store that are meant to compute them, and the tasks of these that the queue shows. So it makes no
+//! The decision follows from three things: the trials that are missing in the store, the submissions in the
+//! store that are meant to compute them, and the tasks of these that the queue shows. So it makes no
 //! difference whether a task was cancelled, timed out, lost its node, or was forgotten by a controller that
-//! crashed: where too few tasks are left for what is missing, more are submitted. Outcomes come from the
+//! crashed: where too few tasks are left for the missing trials, more are submitted. Outcomes come from the
 //! store alone; no accounting database is asked.
 
 use super::{
@@ -19,26 +19,26 @@ use std::{
 
 /// One run that computes its trials through a queue.
 pub struct Dispatch<'a> {
-    /// The store, under a path that all machines see.
+    /// Folder of the store, under a path that all machines see.
     pub store: PathBuf,
-    /// What a worker runs.
+    /// The command that a worker runs.
     pub work: Work,
-    /// What takes submissions.
+    /// The queue that takes submissions.
     pub queue: &'a dyn Queue,
-    /// Missing trials that are worth a task.
+    /// Number of missing trials that are worth one task.
     pub trials_per_task: NonZeroUsize,
     /// Ids of all trials of the run, whether they are missing or not.
     pub trials: BTreeSet<String>,
-    /// Who may end a wait for the queue.
+    /// The wish to stop, which ends a wait for the queue.
     pub stop: Stop,
 }
 
 /// A submission and the tasks of it that its queue knows of.
 #[derive(Debug, Clone)]
 pub struct Holding {
-    /// The submission.
+    /// The record of the submission in the store.
     pub submission: Submission,
-    /// Its tasks.
+    /// Its tasks as the queue last showed them.
     pub tasks: Vec<Task>,
 }
 
@@ -54,14 +54,14 @@ impl Holding {
     }
 }
 
-/// What is being done about the missing trials.
+/// State of the work on the missing trials.
 #[derive(Debug, Clone, Default)]
 pub struct View {
     /// Open submissions with living tasks that are meant to compute some of them.
     pub live: Vec<Holding>,
     /// Open submissions without a living task.
     pub dead: Vec<Submission>,
-    /// How many tasks should be added.
+    /// Number of tasks to add.
     pub need: usize,
 }
 
@@ -76,12 +76,12 @@ impl View {
 /// The open submissions of a store with their tasks; no queue is asked where there is none.
 ///
 /// # Errors
-/// Where a record cannot be read or a queue cannot be asked.
+/// [`Error::Engine`] where a record cannot be read, and the errors of queues.
 pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
     holdings_with(store, None, stop)
 }
 
-/// The same; `own` is asked for what it took itself.
+/// As [`holdings`]; `own` is asked for the submissions that it took itself.
 fn holdings_with(store: &Path, own: Option<&dyn Queue>, stop: &Stop) -> Result<Vec<Holding>, Error> {
     let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
     for submission in open(store)? {
@@ -110,7 +110,7 @@ fn held(submission: Submission, tasks: &[Task]) -> Holding {
     }
 }
 
-/// What the queue answers that took a submission.
+/// Asks the queue that took a submission.
 fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error>) -> Result<T, Error> {
     let Some(Way::Queue(options)) = find(&submission.executor).map(|kind| kind.way) else {
         let (id, executor) = (submission.id.clone(), submission.executor.clone());
@@ -129,7 +129,7 @@ fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error
 /// The submissions of a store whose jobs may be queued or running.
 ///
 /// # Errors
-/// Where a record cannot be read.
+/// [`Error::Engine`] where a record cannot be read.
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
     Ok(Submission::all(store)?
         .into_iter()
@@ -137,13 +137,13 @@ pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
         .collect())
 }
 
-/// How long a cancellation waits for others who decide about submissions.
+/// Longest time that a cancellation waits for the lock on submissions.
 const LONGEST_WAIT: Duration = Duration::from_secs(600);
 
 /// Cancels every open submission that is meant to compute one of these trials and returns them.
 ///
 /// # Errors
-/// Where a queue cannot be asked; the submission stays open then.
+/// The errors of queues; the submission stays open then.
 pub fn cancel(
     store: &Path,
     trials: &BTreeSet<String>,
@@ -166,7 +166,7 @@ pub fn cancel(
 }
 
 impl Dispatch<'_> {
-    /// What is being done about `missing`, and what lacks.
+    /// State of the work on `missing`, and the number of tasks to add.
     ///
     /// # Errors
     /// As [`holdings`].
@@ -191,8 +191,8 @@ impl Dispatch<'_> {
         Ok(view)
     }
 
-    /// Submits what lacks, so that the missing trials are being computed. Doing it twice, or in two processes
-    /// at a time, submits once: a submission that lives is found by its name.
+    /// Submits the tasks to add, so that the missing trials are being computed. Doing it twice, or in two
+    /// processes at a time, submits once: a living submission is found by its name.
     ///
     /// # Errors
     /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
@@ -202,8 +202,8 @@ impl Dispatch<'_> {
         let mut view = self.look(missing)?;
         let mut unsent = None;
         for mut submission in view.dead.drain(..) {
-            // A submission that no controller has confirmed is sent again under its name, unless it is for more
-            // tasks than lack by now; all others are over.
+            // A submission that no controller has confirmed is sent again under its name, unless it has more
+            // tasks than are needed by now; all others are over.
             if unsent.is_none() && self.is_unsent(&submission) && submission.tasks() <= view.need {
                 unsent = Some(submission);
             } else {
@@ -240,8 +240,8 @@ impl Dispatch<'_> {
         Ok(submission)
     }
 
-    /// Hands the arrays over; ids are noted as they come. Scripts are written here and not with the record: who died
-    /// after the record may not have come to them.
+    /// Hands the arrays over and records each job id as it comes. Scripts are written here and not with the
+    /// record: a process that died after the record may not have written them.
     fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
         for array in 0..submission.arrays.len() {
             let script = self.queue.script(&submission, array);

@@ -8,33 +8,33 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How often the store is looked at.
+/// Interval between two checks of the store.
 const STORE_POLL: Duration = Duration::from_secs(1);
-/// The longest pause after questions that the queue did not answer.
+/// Longest pause after questions that the queue did not answer, in seconds.
 const LONGEST_PAUSE_S: f64 = 60.0;
-/// How often a first submission is tried while the controller is busy.
+/// Number of attempts at a first submission while the controller is busy.
 const FIRST_TRIES: u32 = 8;
 
-/// Who waits: it knows the store and shows what happens.
+/// The side that waits: it knows the store and shows progress.
 pub trait Watch {
     /// Ids of the trials that have not ended.
     fn missing(&mut self) -> BTreeSet<String>;
-    /// A number that grows whenever a missing trial saves a checkpoint.
+    /// A number that grows with every checkpoint that a missing trial saves.
     fn saved(&mut self) -> u64;
     /// The tasks that the queue holds for the trials now.
     fn queue(&mut self, tasks: &[Task]);
-    /// Something that a person wants to know.
+    /// Shows a message to the user.
     fn say(&mut self, text: &str);
 }
 
-/// How the wait ended.
+/// End of a wait for trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Every trial has ended.
     Ended,
-    /// The watch was stopped; the jobs go on.
+    /// The wait was stopped; the jobs go on.
     Stopped,
-    /// Somebody cancelled the submissions.
+    /// The submissions were cancelled.
     Cancelled,
 }
 
@@ -49,7 +49,7 @@ pub struct Patience {
 impl Patience {
     /// Submissions in a row that may end within [`Self::QUICK_S`] without a trial.
     const QUICK: usize = 4;
-    /// Workers that leave within this time did not do anything, in seconds.
+    /// Workers that leave within this time, in seconds, count as having done nothing.
     const QUICK_S: f64 = 60.0;
 
     /// Patience for `limit` submissions in a row that finish nothing.
@@ -62,8 +62,8 @@ impl Patience {
         }
     }
 
-    /// Takes note of the last submission: whether a trial ended or got further since, and after how many
-    /// seconds it was over.
+    /// Records the last submission: whether a trial ended or advanced since, and after how many seconds it
+    /// was over.
     pub fn note(&mut self, bore_fruit: bool, after_s: f64) {
         if bore_fruit {
             (self.fruitless, self.quick) = (0, 0);
@@ -77,8 +77,8 @@ impl Patience {
         };
     }
 
-    /// How many polls to wait before the next submission. A trial whose worker's machine vanished is free
-    /// only after a while: workers that come too early find nothing to do and leave.
+    /// Number of polls to wait before the next submission. A trial whose worker's machine vanished is free
+    /// only after a while: workers that come too early find no trial and leave.
     #[must_use]
     pub fn polls_to_wait(&self) -> u32 {
         u32::try_from(self.quick)
@@ -95,7 +95,8 @@ impl Patience {
 }
 
 impl Dispatch<'_> {
-    /// Submits what lacks, trying again while the controller is busy, and returns what is followed then.
+    /// Submits the tasks to add, trying again while the controller is busy, and returns the state from which
+    /// the wait begins.
     ///
     /// # Errors
     /// As [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
@@ -114,11 +115,11 @@ impl Dispatch<'_> {
         self.ensure(missing, &mut |text| watch.say(text))
     }
 
-    /// Waits until every trial has ended; submits again while tasks are too few for what is missing.
+    /// Waits until every trial has ended; submits again while tasks are too few for the missing trials.
     ///
     /// # Errors
-    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and what
-    /// [`Dispatch::ensure`] says of a submission that is refused. A controller that does not answer is waited
+    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and the errors
+    /// of [`Dispatch::ensure`] for a submission that is refused. A controller that does not answer is waited
     /// for.
     pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<Outcome, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
@@ -161,18 +162,18 @@ struct Follower<'a> {
     followed: Vec<Submission>,
     patience: Patience,
     submitted: Instant,
-    /// How many trials were missing when tasks were last submitted.
+    /// Number of missing trials when tasks were last submitted.
     missing_then: Option<usize>,
-    /// What the watch said then of checkpoints.
+    /// The count of checkpoints ([`Watch::saved`]) at that time.
     saved_then: u64,
-    /// True where the last look at the queue showed too few tasks.
+    /// Whether the last view of the queue showed too few tasks.
     lacking: bool,
     pause_s: f64,
 }
 
 impl Follower<'_> {
-    /// Looks at the queue and submits where tasks lack in two looks in a row: a task that is being started
-    /// again, or a controller that is just up, may be between two states.
+    /// Asks the queue, and submits where tasks are too few twice in a row: a task that is being started
+    /// again, or a controller that has just started, may be between two states.
     fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
         let before = *self.missing_then.get_or_insert(missing.len());
         let view = match self.look(missing) {
@@ -200,7 +201,7 @@ impl Follower<'_> {
         self.patience
             .note(bore_fruit, clock::since(self.submitted).as_secs_f64());
         match self.patience.is_over() {
-            // Nothing is added to tasks that live; their end will be noted.
+            // No task is added beside living ones; their end will be recorded.
             Some(_) if view.alive() > 0 => Ok(None),
             Some(rounds) => Err(Error::Fruitless {
                 rounds,
@@ -214,7 +215,7 @@ impl Follower<'_> {
         }
     }
 
-    /// What the queue holds; `None` where somebody cancelled what is followed.
+    /// Tasks that the queue holds; `None` where the followed submissions were cancelled.
     fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
         if Submission::all(&self.dispatch.store)?
@@ -268,8 +269,8 @@ impl Follower<'_> {
             .map_or_else(String::new, |submission| submission.log_tail(10))
     }
 
-    /// Every trial has ended: tasks that wait would find nothing to do. What cannot be tidied up now ends by
-    /// itself.
+    /// Ends the wait after every trial has ended: waiting tasks would find no trial. A submission that cannot
+    /// be closed now ends by itself.
     fn finish(self) {
         for mut submission in self.followed {
             if submission.trials.is_subset(&self.dispatch.trials) {
@@ -283,7 +284,7 @@ impl Follower<'_> {
     }
 }
 
-/// A submission in one line.
+/// One line about a submission, for people.
 #[must_use]
 pub fn describe(submission: &Submission) -> String {
     let jobs: Vec<&str> = submission

@@ -1,4 +1,4 @@
-//! The list of executors: their names, what each is, and the form of its table in `regimen.toml`.
+//! The list of executors: the name and description of each, and the form of its table in `regimen.toml`.
 
 use super::{Error, Executor, hyperqueue, kubernetes, slurm, ssh};
 use schemars::{JsonSchema, Schema};
@@ -6,22 +6,22 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use toml::de::ValueDeserializer;
 
-/// Name of what needs no executor: worker processes on this machine.
+/// Name that stands for no executor: worker processes on this machine.
 pub const LOCAL: &str = "local";
 
 /// One entry of the list.
 pub struct Kind {
-    /// Its name, as written behind `--executor`; its options stand in the table of that name.
+    /// Name of the executor as written behind `--executor`; its options stand in the table of that name.
     pub name: &'static str,
-    /// Its name in sentences.
+    /// Name of the executor in sentences.
     pub title: &'static str,
-    /// What it is, in one line.
+    /// One line about the executor, for its list.
     pub about: &'static str,
-    /// How workers come about.
+    /// Way in which its workers are started.
     pub way: Way,
 }
 
-/// How workers come about.
+/// Way in which workers are started.
 pub enum Way {
     /// This program starts them itself.
     Here,
@@ -29,7 +29,7 @@ pub enum Way {
     Hosts(Options),
     /// A queue takes them, and the program can wait for them.
     Queue(Options),
-    /// A person hands over what is written, with a command that reads it from standard input.
+    /// A person hands over the printed text, with a command that reads it from standard input.
     Written(Options, &'static str),
 }
 
@@ -38,12 +38,12 @@ pub enum Way {
 pub struct Options {
     /// JSON Schema of the table.
     pub schema: Schema,
-    read: Read,
-    build: Build,
+    read: OptionsParser,
+    build: ExecutorFactory,
 }
 
-type Read = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
-type Build = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
+type OptionsParser = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
+type ExecutorFactory = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
 
 /// All executors, in the order in which they are shown.
 #[must_use]
@@ -70,7 +70,7 @@ pub fn find(name: &str) -> Option<Kind> {
 }
 
 impl Kind {
-    /// What its options are; `None` where it has none.
+    /// Options of the executor; `None` where it has none.
     #[must_use]
     pub fn options(&self) -> Option<&Options> {
         match &self.way {
@@ -79,7 +79,7 @@ impl Kind {
         }
     }
 
-    /// True where trials can be handed over to it.
+    /// Whether trials can be handed over to the executor.
     #[must_use]
     pub fn takes(&self) -> bool {
         matches!(self.way, Way::Queue(_) | Way::Written(..))
@@ -94,7 +94,7 @@ impl Kind {
         }
     }
 
-    /// True where the program itself can see to it that trials are computed.
+    /// Whether the program itself can have trials computed by the executor.
     #[must_use]
     pub fn runs(&self) -> bool {
         !matches!(self.way, Way::Written(..))
@@ -102,7 +102,7 @@ impl Kind {
 }
 
 impl Options {
-    /// Options of type `O`, with which `build` makes the executor. A key that is absent from the table is an
+    /// Options of type `O`, from which `build` makes the executor. A key that is absent from the table is an
     /// `Option` that is `None`.
     pub fn of<O>(build: fn(O) -> Result<Box<dyn Executor>, Error>) -> Self
     where

@@ -49,11 +49,11 @@ pub struct Options {
 /// Kubernetes, with the options of `[kubernetes]`.
 #[derive(Debug, Clone, Default)]
 pub struct Kubernetes {
-    /// How the Job is written.
+    /// The table `[kubernetes]`.
     pub options: Options,
 }
 
-/// Its entry in the list of executors.
+/// Entry of the executor in the list of executors.
 #[must_use]
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| Ok(Box::new(Kubernetes { options })));
@@ -77,7 +77,7 @@ impl Executor for Kubernetes {
             .unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
-    /// Paths are seen from the folder of the volume, not from here.
+    /// Paths are seen from the folder of the volume, not from this machine.
     fn shares_paths(&self) -> bool {
         false
     }
@@ -178,7 +178,7 @@ spec:
         ))
     }
 
-    /// Requests and limits are the same, so that a worker gets what it counts on.
+    /// Requests and limits are the same, so that a worker gets the resources that it counts on.
     fn resources(&self) -> String {
         let memory = self.options.memory_mb;
         let memory = memory.map_or_else(String::new, |memory_mb| {

@@ -1,4 +1,4 @@
-//! One process at a time decides about submissions of a store.
+//! The lock on the submissions of a store: one process at a time decides about them.
 
 use super::{Error, Stop};
 use crate::{
@@ -14,18 +14,18 @@ use std::{
     time::Duration,
 };
 
-/// How often it is looked whether the lock is free.
+/// Interval between two attempts at the lock.
 const LOOK: Duration = Duration::from_millis(50);
-/// A wait of this length is usual; after that it is said who holds the lock.
+/// A wait of this length is usual; after it the holder of the lock is reported.
 const USUAL: Duration = Duration::from_secs(2);
 
-/// How long, and for whom, a lock is waited for.
+/// Limits of a wait for the lock, and the report of a long one.
 pub struct Wait<'a> {
-    /// The longest wait.
+    /// Longest time to wait.
     pub limit: Duration,
-    /// Who may end it before.
+    /// The wish to stop, which ends the wait before its limit.
     pub stop: &'a Stop,
-    /// Who is told that it takes long.
+    /// Receiver of the message that the wait takes long.
     pub say: &'a mut dyn FnMut(&str),
 }
 
@@ -63,7 +63,7 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
         }
         clock::sleep(LOOK);
     }
-    // That it cannot be said who holds it hurts nobody.
+    // A file without a name only leaves the holder unnamed in messages.
     let _ = file.set_len(0).and_then(|()| file.write_all(name().as_bytes()));
     Ok(file)
 }
@@ -84,7 +84,7 @@ fn open(store: &Path) -> Result<(File, PathBuf), contract::Error> {
     Ok((file.map_err(contract::Error::file("open", &path))?, path))
 }
 
-/// This process, in the words that others read.
+/// Name of this process, as other processes read it.
 fn name() -> String {
     let owner = Owner::this_process();
     let job = owner.slurm_job.map(|job| format!(" (Slurm job {job})"));
@@ -96,7 +96,7 @@ fn name() -> String {
     )
 }
 
-/// Who holds the lock, as its file says.
+/// Holder of the lock, as its file says.
 fn holder(path: &Path) -> String {
     let mut text = String::new();
     let read = File::open(path).and_then(|file| file.take(200).read_to_string(&mut text));

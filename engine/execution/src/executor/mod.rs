@@ -1,11 +1,11 @@
-//! Past one machine: the same `worker` command, started by something that owns more machines.
+//! Executors, which start workers on other machines: the same `worker` command as on this one.
 //!
 //! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until
-//! none is left, so how many of them run, where, and how often they die cannot reach a result: what is
-//! missing is started again. Short trials do not become jobs of their own, and limits on the number of jobs
-//! do not limit the number of trials.
+//! none is left, so how many of them run, where, and how often they die cannot reach a result: a missing
+//! trial is started again. Short trials do not become jobs of their own, and limits on the number of jobs do
+//! not limit the number of trials.
 //!
-//! - An [`Executor`] says what a task is and writes what is handed over for it.
+//! - An [`Executor`] defines a task and writes the text that is handed over for it.
 //! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
 //!   waits.
 //! - [`all`] is the list of executors; [`slurm`] and [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
@@ -45,7 +45,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Something that starts workers on other machines, with its options.
+/// An executor: a batch system or a set of hosts that starts workers on other machines, with its options.
 pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
@@ -55,74 +55,74 @@ pub trait Executor: Debug {
         None
     }
 
-    /// Missing trials that are worth a task.
+    /// Number of missing trials that are worth one task.
     fn trials_per_task(&self) -> NonZeroUsize;
 
-    /// True where workers see the files of this machine under the paths that they have here.
+    /// Whether workers see the files of this machine under the paths that they have here.
     fn shares_paths(&self) -> bool;
 
-    /// What would be handed over; nobody is asked.
+    /// The text that would be handed over; no queue is asked.
     ///
     /// # Errors
-    /// [`Error::Option`] where an option is missing that nothing can stand for.
+    /// [`Error::Option`] where an option is missing that has no default.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
 
-    /// Hosts that the program reaches itself; `None` where something else owns the machines.
+    /// Hosts that the program reaches itself; `None` where the executor owns the machines.
     fn access(&self) -> Option<&Access> {
         None
     }
 
-    /// What takes submissions and shows their tasks; `None` where a person hands over what is written.
+    /// The queue that takes submissions and shows their tasks; `None` where a person hands over the text.
     fn queue(&self) -> Option<&dyn Queue> {
         None
     }
 }
 
-/// What workers are wanted for.
+/// Request for workers: the study, its store and the number of missing trials.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
     /// Name of the study, or names.
     pub study: &'a str,
-    /// The store, as workers find it.
+    /// Path of the store, as workers find it.
     pub store: &'a Path,
-    /// What each of them runs.
+    /// The command that each worker runs.
     pub work: &'a Work,
     /// Number of missing trials.
     pub trials: usize,
 }
 
-/// What can go wrong between this program and an executor.
+/// Errors between this program and an executor.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A program of the executor cannot be started here.
     #[error("cannot start `{program}`: {source}; run this where Slurm's commands are installed")]
     NoProgram {
-        /// The program.
+        /// Name of the program.
         program: &'static str,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The executor is there but cannot answer now; the same question may be answered later.
+    /// The executor is there but cannot answer now; a later attempt may succeed.
     #[error("{program} gets no answer: {said}")]
     Busy {
-        /// The program that asked.
+        /// Name of the program that asked.
         program: &'static str,
-        /// What it said.
+        /// Its output.
         said: String,
     },
-    /// A program of the executor did not end within its time; what it was to do may have been done.
+    /// A program of the executor did not end within its time; its request may have been carried out.
     #[error("{program} gave no answer within {after_s} s and was ended")]
     Silent {
-        /// The program.
+        /// Name of the program.
         program: &'static str,
-        /// How long it was waited for.
+        /// Length of the wait in seconds.
         after_s: f64,
     },
-    /// The wait for an answer was stopped by whoever waited.
+    /// The wait for an answer was stopped by the caller.
     #[error("{program} had not answered when it was stopped")]
     Interrupted {
-        /// The program.
+        /// Name of the program that was waited for.
         program: &'static str,
     },
     /// Another process decides about the submissions of the store, and does not come to an end.
@@ -131,57 +131,57 @@ pub enum Error {
         path.display()
     )]
     Held {
-        /// The lock's file.
+        /// File of the lock.
         path: PathBuf,
-        /// Who holds it.
+        /// Name of the holder.
         by: String,
-        /// How long it was waited for.
+        /// Length of the wait in seconds.
         after_s: f64,
     },
-    /// The executor answered no.
+    /// The executor refused the request.
     #[error("{program} refuses: {said}")]
     Refused {
-        /// The program that asked.
+        /// Name of the program that asked.
         program: &'static str,
-        /// What it said.
+        /// Its output.
         said: String,
     },
-    /// What a program printed is not what its manual says.
+    /// The output of a program differs from its manual.
     #[error("{program} printed `{text}`, which is not {expected}")]
     Unreadable {
-        /// The program.
+        /// Name of the program.
         program: &'static str,
-        /// What it printed.
+        /// The output.
         text: String,
-        /// What was expected.
+        /// The expected form.
         expected: &'static str,
     },
     /// An option of the executor cannot be used.
     #[error("`{key}`: {problem}")]
     Option {
-        /// Its key inside the executor's table.
+        /// The key inside the executor's table.
         key: &'static str,
-        /// What is wrong and what to write instead.
+        /// The problem, and the value to write instead.
         problem: String,
     },
     /// A submission was handed to an executor that has no queue in this program.
     #[error("submission {id} was handed to `{executor}`, which takes no submissions in this program")]
     Unknown {
-        /// The submission.
+        /// Id of the submission.
         id: String,
-        /// The executor that its record names.
+        /// Name of the executor in the record.
         executor: String,
     },
     /// The options in the record of a submission cannot be read.
     #[error("the options of the record cannot be read: {problem}")]
     Record {
-        /// What is wrong with them.
+        /// The problem with them.
         problem: String,
     },
     /// Workers die again and again without finishing a trial.
     #[error("{rounds} submissions in a row ended without finishing a trial{log}")]
     Fruitless {
-        /// How many submissions.
+        /// Number of submissions in a row.
         rounds: usize,
         /// The end of a worker's log, where there is one.
         log: String,
@@ -192,7 +192,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// True where nothing was taken, and nothing will be before a person has changed something.
+    /// Whether the executor took nothing, and will take nothing until a person has changed something.
     fn is_refusal(&self) -> bool {
         matches!(
             self,
@@ -200,18 +200,18 @@ impl Error {
         )
     }
 
-    /// True where the same question may be answered later.
+    /// Whether the same question may be answered later.
     fn is_passing(&self) -> bool {
         matches!(self, Self::Busy { .. } | Self::Silent { .. })
     }
 }
 
-/// How many tasks `trials` are worth: one for every `per_task`.
+/// Number of tasks for `trials` missing trials: one for every `per_task`.
 fn tasks_for(trials: usize, per_task: NonZeroUsize) -> usize {
     trials.div_ceil(per_task.get())
 }
 
-/// What a task is worth where nothing is said: four trials for each of its cores.
+/// Default number of trials per task: four for each of its cores.
 fn four_each(cpus_per_task: NonZeroUsize) -> NonZeroUsize {
     cpus_per_task.saturating_mul(NonZeroUsize::MIN.saturating_add(3))
 }

@@ -1,4 +1,4 @@
-//! What takes submissions and shows what became of their tasks.
+//! Queues, which take submissions and show the state of their tasks.
 
 use super::{Error, Stop, Submission};
 use serde_json::Value;
@@ -10,7 +10,7 @@ use std::{
 
 /// A batch system that takes job arrays and tells which of their tasks live.
 ///
-/// Whoever asks says who may stop the wait for an answer; an answer that takes too long is [`Error::Silent`].
+/// The caller says how a wait for an answer is stopped; an answer that takes too long is [`Error::Silent`].
 ///
 /// Jobs are found by the name that they carry, [`Submission::job_name`], where they can be: an id may be lost,
 /// and may be given twice.
@@ -18,24 +18,25 @@ pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;
 
-    /// Its options, as they are recorded: [`Options::build`](super::Options::build) makes the executor of
-    /// them again.
+    /// Options of the executor, as they are recorded: [`Options::build`](super::Options::build) makes the
+    /// executor of them again.
     fn options(&self) -> Value;
 
-    /// The most tasks that one array may have.
+    /// Largest number of tasks in one array.
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
     fn largest_array(&self, stop: &Stop) -> Result<usize, Error>;
 
-    /// How long its answers to one submission may take in all: whoever decides about a submission for longer
-    /// hangs.
+    /// Longest time that all answers to one submission may take: a process that decides about a submission
+    /// for longer hangs.
     fn patience(&self) -> Duration;
 
-    /// Tasks that may run at a time.
+    /// Number of tasks that may run at a time.
     fn max_tasks(&self) -> usize;
 
-    /// Tasks that may be handed over and not have ended; those that may not run yet wait in most queues.
+    /// Number of tasks that may be handed over and not have ended; those that may not run yet wait in most
+    /// queues.
     fn most_tasks(&self) -> usize {
         usize::MAX
     }
@@ -43,16 +44,16 @@ pub trait Queue {
     /// Seconds between two questions about tasks.
     fn poll_s(&self) -> f64;
 
-    /// Submissions in a row that may end without finishing a trial.
+    /// Number of submissions in a row that may end without finishing a trial.
     fn resubmissions(&self) -> usize;
 
     /// The script of one array of a submission.
     fn script(&self, submission: &Submission, array: usize) -> String;
 
-    /// How the name of the script's file ends.
+    /// Ending of the file name of a script.
     fn script_ending(&self) -> &'static str;
 
-    /// The tasks of these submissions that it knows of; it may forget ended ones after a while.
+    /// Tasks of these submissions that the queue knows of; it may forget ended ones after a while.
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
@@ -75,19 +76,19 @@ pub trait Queue {
 /// A task of a job that a queue knows of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Task {
-    /// The name of its job: the one of a submission.
+    /// Name of its job, which is that of a submission.
     pub name: String,
     /// The job id of its array.
     pub job: String,
     /// Its state in the queue's words, as in `RUNNING`.
     pub state: String,
-    /// False where it has come to an end of any kind.
+    /// Whether the task may still run: false after an end of any kind.
     pub alive: bool,
-    /// Why it has not started, where the queue says so.
+    /// Reason for which the task has not started, where the queue gives one.
     pub waits_for: Option<String>,
 }
 
-/// Living tasks by state.
+/// Numbers of living tasks by state.
 #[must_use]
 pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
     let mut counts = BTreeMap::new();
@@ -98,7 +99,7 @@ pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
     counts
 }
 
-/// Living tasks counted by state, for people.
+/// Numbers of living tasks by state, in one line for people.
 #[must_use]
 pub fn summary(tasks: &[Task]) -> String {
     let counts = counts(tasks);

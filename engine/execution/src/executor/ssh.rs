@@ -28,20 +28,20 @@ pub struct Options {
     pub patience_s: Option<NonZeroU32>,
 }
 
-/// How hosts are reached, and what they are asked for.
+/// Access to hosts: the way to reach them, and the resources that are used on them.
 #[derive(Debug, Clone)]
 pub struct Access {
-    /// Their names, as `ssh` knows them.
+    /// Names of the hosts, as `ssh` knows them.
     pub hosts: Vec<String>,
-    /// Worker processes of each; as many as it has cores where absent.
+    /// Number of worker processes of each host; as many as it has cores where absent.
     pub workers: Option<NonZeroUsize>,
-    /// The folder there that is worked in, seen from the home.
+    /// Working folder on each host, seen from the home.
     pub folder: String,
-    /// The program there; where absent this one is brought.
+    /// Path of the program on each host; where absent this program is copied there.
     pub program: Option<String>,
-    /// `ssh`, or what stands for it, with its options.
+    /// Command that reaches a host, with its options: `ssh`, or a replacement.
     pub command: Vec<String>,
-    /// How long a host that cannot be reached is looked after again.
+    /// Time for which a host that cannot be reached is tried again.
     pub patience: Duration,
 }
 
@@ -49,7 +49,7 @@ pub struct Access {
 #[derive(Debug, Clone)]
 struct Ssh(Access);
 
-/// Its entry in the list of executors.
+/// Entry of the executor in the list of executors.
 #[must_use]
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| Ok(Box::new(Ssh(access(options)?))));

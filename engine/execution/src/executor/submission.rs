@@ -1,15 +1,15 @@
-//! What was handed to an executor, on disk beside the trials.
+//! The record of a submission, on disk beside the trials.
 //!
 //! ```text
-//! <store>/submissions/<id>/submission.json       what was submitted, and what became of it
+//! <store>/submissions/<id>/submission.json       the trials that were submitted, and the state of their jobs
 //!                          array-0.sbatch        the script of each array, as its queue reads it
 //!                          array-0.job           the job that took it, where a queue finds none by its name
-//!                          array-0-task-0.log    what its workers printed
+//!                          array-0-task-0.log    output of its workers
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```
 //!
 //! The record is written before the jobs are submitted, so there is no job without a record. A crash in
-//! between leaves a record without jobs, which the next look at the queue shows.
+//! between leaves a record without jobs, which the next question to the queue shows.
 
 use super::{Queue, Work};
 use crate::{
@@ -28,46 +28,46 @@ use std::{
 /// Version of the record's form.
 const SCHEMA: u32 = 1;
 
-/// One submission: some workers for the trials that were missing then.
+/// A submission: workers for the trials that were missing at its time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Submission {
     /// Version of this record's form.
     pub schema: u32,
-    /// Our name for it: random, and in no result.
+    /// Name that this program gave the submission: random, and in no result.
     pub id: String,
-    /// What became of it.
+    /// State of its jobs.
     pub state: State,
-    /// What its workers run.
+    /// The command of its workers.
     pub work: Work,
-    /// Name of the executor that took it.
+    /// Name of the executor that took the submission.
     #[serde(default = "the_first")]
     pub executor: String,
-    /// How its workers were asked for: the executor's options.
+    /// Options of the executor with which its workers were asked for.
     pub options: Value,
-    /// The job arrays.
+    /// The job arrays of the submission.
     pub arrays: Vec<Array>,
-    /// Ids of the trials that were missing; empty once nobody waits for them.
+    /// Ids of the trials that were missing; empty once the submission is closed.
     pub trials: BTreeSet<String>,
     #[serde(skip)]
     store: PathBuf,
 }
 
-/// What records name that were made before there was a choice.
+/// The executor of records from before there was a choice.
 fn the_first() -> String {
     "slurm".into()
 }
 
-/// What became of a submission.
+/// State of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Its jobs may be queued or running.
+    /// The jobs may be queued or running.
     Open,
-    /// Its jobs have ended.
+    /// The jobs have ended.
     Ended,
-    /// It was given up by `regimen cancel`.
+    /// The submission was given up by `regimen cancel`.
     Cancelled,
-    /// The executor did not take it.
+    /// The executor did not take the submission.
     Refused,
 }
 
@@ -76,18 +76,18 @@ pub enum State {
 pub struct Array {
     /// Number of tasks; their indices begin at 0.
     pub tasks: usize,
-    /// How many of them may run at a time.
+    /// Number of tasks that may run at a time.
     pub at_once: usize,
-    /// The job's id, once the queue gave one. It is shown, and decides nothing.
+    /// Id of the job, once the queue gave one. It is shown, and decides nothing.
     pub job: Option<String>,
 }
 
 impl Array {
-    /// Divides `tasks` into arrays of at most `largest` tasks, of which `at_once` in all may run at a time.
+    /// Divides `tasks` into arrays of at most `largest` tasks; `at_once` tasks of all arrays may run at a time.
     ///
     /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond
-    /// that are left out: a worker pulls trials until none is left, and whoever follows submits again where
-    /// that was not enough.
+    /// that are left out: a worker pulls trials until none is left, and the process that follows the
+    /// submission submits again where that was not enough.
     #[must_use]
     pub fn divide(tasks: usize, largest: usize, at_once: usize) -> Vec<Self> {
         let (largest, at_once) = (largest.max(1), at_once.max(1));
@@ -108,7 +108,7 @@ impl Array {
 }
 
 impl Submission {
-    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter).
+    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter) in the store.
     #[must_use]
     pub fn sample(store: &Path, work: &Work, queue: &dyn Queue, arrays: Vec<Array>) -> Self {
         Self {
@@ -124,24 +124,24 @@ impl Submission {
         }
     }
 
-    /// Gives it a name of its own and puts it on disk.
+    /// Gives the submission a name of its own and writes its record to the disk.
     ///
     /// # Errors
-    /// Where the store cannot be written.
+    /// [`Error::File`] where the store cannot be written.
     pub fn enter(&mut self) -> Result<(), Error> {
         let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         self.id = unused_name(&all)?;
-        // A job must not outlive its record, whatever becomes of the power.
+        // A job must not outlive its record, even through a loss of power.
         flush_way(&self.folder(), 2)?;
         self.save()
     }
 
-    /// All submissions of a store, in the order of their names. What is damaged is none, and is told by
-    /// [`damaged`]; what a later version of the program wrote is its own.
+    /// All submissions of a store, in the order of their names. Damaged records are left out and found by
+    /// [`damaged`]; those of a later version of the program are left out too.
     ///
     /// # Errors
-    /// Where a record cannot be read.
+    /// [`Error::File`] where a record cannot be read.
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
         let mut submissions = Vec::new();
@@ -154,10 +154,10 @@ impl Submission {
         Ok(submissions)
     }
 
-    /// The submission of a name; `None` where its record is not there or cannot be understood.
+    /// The submission with an id; `None` where its record is absent or cannot be understood.
     ///
     /// # Errors
-    /// Where the record cannot be read.
+    /// [`Error::File`] where the record cannot be read.
     pub fn find(store: &Path, id: &str) -> Result<Option<Self>, Error> {
         match read(store, &folder_of_all(store).join(id)) {
             Err(Error::Damaged { .. }) => Ok(None),
@@ -171,7 +171,7 @@ impl Submission {
         self.arrays.iter().map(|array| array.tasks).sum()
     }
 
-    /// Its folder.
+    /// Folder of the submission in the store.
     #[must_use]
     pub fn folder(&self) -> PathBuf {
         folder_of_all(&self.store).join(&self.id)
@@ -183,7 +183,7 @@ impl Submission {
         format!("regimen-{}", self.id)
     }
 
-    /// Where the script of one of its arrays lies.
+    /// Path of the script of one array.
     #[must_use]
     pub fn script(&self, array: usize, ending: &str) -> PathBuf {
         self.folder().join(format!("array-{array}.{ending}"))
@@ -192,7 +192,7 @@ impl Submission {
     /// Writes the record.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// [`Error::File`] where it cannot be written.
     pub fn save(&self) -> Result<(), Error> {
         let path = self.folder().join(RECORD);
         let text = serde_json::to_vec_pretty(self).map_err(|source| Error::Damaged {
@@ -202,17 +202,17 @@ impl Submission {
         write_durably(&path, &text)
     }
 
-    /// Notes that nobody has to wait for it any more.
+    /// Records that the submission is not waited for any more.
     ///
     /// # Errors
-    /// Where the record cannot be written.
+    /// [`Error::File`] where the record cannot be written.
     pub fn close(&mut self, state: State) -> Result<(), Error> {
         self.state = state;
         self.trials.clear();
         self.save()
     }
 
-    /// The last lines of the log that was written to last; empty where there is none.
+    /// The last lines of the log that was written last; empty where there is none.
     #[must_use]
     pub fn log_tail(&self, lines: usize) -> String {
         let logs = fs::read_dir(self.folder())
@@ -240,7 +240,7 @@ pub(super) fn folder_of_all(store: &Path) -> PathBuf {
     store.join("submissions")
 }
 
-/// Names of the folders of records; what is no folder holds none.
+/// Names of the folders of records; an entry that is not a folder holds none.
 fn records(folder: &Path) -> Result<Vec<String>, Error> {
     if is_folder(folder)? {
         names(folder)
@@ -249,7 +249,7 @@ fn records(folder: &Path) -> Result<Vec<String>, Error> {
     }
 }
 
-/// A record that cannot be looked at in this moment is not one that is not there: its jobs would be handed over again.
+/// A record that cannot be seen now is not an absent one: its jobs would be handed over again.
 fn is_folder(path: &Path) -> Result<bool, Error> {
     match fs::metadata(path) {
         Ok(data) => Ok(data.is_dir()),
@@ -258,10 +258,10 @@ fn is_folder(path: &Path) -> Result<bool, Error> {
     }
 }
 
-/// What is damaged among the records of a store: paths inside it, each with the fault.
+/// Damaged records of a store: paths inside it, each with the fault.
 ///
 /// # Errors
-/// Where a record cannot be read.
+/// [`Error::File`] where a record cannot be read.
 pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
     let folder = folder_of_all(store);
     let mut findings = Vec::new();
@@ -278,17 +278,18 @@ pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
     Ok(findings)
 }
 
-/// Sets aside damaged records, so that the others count, and answers what was found.
+/// Sets aside damaged records, so that the others count, and returns the findings.
 ///
 /// # Errors
-/// Where a record cannot be read or moved.
+/// [`Error::File`] where a record cannot be read or moved.
 pub fn heal(store: &Path) -> Result<Findings, Error> {
     Store::at(store).aside(damaged(store)?)
 }
 
 const RECORD: &str = "submission.json";
 
-/// A record; `None` where a submitter died before it wrote one, or a later version of the program wrote it.
+/// Reads a record; `None` where a submitter died before it wrote one, or a later version of the program wrote
+/// it.
 fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
     if !is_folder(folder)? {
         return Ok(None);
@@ -312,7 +313,7 @@ fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
     }))
 }
 
-/// What every version of the record says.
+/// Part of the record that every version has.
 #[derive(Deserialize)]
 struct Version {
     schema: u32,

@@ -1,19 +1,19 @@
-//! The command that a worker is.
+//! The command of a worker.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What is started on another machine: a program with arguments, in a folder that both machines see under the
-/// same path.
+/// A command that is started on another machine: a program with arguments, in a folder that both machines see
+/// under the same path.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Work {
     /// The studies, as written on the command line.
     pub specs: Vec<PathBuf>,
-    /// This program.
+    /// Path of this program.
     pub program: PathBuf,
-    /// `worker`, the studies and what narrows them.
+    /// The verb `worker`, the studies, and the options that narrow them.
     pub arguments: Vec<String>,
-    /// The folder that it runs in.
+    /// Folder in which the command runs.
     pub folder: PathBuf,
 }
 

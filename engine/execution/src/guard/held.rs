@@ -1,9 +1,12 @@
-//! A guard as the worker holds it.
+//! The worker's side of a guard.
 
-use super::{Ended, Order, STOP, Standing, Unstarted, VERBS, broken, ended, here, read, standing, unstarted};
+use super::{
+    EndNote, Order, ProgramNote, STOP, StartFailureNote, VERBS, broken, ended, here, read, standing,
+    unstarted,
+};
 use crate::world::{
     clock, fs,
-    process::{self, Child, ChildStdin, Command, Look, Signal, Stdio},
+    process::{self, Child, ChildStdin, Command, ProcessState, Signal, Stdio},
 };
 use contract::{Error, ending::Ending};
 use std::{
@@ -11,52 +14,53 @@ use std::{
     time::Duration,
 };
 
-/// How long a guard may take beyond the grace of its program.
+/// Time that a guard may take beyond the grace of its program.
 const LATE: Duration = Duration::from_secs(5);
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A program under a guard. It does not outlive what holds it.
+/// A program under a guard. It does not outlive this value.
 #[derive(Debug)]
 pub struct Guarded {
     guard: Child,
-    /// `None` once it was asked to end.
+    /// Pipe to the guard; `None` once the guard was asked to end the program.
     orders: Option<ChildStdin>,
     order: Order,
 }
 
-/// The rest of a program that ended.
+/// End of a program under a guard.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Left {
-    /// It ended.
+    /// The program ended by itself or at a signal.
     Ended {
-        /// How.
+        /// Exit code or signal of the program.
         how: Ending,
-        /// True where it was told to end before.
+        /// Whether the program had been told to end before.
         was_asked: bool,
     },
-    /// It was never started, and why.
+    /// The program was never started, for this reason.
     Unstarted(String),
-    /// Its guard was ended by this signal, where that is known, and the program with it.
+    /// The guard was ended by this signal, where it is known, and the program with it.
     Unguarded(Option<i32>),
 }
 
 impl Guarded {
-    /// Starts a program that sees these environment variables alone, with its standard output and standard error in files:
-    /// what it said stays, whoever is killed.
+    /// Starts a program that sees these environment variables alone. Its standard output and standard error
+    /// go to files, so that its output survives the worker and the guard.
     ///
     /// # Errors
-    /// [`Error::Worker`] where there is no guard to be had.
+    /// [`Error::Worker`] where the guard cannot be started.
     pub fn start(
         order: Order,
         variables: &BTreeMap<String, String>,
         [output, errors]: [fs::File; 2],
     ) -> Result<Self, Error> {
         for old in [ended(&order.notes), unstarted(&order.notes)] {
-            // There may be none.
+            // The notes may not exist yet.
             let _ = fs::remove_file(old);
         }
         let mut command = Command::new(std::env::current_exe().map_err(broken)?);
-        // A signal from the terminal is not for it, and who ends the worker does not end it unheard.
+        // Signals from the terminal do not reach the guard, and the end of the worker does not end it
+        // unnoticed.
         command.arg(VERBS[0]).env_clear().envs(variables).process_group(0);
         command
             .stdin(Stdio::piped())
@@ -67,7 +71,7 @@ impl Guarded {
             return Err(broken("its pipe is missing"));
         };
         let text = serde_json::to_string(&order).map_err(broken)?;
-        // One that is gone shows when its end is asked for.
+        // A guard that is gone shows when its end is asked for.
         let _ = writeln!(orders, "{text}");
         Ok(Self {
             guard,
@@ -76,22 +80,22 @@ impl Guarded {
         })
     }
 
-    /// Tells the program to end; it has its grace for that.
+    /// Tells the program to end within its grace.
     pub fn ask_to_stop(&mut self) {
         if let Some(mut orders) = self.orders.take() {
             let _ = writeln!(orders, "{STOP}");
         }
     }
 
-    /// True once the guard is gone, and the program with it.
+    /// Whether the guard is gone, and the program with it.
     pub fn has_left(&mut self) -> bool {
         !matches!(self.guard.try_wait(), Ok(None))
     }
 
-    /// Waits for the end of what was asked to, or has ended.
+    /// Waits for the end of a program that was asked to stop, or has ended.
     pub fn end(&mut self) -> Left {
         let status = self.wait();
-        if let Some(Unstarted { problem }) = read(&unstarted(&self.order.notes)) {
+        if let Some(StartFailureNote { problem }) = read(&unstarted(&self.order.notes)) {
             return Left::Unstarted(problem);
         }
         if let Some(left) = last_ending(&self.order.notes) {
@@ -102,7 +106,7 @@ impl Guarded {
         Left::Unguarded(status.and_then(|status| status.signal()))
     }
 
-    /// The guard keeps to the grace; one that does not is ended.
+    /// Waits for the guard, which keeps to the grace; a guard that does not is ended.
     fn wait(&mut self) -> Option<ExitStatus> {
         let begun = clock::now();
         let longest = Duration::from_millis(self.order.grace_ms) + LATE;
@@ -127,11 +131,11 @@ impl Drop for Guarded {
     }
 }
 
-/// How the program ended that ran last with these notes; `None` where none did, or where its end was not noted. After a
-/// loss of power nothing is known: what the program wrote may be gone.
+/// The end of the last program that ran with these notes; `None` where none ran, or where its end was not
+/// noted. After a loss of power nothing is known: the program's own files may be lost.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
-    let Ended {
+    let EndNote {
         place,
         how,
         was_asked,
@@ -139,10 +143,10 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
     (place == here()).then_some(Left::Ended { how, was_asked })
 }
 
-/// Sees to it that nothing runs any more that an earlier worker of this machine started with these notes: it is
-/// waited for as long as its guard may take, and then it is ended.
+/// Ends every process that an earlier worker of this machine started with these notes: it waits as long as
+/// the guard may take, and then kills.
 pub fn end_leftover(notes: &Path, grace: Duration) {
-    let Some(Standing {
+    let Some(ProgramNote {
         place,
         guard,
         program,
@@ -153,7 +157,7 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
     if place != here() {
         return;
     }
-    let lives = |(pid, since): (u32, u64)| process::look(pid) == Look::Started(since);
+    let lives = |(pid, since): (u32, u64)| process::look(pid) == ProcessState::Started(since);
     let begun = clock::now();
     while (lives(guard) || lives(program)) && !grace.is_zero() && clock::since(begun) < grace + LATE {
         clock::sleep(LOOK);
@@ -161,8 +165,8 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
     if lives(guard) {
         process::signal_group(guard.0, Signal::Kill);
     }
-    // A group outlives its first process, and nobody else gets its number until it is empty.
-    if lives(program) || process::look(program.0) == Look::Gone {
+    // A group outlives its first process, and its number is not reused until the group is empty.
+    if lives(program) || process::look(program.0) == ProcessState::Gone {
         process::signal_group(program.0, Signal::Kill);
     }
     let _ = fs::remove_file(standing(notes));

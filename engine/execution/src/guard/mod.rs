@@ -1,15 +1,15 @@
-//! The process between a worker and a program that is not ours: it ends all that the program started, whoever
-//! dies first.
+//! The process between a worker and an external program: it ends every process that the program started,
+//! whether the worker, the guard or the program dies first.
 //!
 //! ```text
 //! worker --orders--> guard --starts--> program, in a group of its own
 //!        <-- files with the program's output --
 //! ```
 //!
-//! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input means
-//! that the worker is gone. Either way the program gets its signal, and after its grace nothing of it stays. What
-//! the program started, and left to itself, becomes the guard's own, so that it is found. A guard that is killed
-//! takes the program with it. How the program ended lies in a file before the guard leaves.
+//! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input
+//! means that the worker is gone. Either way the program gets its signal, and no process of it remains after
+//! its grace. Orphans of the program become children of the guard, so that it finds them. A guard that is
+//! killed takes the program with it. The end of the program lies in a file before the guard leaves.
 
 mod held;
 
@@ -19,7 +19,7 @@ use crate::{
     footprint,
     world::{
         clock, fs,
-        process::{self, Command, Look, Signal, Stdio},
+        process::{self, Command, ProcessState, Signal, Stdio},
     },
 };
 use contract::{Error, ending::Ending};
@@ -41,7 +41,7 @@ use std::{
 const VERBS: [&str; 2] = ["program-guard", "program-start"];
 /// The word that asks for the end.
 const STOP: &str = "stop";
-/// Time between two looks for what a program left behind.
+/// Interval between two checks for processes that a program left behind.
 const LOOK: Duration = Duration::from_millis(2);
 /// The exit code of a process that could not become the program.
 const UNSTARTED: u8 = 127;
@@ -57,7 +57,7 @@ pub struct Order {
     pub notes: PathBuf,
     /// The signal that tells the program to end.
     pub signal: StopSignal,
-    /// How long it may take for that, in milliseconds.
+    /// Time in which the program may end by itself after the signal, in milliseconds.
     pub grace_ms: u64,
 }
 
@@ -81,26 +81,26 @@ impl StopSignal {
     }
 }
 
-/// The note of a program before it begins: the process id of its guard and its own, each with the time of its start,
-/// and the machine and boot in which they mean something. So no guard can be killed before its program is known.
+/// The note of a program before it begins: the process ids of its guard and itself, each with its start time,
+/// and the machine and boot in which they are valid. So no guard can be killed before its program is known.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Standing {
+struct ProgramNote {
     place: [String; 2],
     guard: (u32, u64),
     program: (u32, u64),
 }
 
-/// How a program ended, with the machine and boot on which it did.
+/// The note of a program's end, with the machine and boot on which it ended.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Ended {
+struct EndNote {
     place: [String; 2],
     how: Ending,
     was_asked: bool,
 }
 
-/// Why a program was not started.
+/// The note of a program that could not be started.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Unstarted {
+struct StartFailureNote {
     problem: String,
 }
 
@@ -116,7 +116,7 @@ fn unstarted(notes: &Path) -> PathBuf {
     notes.join("unstarted.json")
 }
 
-/// Serves as a guard, or becomes a program, where the command line asks for it: the first thing that the program does,
+/// Serves as a guard, or becomes a program, where the command line asks for it. The program calls this first,
 /// before it looks at anything else.
 #[must_use]
 pub fn serve_if_asked() -> Option<ExitCode> {
@@ -133,12 +133,12 @@ pub fn serve_if_asked() -> Option<ExitCode> {
     }
 }
 
-/// Takes the place of this process: `parent, notes, program, arguments`.
+/// Replaces this process by the program: `parent, notes, program, arguments`.
 fn become_program(words: &[String]) -> ExitCode {
     let [parent, notes, program, arguments @ ..] = words else {
         return ExitCode::from(UNSTARTED);
     };
-    // Whose guard is gone must not begin.
+    // A program whose guard is gone must not begin.
     let parent = parent.parse().ok();
     let Some(parent) = parent.filter(|&parent| process::die_with(parent).unwrap_or(false)) else {
         return ExitCode::from(UNSTARTED);
@@ -148,14 +148,14 @@ fn become_program(words: &[String]) -> ExitCode {
         Ok(()) => Command::new(program).args(arguments).exec(),
         Err(problem) => problem,
     };
-    let unstarted = Unstarted {
+    let unstarted = StartFailureNote {
         problem: problem.to_string(),
     };
     let _ = write(&self::unstarted(notes), &unstarted);
     ExitCode::from(UNSTARTED)
 }
 
-/// Reads its order, and guards.
+/// Reads the order, and guards its program.
 fn guard() -> ExitCode {
     let mut orders = BufReader::new(std::io::stdin());
     let mut line = String::new();
@@ -167,8 +167,8 @@ fn guard() -> ExitCode {
     }
 }
 
-/// Starts the program and sees it end, with all that it started. The thread that starts it is the one whose end
-/// the program does not survive, so that it is the main one.
+/// Starts the program and waits for its end and that of its descendants. The program does not survive the end
+/// of the thread that starts it, so that this has to be the main thread.
 fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<()> {
     process::adopt_orphans()?;
     let program = start(order)?;
@@ -180,7 +180,7 @@ fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<(
         listen(orders);
         noted.store(true, Ordering::SeqCst);
         process::signal_group(program, signal);
-        // A program that stands still would not hear it.
+        // A stopped program would not receive the signal.
         process::signal_group(program, Signal::Continue);
         after(grace, &gone, end_all);
     });
@@ -191,7 +191,7 @@ fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<(
     let place = here();
     write(
         &ended(&order.notes),
-        &Ended {
+        &EndNote {
             place,
             how,
             was_asked,
@@ -213,14 +213,14 @@ fn start(order: &Order) -> std::io::Result<u32> {
     Ok(command.spawn()?.id())
 }
 
-/// Notes this process, which becomes the program of a guard.
+/// Writes the note of this process, which becomes the program of a guard.
 fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
     let since = |pid| match process::look(pid) {
-        Look::Started(ticks) => ticks,
-        Look::Gone | Look::Hidden => 0,
+        ProcessState::Started(ticks) => ticks,
+        ProcessState::Gone | ProcessState::Hidden => 0,
     };
     let own = process::id();
-    let standing = Standing {
+    let standing = ProgramNote {
         place: here(),
         guard: (guard, since(guard)),
         program: (own, since(own)),
@@ -233,7 +233,7 @@ fn here() -> [String; 2] {
     [host, boot]
 }
 
-/// Returns where the program is to end: it was asked for, or nobody is there any more to ask.
+/// Returns when the program is to end: the worker asked for it, or is gone.
 fn listen(orders: impl Read) {
     for line in BufReader::new(orders).lines() {
         if line.is_err() || line.is_ok_and(|line| line == STOP) {
@@ -242,7 +242,7 @@ fn listen(orders: impl Read) {
     }
 }
 
-/// Does something once the grace is over, unless the other end of `gone` was dropped before.
+/// Runs `then` once the grace is over, unless the other end of `gone` was dropped before.
 fn after(grace: Duration, gone: &Receiver<()>, then: impl FnOnce()) {
     use std::sync::mpsc::RecvTimeoutError::Timeout;
     if gone.recv_timeout(grace) == Err(Timeout) {
@@ -250,9 +250,10 @@ fn after(grace: Duration, gone: &Receiver<()>, then: impl FnOnce()) {
     }
 }
 
-/// Ends all that comes from this process. Processes that stand still start nothing more while the others are ended.
+/// Ends all descendants of this process. They are stopped first, so that they start no process while others
+/// are ended.
 fn end_all() {
-    let lives = |pid: &u32| matches!(process::look(*pid), Look::Started(_));
+    let lives = |pid: &u32| matches!(process::look(*pid), ProcessState::Started(_));
     loop {
         let others: Vec<u32> = footprint::family(process::id())[1..].to_vec();
         let others: Vec<u32> = others.into_iter().filter(lives).collect();
@@ -266,7 +267,8 @@ fn end_all() {
     }
 }
 
-/// A file that is there whole or not at all. It means nothing after a loss of power, and need not outlive one.
+/// Writes a file that is there whole or not at all. It is meaningless after a loss of power, and need not
+/// survive one.
 fn write(path: &Path, what: &impl Serialize) -> std::io::Result<()> {
     let beside = path.with_extension("new");
     fs::write(&beside, serde_json::to_vec(what)?)?;
@@ -278,7 +280,7 @@ fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_slice(&text).ok()
 }
 
-/// A guard that cannot do its work.
+/// The error of a guard that cannot do its work.
 fn broken(problem: impl std::fmt::Display) -> Error {
     Error::Worker {
         problem: format!("the guard of a program: {problem}"),

@@ -1,17 +1,17 @@
-//! Several programs work on one store while processes are killed and halt, machines lose their power, clocks jump,
-//! calls fail and the disk is full. Whatever happens:
+//! Several programs work on one store while processes are killed and halt, machines lose their power, clocks
+//! jump, calls fail and the disk is full. These properties hold all the same:
 //!
-//! 1. A trial that was said to have ended has ended, with the same bytes, and does not run again, also where it
-//!    was packed.
+//! 1. A trial that was reported as ended has ended, with the same bytes, and does not run again, also where
+//!    it was packed.
 //! 2. Two computations of a trial give the same bytes.
-//! 3. What a trial saved is there when it goes on.
-//! 4. Nobody takes a trial from a process that lives and renews its lease.
+//! 3. A saved step of a trial is there when the trial continues.
+//! 4. No process takes a trial from a process that lives and renews its lease.
 //! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
-//! 6. Nothing outside the store is touched.
-//! 7. Measurements of a trial at a pause are there from when that was said, and a search that pauses its trials
-//!    chooses the same, whatever failed meanwhile.
+//! 6. No file outside the store is touched.
+//! 7. Measurements of a trial at a pause are stored from the moment of their report on, and a search that
+//!    pauses its trials chooses the same, whatever failed meanwhile.
 //!
-//! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.
+//! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints its calls.
 
 mod batch;
 mod ledger;
@@ -21,7 +21,7 @@ mod toys;
 use super::{
     Reply, Task, Workers,
     queue::Queue,
-    slot::{Answer, Runner, Shared, Slot},
+    slot::{Answer, Runner, Slot, SlotContext},
     worker::{self, Request},
 };
 use crate::{
@@ -41,7 +41,7 @@ use contract::{
     trial::{Trial, TrialCell, TrialKey},
     trial_end::{EndState, is_missing},
 };
-use ledger::{Ledger, Who};
+use ledger::{Ledger, ProcessStatus};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::{
@@ -52,19 +52,19 @@ use std::{
 
 const EXPIRY: Duration = Duration::from_secs(30);
 const HEARTBEAT: Duration = Duration::from_secs(5);
-/// Longer than any machine shows old names.
+/// Longer than any machine shows old names in a folder.
 const SETTLES: Duration = Duration::from_secs(10);
 
-/// What all processes have.
+/// State that all simulated processes share.
 struct Bench {
     registry: Registry,
     trials: Vec<Trial>,
     ledger: Arc<Ledger>,
-    /// On which machine the process of each place runs.
+    /// The machine of each place, by its number.
     hosts: Vec<usize>,
-    /// Whether calls for files fail now and then.
+    /// Whether calls for files fail at random.
     calls_fail: bool,
-    /// Whether what fails is tried again: then a failure is no end that stays.
+    /// Whether failed trials are tried again: then a failure is not final.
     tries_again: bool,
 }
 
@@ -115,11 +115,11 @@ impl Bench {
         }
     }
 
-    fn who(&self, place: usize, trial: &str) -> Who {
+    fn who(&self, place: usize, trial: &str) -> ProcessStatus {
         let lease = Store::at("/store").folder(trial).join("lease");
         let renewed = fs::metadata(&lease).and_then(|data| data.modified()).ok();
         let renewed = renewed.and_then(|date| date.duration_since(UNIX_EPOCH).ok());
-        Who {
+        ProcessStatus {
             place,
             pid: process::id(),
             host: self.hosts[place],
@@ -129,7 +129,7 @@ impl Bench {
         }
     }
 
-    /// One program that runs what is missing; true where nothing is.
+    /// Runs the missing trials as one program; true where none is missing.
     fn run(&self, place: usize) -> bool {
         let store = Store::at("/store");
         self.ledger.holds(&store, &self.trials);
@@ -155,10 +155,10 @@ impl Bench {
         Ok(false)
     }
 
-    /// One slot that runs these tasks.
+    /// Runs these tasks in one slot.
     fn work(&self, place: usize, tasks: &[Task<'_>], store: &Store, leases: &Leases) -> Result<(), Error> {
         let (queue, halt, workers) = (Queue::new(tasks, [one_core()]), AtomicBool::new(false), workers());
-        let all = Shared {
+        let all = SlotContext {
             tasks,
             store,
             leases,
@@ -168,7 +168,7 @@ impl Bench {
             halt: &halt,
         };
         let (events, _) = mpsc::channel();
-        let runner = InThread {
+        let runner = InThreadRunner {
             bench: self,
             place,
             leases,
@@ -209,13 +209,13 @@ fn workers() -> Workers {
 }
 
 /// Runs trials in the process of the scheduler itself.
-struct InThread<'a> {
+struct InThreadRunner<'a> {
     bench: &'a Bench,
     place: usize,
     leases: &'a Leases,
 }
 
-impl Runner for InThread<'_> {
+impl Runner for InThreadRunner<'_> {
     fn run(
         &mut self,
         request: Request,
@@ -224,7 +224,7 @@ impl Runner for InThread<'_> {
     ) -> Result<Answer, Error> {
         let (id, ledger) = (request.trial.id.clone(), &self.bench.ledger);
         ledger.begins(&id, quietly(|| self.bench.who(self.place, &id)), EXPIRY, lives);
-        let mut replies = Beating {
+        let mut replies = LeaseRenewer {
             runner: self,
             trial: id.clone(),
             last: quietly(clock::now),
@@ -235,7 +235,7 @@ impl Runner for InThread<'_> {
             &worker::Stops::default(),
             &mut replies,
         );
-        // What cannot be read in this moment counts as not whole.
+        // A result that cannot be read in this moment counts as not whole.
         let broken = ledger.broken().filter(|_| !self.bench.calls_fail);
         assert_eq!(broken, None);
         match &reply {
@@ -251,14 +251,14 @@ impl Runner for InThread<'_> {
     fn dismiss(&mut self) {}
 }
 
-/// Renews the leases when there is progress, in the place of the thread that does it.
-struct Beating<'a, 'b> {
-    runner: &'a InThread<'b>,
+/// Renews the leases when there is progress, as the watching thread does in a real run.
+struct LeaseRenewer<'a, 'b> {
+    runner: &'a InThreadRunner<'b>,
     trial: String,
     last: Instant,
 }
 
-impl Write for Beating<'_, '_> {
+impl Write for LeaseRenewer<'_, '_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if clock::since(self.last) >= HEARTBEAT {
             let who = quietly(|| self.runner.bench.who(self.runner.place, &self.trial));
@@ -339,7 +339,7 @@ fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(
     play(machine, |place| bench.run(place), || inspect(&bench))
 }
 
-/// Runs what is at each place to the end, and looks at the store after the power went once more.
+/// Runs `run` at each place to its end, and inspects the store after a further loss of power.
 fn play(
     machine: Machine,
     run: impl Fn(usize) -> bool + Sync,
@@ -351,7 +351,8 @@ fn play(
     }
     machine.lose_power();
     machine.again();
-    // What a process stored that was killed before it could say so may be lost once more, and is computed again.
+    // A trial that was stored by a process which was killed before it could say so may be lost again, and is
+    // computed again.
     let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
         return (machine, outcome);
@@ -370,11 +371,11 @@ fn play(
     (machine, outcome)
 }
 
-/// Everything was computed and is there; whoever held a lease is gone.
+/// Asserts that every trial was computed and is stored, and that every process that held a lease is gone.
 fn inspect(bench: &Bench) {
     let store = Store::at("/store");
     bench.ledger.holds(&store, &bench.trials);
-    // From elsewhere an owner shows to be gone when it has been silent for long.
+    // On another machine, an owner counts as gone after a long silence.
     clock::sleep(Duration::from_secs(900));
     for trial in &bench.trials {
         let end = quietly(|| store.end(&trial.id));
@@ -384,7 +385,7 @@ fn inspect(bench: &Bench) {
     }
 }
 
-/// How many seeds are run; REGIMEN_SIM_SEEDS replaces it.
+/// Number of seeds to run; `REGIMEN_SIM_SEEDS` replaces it.
 fn seeds() -> u64 {
     let usual = if variable("CI").is_some() { 5_000 } else { 1_000 };
     variable("REGIMEN_SIM_SEEDS").map_or(usual, |text| text.parse().unwrap())
@@ -422,7 +423,7 @@ fn a_seed_gives_the_same_again() {
     }
 }
 
-/// Without any one of the flushes, some promise breaks: none of them is idle, and the simulation sees each.
+/// Without any one of the flushes, some promise breaks: none of them is idle, and the simulation finds each.
 #[test]
 fn without_any_one_flush_a_seed_fails() {
     let flushed: std::collections::BTreeSet<String> = (0..50)

@@ -1,11 +1,11 @@
-//! Runs what is missing: trials in worker processes, one single-threaded trial per process at a time.
+//! Runs missing trials in worker processes, one single-threaded trial per process at a time.
 //!
 //! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a
-//! common queue; a trial is begun only under its lease, so that several programs can work on one store. The child
-//! runs the trial, writes it to the store and says how it ended; a child that dies is replaced, and only its
-//! trial is affected. One watching thread renews the leases, holds the limits of time and memory, and passes on
-//! the wish to stop. Everything that happens reaches the caller as an [`Event`] on one channel, so there is one
-//! owner of what is shown.
+//! common queue; a trial is begun only under its lease, so that several programs can work on one store. The
+//! child runs the trial, writes it to the store and reports its end; a child that dies is replaced, and only
+//! its trial is affected. One watching thread renews the leases, holds the limits of time and memory, and
+//! passes on the wish to stop. Every event reaches the caller as an [`Event`] on one channel, so that a
+//! single owner decides what is shown.
 
 #[cfg(test)]
 mod fault_tests;
@@ -44,7 +44,7 @@ use std::{
     time::Duration,
 };
 
-/// What happens while trials run.
+/// Events of a run.
 #[derive(Debug, Clone)]
 pub enum Event {
     /// A trial started in a slot.
@@ -54,7 +54,7 @@ pub enum Event {
         /// Index into the list of tasks.
         trial: usize,
     },
-    /// How far a trial is.
+    /// Progress of the trial in a slot.
     Progress {
         /// Worker slot.
         slot: usize,
@@ -69,7 +69,7 @@ pub enum Event {
         slot: usize,
         /// Index into the list of tasks.
         trial: usize,
-        /// How it ended.
+        /// End of the trial.
         end: TrialEnd,
     },
     /// An attempt at a trial failed and it will be tried again.
@@ -78,76 +78,76 @@ pub enum Event {
         slot: usize,
         /// Index into the list of tasks.
         trial: usize,
-        /// How the attempt ended.
+        /// End of the attempt.
         end: TrialEnd,
         /// The wait before the next attempt.
         wait: Duration,
     },
-    /// Another program has the trial; it is looked after again later.
+    /// Another program has the trial; it is tried again later.
     Held {
         /// Index into the list of tasks.
         trial: usize,
-        /// Who has it.
+        /// Process that has the trial.
         owner: Owner,
     },
     /// Another program has ended the trial.
     EndedElsewhere {
         /// Index into the list of tasks.
         trial: usize,
-        /// How it ended.
+        /// End of the trial.
         end: TrialEnd,
     },
-    /// A trial takes from one that another program runs; it is looked after again later.
+    /// A source of a trial is running in another program; the trial is tried again later.
     Awaits {
         /// Index into the list of tasks.
         trial: usize,
-        /// Id of the trial that is waited for.
+        /// Id of that source.
         source: String,
-        /// Who has that one.
+        /// Process that runs the source.
         owner: Owner,
     },
-    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It
-    /// stays missing.
+    /// A trial is blocked: one of its sources has not ended `ok`, or left no usable artifact. The trial stays
+    /// missing.
     Unready {
         /// Index into the list of tasks.
         trial: usize,
-        /// Which trial lacks, and why.
+        /// Id of the source, and the reason.
         reason: String,
     },
-    /// Something at the place of a trial stands in its way; it stays missing, and the others go on.
+    /// An obstacle lies at the place of a trial; the trial stays missing, and the others go on.
     Obstructed {
         /// Index into the list of tasks.
         trial: usize,
-        /// What, and what to do about it.
+        /// The obstacle, and the remedy.
         reason: String,
     },
-    /// A trial was given up because the run is being stopped; it stays missing and continues from its
+    /// A trial was interrupted because the run is being stopped; it stays missing and continues from its
     /// checkpoint.
     Stopped {
         /// Worker slot.
         slot: usize,
     },
-    /// A trial has come to its pause.
+    /// A trial has reached its pause.
     Paused {
         /// Worker slot.
         slot: usize,
         /// Index into the list of tasks.
         trial: usize,
     },
-    /// The place of a slot cannot be reached; its trial goes back to the others.
+    /// The place of a slot cannot be reached; its trial goes back to the other slots.
     Lost {
         /// Worker slot.
         slot: usize,
-        /// Which, and why.
+        /// The place, and the reason.
         problem: String,
-        /// The wait before it is looked after again; `None` where it is given up.
+        /// The wait before the next attempt to reach it; `None` where it is given up.
         wait: Option<Duration>,
     },
-    /// A slot cannot go on.
+    /// A slot has failed and takes no further trial.
     Broken {
         /// Worker slot.
         slot: usize,
-        /// Why.
+        /// The reason.
         problem: String,
     },
 }
@@ -157,51 +157,51 @@ pub enum Event {
 pub struct Task<'a> {
     /// The trial; the plan holds it.
     pub trial: &'a Trial,
-    /// Its steps.
+    /// Number of steps of the trial.
     pub cost: u64,
-    /// Seconds per step that trials of its agent took in its environment before; `None` where none is stored.
-    /// Long paths start first.
+    /// Seconds per step of earlier trials of its agent in its environment; `None` where none is stored. Long
+    /// paths start first.
     pub pace_s: Option<f64>,
-    /// What it may use.
+    /// Limits of each attempt.
     pub limits: Arc<Limits>,
-    /// How it ended before, where it runs again all the same.
+    /// Stored end of the trial, where it runs again all the same.
     pub before: Option<TrialEnd>,
     /// Ids of the trials that must have ended `ok` before it begins.
     pub after: Vec<String>,
-    /// The step at which it pauses, once that is measured; `None` to go to its end.
+    /// The step at which the trial pauses, once that is measured; `None` to go to its end.
     pub until: Option<u64>,
-    /// Its cores and cards.
+    /// Cores and cards that the trial needs.
     pub needs: Needs,
 }
 
-/// How to run trials.
+/// Settings of a run: machines, stops and intervals.
 #[derive(Debug, Clone)]
 pub struct Workers {
     /// The cores of this machine, each with a worker process, and its cards; unused where there are hosts.
     pub capacity: Capacity,
-    /// The hosts that run trials in the place of this machine, where there are any.
+    /// Hosts that run the trials instead of this machine, if any.
     pub hosts: hosts::Hosts,
-    /// Set from outside to stop: no new trial starts and running ones save a checkpoint and leave.
+    /// Set from outside to stop: no new trial starts, and running ones save a checkpoint and leave.
     pub stop: Arc<AtomicBool>,
-    /// Stop at the first trial that does not end `ok`.
+    /// Whether to stop at the first trial that does not end `ok`.
     pub fail_fast: bool,
-    /// Whether to wait for trials that other programs run; without it they are left to them.
+    /// Whether to wait for trials that other programs run; otherwise they are left to them.
     pub wait_for_others: bool,
-    /// Time between two checkpoints of a trial.
+    /// Interval between two checkpoints of a trial.
     pub checkpoint_every: Duration,
-    /// Time between two renewals of the leases.
+    /// Interval between two renewals of the leases.
     pub heartbeat: Duration,
-    /// Leases of programs on other machines count as dead when not renewed for this long.
+    /// Time without renewal after which leases of programs on other machines count as dead.
     pub lease_expiry: Duration,
 }
 
-/// Runs `tasks` and stores how each ended; returns when all have ended or the run was stopped.
+/// Runs `tasks` and stores their ends; returns when all have ended or the run was stopped.
 ///
 /// The order in which trials run cannot reach a result.
 ///
 /// # Errors
 /// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
-/// written, and [`Error::Bucket`] where the bucket that it is shared by cannot: the tasks that are left stay missing.
+/// written, and [`Error::Bucket`] where its shared bucket cannot: the remaining tasks stay missing.
 pub fn run(
     tasks: &[Task<'_>],
     store: &Store,
@@ -219,11 +219,12 @@ pub fn run(
     let queue = Queue::new(tasks, machines(workers));
     let places = places(workers);
     let count = places.len().min(tasks.len());
-    let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
+    let children: Vec<process::WorkerProcess> =
+        (0..count).map(|_| process::WorkerProcess::default()).collect();
     std::thread::scope(|scope| {
         let slots: Vec<_> = (0..count)
             .map(|number| {
-                let shared = slot::Shared {
+                let shared = slot::SlotContext {
                     tasks,
                     store,
                     leases: &leases,

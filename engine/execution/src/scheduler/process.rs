@@ -1,7 +1,7 @@
-//! Runs trials in a worker process, which the slot that talks to it and the thread that watches it share.
+//! Worker processes, which the slot that talks to one and the thread that watches it share.
 
 use super::{
-    silence::{Listened, Silence},
+    silence::{Silence, WatchedReader},
     slot::{Answer, Runner},
     worker::{Message, Reply, Request},
 };
@@ -22,19 +22,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How long a signal to a run may take to reach the process that schedules, once it reached one that computes.
+/// Time in which a signal to a run reaches the process that schedules, once it reached one that computes.
 const TOLD: Duration = Duration::from_millis(300);
 
-/// Runs the trials of one slot in a process, which is replaced where it dies.
+/// Runs the trials of one slot in a process, which is replaced when it dies.
 pub(super) struct Worker<'a> {
     program: &'a Path,
-    process: &'a Shared,
+    process: &'a WorkerProcess,
     replies: Option<Replies>,
 }
 
 impl<'a> Worker<'a> {
-    /// No process yet; `program` will be started.
-    pub(super) fn new(program: &'a Path, process: &'a Shared) -> Self {
+    /// A worker without a process yet; `program` will be started.
+    pub(super) fn new(program: &'a Path, process: &'a WorkerProcess) -> Self {
         Self {
             program,
             process,
@@ -63,7 +63,8 @@ impl Runner for Worker<'_> {
             let (status, exceeded) = self.process.bury();
             let by_limit = exceeded.is_some();
             if is_stop(status) {
-                // Who stops all processes of a run tells the one that schedules, too: it decides what follows.
+                // A signal that stops all processes of a run reaches the scheduling one too: it decides what
+                // follows.
                 clock::sleep(TOLD);
             }
             let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
@@ -96,7 +97,7 @@ fn worker(program: &Path) -> Command {
     command
 }
 
-/// Passes on what the process says, until its last word; `None` where it died without one.
+/// Passes on the messages of the process until its last one; `None` where it died without one.
 fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
     loop {
         let mut line = String::new();
@@ -106,49 +107,50 @@ fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<R
         match serde_json::from_str(&line) {
             Ok(Reply::Progress { done, total }) => progress(done, total),
             Ok(last) => return Some(last),
-            // Whatever else a plugin prints on standard output is not for us.
+            // Other output of a plugin on standard output is skipped.
             Err(_) => {}
         }
     }
 }
 
-/// What a process says.
-pub(super) type Replies = BufReader<Listened<ChildStdout>>;
+/// Messages of a process.
+pub(super) type Replies = BufReader<WatchedReader<ChildStdout>>;
 
-/// How long an idle process may take to leave once its input has ended.
+/// Time in which an idle process leaves once its input has ended.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
-/// How long a process may be silent that was told to stop, where silence counts.
+/// Silence that is allowed to a process that was told to stop, where silence counts.
 const STOPS_WITHIN: Duration = Duration::from_secs(10);
-/// The longest piece that is written at once: a process that takes one in is not silent.
+/// Largest piece that is written at once, in bytes: a process that accepts one is not silent.
 const PIECE: usize = 1 << 16;
 
 /// The process of one slot, where it has one.
 #[derive(Default)]
-pub(super) struct Shared {
+pub(super) struct WorkerProcess {
     process: Mutex<Option<Process>>,
 }
 
 struct Process {
     child: Child,
-    /// Whoever writes holds it, and not the whole process: one that takes nothing in can still be ended.
+    /// Pipe to the process. Its own lock is held while writing: a process that accepts no input can still be
+    /// ended.
     requests: Arc<Mutex<ChildStdin>>,
     silence: Silence,
-    /// The process counts as lost where it is silent for so long while something is waited for.
+    /// Silence after which the process counts as lost while an answer is waited for.
     patience: Option<Duration>,
-    busy: Option<Busy>,
+    busy: Option<ActiveRequest>,
 }
 
-struct Busy {
+struct ActiveRequest {
     since: Instant,
     limits: Arc<Limits>,
     told_to_stop: bool,
-    /// Set before the process is ended for it.
+    /// The exceeded limit, set before the process is ended for it.
     exceeded: Option<(EndState, String)>,
 }
 
-impl Shared {
-    /// Starts a process; what it says is read from what is given back. One that is silent for longer than `patience`
-    /// while something is waited for is ended with all that it started: its group is its own.
+impl WorkerProcess {
+    /// Starts a process, and returns the reader of its messages. A process that is silent for longer than
+    /// `patience` while an answer is waited for is ended with all its descendants: its group is its own.
     pub(super) fn start(&self, command: &mut Command, patience: Option<Duration>) -> Result<Replies, Error> {
         let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = piped.spawn().map_err(|source| Error::Worker {
@@ -171,10 +173,10 @@ impl Shared {
             busy: None,
         });
         let pipe = replies;
-        Ok(BufReader::new(Listened { pipe, silence }))
+        Ok(BufReader::new(WatchedReader { pipe, silence }))
     }
 
-    /// Sends bytes to an idle process. One that takes none in holds up nobody but its slot.
+    /// Sends bytes to an idle process. A process that accepts none blocks only its slot.
     pub(super) fn write(&self, bytes: &[u8]) -> io::Result<()> {
         let process = self
             .lock()
@@ -194,7 +196,7 @@ impl Shared {
         let _ = self.write(format!("{message}\n").as_bytes());
         if let Some(process) = self.lock().as_mut() {
             let limits = Arc::clone(limits);
-            process.busy = Some(Busy {
+            process.busy = Some(ActiveRequest {
                 since: clock::now(),
                 limits,
                 told_to_stop: false,
@@ -203,8 +205,8 @@ impl Shared {
         }
     }
 
-    /// The process has answered; false where it can serve no more, because it was ended for a limit in that
-    /// moment.
+    /// Records the answer of the process; false where it can serve no more, because it was ended for a limit
+    /// in that moment.
     pub(super) fn end(&self) -> bool {
         let doomed = match self.lock().as_mut() {
             Some(process) => process.busy.take().is_none_or(|busy| busy.exceeded.is_some()),
@@ -216,12 +218,12 @@ impl Shared {
         !doomed
     }
 
-    /// Takes in a process that has ended: its exit status and the limit for which it was ended.
+    /// Reaps a process that has ended: its exit status and the limit for which it was ended.
     pub(super) fn bury(&self) -> (Option<ExitStatus>, Option<(EndState, String)>) {
         let process = self.lock().take();
         match process {
             Some(Process { mut child, busy, .. }) => {
-                // It closed its output; one that still lives is of no use.
+                // The process closed its output; one that still lives is of no use.
                 let _ = child.kill();
                 (child.wait().ok(), busy.and_then(|busy| busy.exceeded))
             }
@@ -229,7 +231,7 @@ impl Shared {
         }
     }
 
-    /// Lets an idle process leave: the end of its input tells it to. One that does not is ended.
+    /// Lets an idle process leave: the end of its input tells it to. A process that does not leave is ended.
     pub(super) fn dismiss(&self) {
         let process = self.lock().take();
         let Some(Process {
@@ -250,8 +252,8 @@ impl Shared {
         }
     }
 
-    /// Tells a busy process, once, to save a checkpoint and stop. From now on a silent one is waited for less
-    /// long, also where it is not busy yet: one to which a connection is made, or that a trial is brought to.
+    /// Tells a busy process, once, to save a checkpoint and stop. From now on a shorter silence is allowed,
+    /// also where it is not busy yet: while a connection is made, or a trial is sent.
     pub(super) fn ask_to_stop(&self) {
         let mut process = self.look();
         let Some(process) = process.as_deref_mut().and_then(Option::as_mut) else {
@@ -268,14 +270,14 @@ impl Shared {
         }
     }
 
-    /// The time for which the process was suspended counts for no limit.
+    /// Excludes the time for which this program was suspended from every limit.
     pub(super) fn was_suspended(&self, away: Duration) {
         if let Some(Process { busy: Some(busy), .. }) = self.look().as_deref_mut().and_then(Option::as_mut) {
             busy.since += away;
         }
     }
 
-    /// Ends a process that is over a limit, or silent for longer than it may.
+    /// Ends a process that exceeds a limit, or its allowed silence.
     pub(super) fn hold_limits(&self) {
         if let Some(process) = self.look().as_deref_mut().and_then(Option::as_mut)
             && let Some(patience) = process.patience
@@ -293,7 +295,7 @@ impl Shared {
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             match &busy.exceeded {
-                // Processes that a program started hold the memory, and hear nothing of its worker's end for a while.
+                // Descendants hold the memory, and do not notice the end of the worker for a while.
                 Some((EndState::Oom, _)) => {
                     let family = family(child.id());
                     family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));
@@ -304,14 +306,14 @@ impl Shared {
         }
     }
 
-    /// True where the process was ended because it was silent.
+    /// Whether the process was ended because it was silent.
     pub(super) fn fell_silent(&self) -> bool {
         self.lock()
             .as_ref()
             .is_some_and(|process| process.patience.is_none())
     }
 
-    /// The process, unless its slot is talking to it: whoever watches all of them looks again.
+    /// The process, unless its slot is talking to it: the watching thread looks again.
     fn look(&self) -> Option<MutexGuard<'_, Option<Process>>> {
         match self.process.try_lock() {
             Ok(process) => Some(process),
@@ -321,12 +323,12 @@ impl Shared {
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Process>> {
-        // What is shared is replaced as a whole, so that it is whole after a panic elsewhere.
+        // The shared value is replaced as a whole, so that it is whole after a panic elsewhere.
         self.process.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// True for a process that was ended by a signal by which people, terminals and batch systems stop programs.
+/// Whether a process was ended by a signal by which people, terminals and batch systems stop programs.
 fn is_stop(status: Option<ExitStatus>) -> bool {
     use std::os::unix::process::ExitStatusExt;
     status
@@ -340,7 +342,7 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
         return (EndState::Killed, "the worker process vanished".into());
     };
     match (status.signal(), status.code()) {
-        // SIGABRT is how a Rust program that cannot unwind ends itself.
+        // A Rust program that cannot unwind ends itself by SIGABRT.
         (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
         (Some(signal), _) => (
             EndState::Killed,
@@ -357,8 +359,8 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
 mod tests {
     use super::*;
 
-    /// A process with a pipe each way that says nothing, and what it started holds its pipes.
-    fn silent(shared: &Shared, patience: Duration) -> Replies {
+    /// A process that is silent on both pipes, and whose descendants hold them.
+    fn silent(shared: &WorkerProcess, patience: Duration) -> Replies {
         use std::os::unix::process::CommandExt as _;
         let mut command = Command::new("sh");
         command.args(["-c", "sleep 600 & sleep 600"]).process_group(0);
@@ -367,7 +369,7 @@ mod tests {
 
     #[test]
     fn who_says_nothing_for_longer_than_it_may_is_ended_and_its_reader_goes_on() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let mut replies = silent(&shared, Duration::from_millis(300));
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -385,7 +387,7 @@ mod tests {
 
     #[test]
     fn who_takes_nothing_in_is_ended_too() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let _replies = silent(&shared, Duration::from_millis(300));
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -402,7 +404,7 @@ mod tests {
 
     #[test]
     fn whoever_stops_waits_less_for_one_that_is_silent_before_it_was_asked_anything() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let mut replies = silent(&shared, STOPS_WITHIN * 100);
         let begun = clock::now();
         std::thread::scope(|scope| {
@@ -420,12 +422,12 @@ mod tests {
 
     #[test]
     fn one_that_is_not_waited_for_may_be_silent() {
-        let shared = Shared::default();
+        let shared = WorkerProcess::default();
         let _replies = silent(&shared, Duration::from_millis(10));
         clock::sleep(Duration::from_millis(50));
         shared.hold_limits();
         assert!(!shared.fell_silent());
-        // What it started does not outlive the test.
+        // Its descendants must not outlive the test.
         if let Some(process) = shared.lock().as_mut() {
             end_group(&mut process.child);
         }

@@ -1,6 +1,6 @@
-//! Which trial is next: of those whose sources have ended, the one that begins the longest remaining path of
-//! trials that take from each other; then those whose retry is due and those that other programs may have
-//! left. A trial begins where its machine has free what it needs.
+//! Order of the trials. First come trials whose sources have ended, by the longest remaining path of trials
+//! that take from each other; then trials whose retry is due and trials that other programs may have left. A
+//! trial begins where its machine has enough free cores and cards.
 
 use super::Task;
 use crate::{
@@ -18,67 +18,67 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time between two looks for a trial while others run.
+/// Interval between two attempts to find a trial while others run.
 const BUSY_FOR: Duration = Duration::from_millis(50);
 
-/// How long a trial that another program has is left alone before it is looked after again.
+/// Time for which a trial that another program has is left alone.
 const HELD_FOR: Duration = Duration::from_millis(300);
 
-/// What a slot should do next.
-pub(super) enum Next {
+/// The next step of a slot.
+pub(super) enum NextStep {
     /// Try this trial.
-    Try(Turn),
-    /// Nothing is due yet.
+    Try(TrialAttempt),
+    /// Wait: no trial is due yet.
     Wait(Duration),
-    /// Nothing is left.
+    /// Leave: no trial is left.
     Done,
 }
 
-/// One attempt at a trial.
+/// An attempt at a trial, with its share of a machine.
 #[derive(Debug, Clone)]
-pub(super) struct Turn {
-    /// Index into the list of tasks.
+pub(super) struct TrialAttempt {
+    /// Index of the trial in the list of tasks.
     pub(super) task: usize,
     /// Number of the attempt, from 1.
     pub(super) attempt: u32,
-    /// The stored end that is no reason not to try.
+    /// Stored end of the trial that does not keep it from running.
     pub(super) before: Option<TrialEnd>,
-    /// The share of the machine that it has.
+    /// Share of the machine that the attempt has.
     pub(super) share: Share,
 }
 
-/// The trials that are left.
+/// The remaining trials.
 pub(super) struct Queue<'a> {
     tasks: &'a [Task<'a>],
-    /// Tasks that take from a trial, by its id.
+    /// Tasks that take from a trial, by the id of that trial.
     takers: HashMap<&'a str, Vec<usize>>,
     state: Mutex<State<'a>>,
 }
 
 struct State<'a> {
-    /// Seconds per step of the agents of which a trial has ended, by environment.
+    /// Paces of agents with an ended trial, by environment.
     paces: Paces<'a>,
-    /// Microseconds of the longest path that begins with a task, the task included.
+    /// Length in microseconds of the longest path that begins with a task, the task included.
     paths: Vec<u64>,
     /// Tasks whose sources have ended, longest path first.
     ready: BTreeSet<(Reverse<u64>, usize)>,
-    /// How many of a task's sources this program has still to run, or is running.
+    /// Number of a task's sources that this program has still to run, or is running.
     awaited: Vec<usize>,
-    later: Vec<Later>,
-    /// Each machine, with its free cores and cards.
+    later: Vec<Deferral>,
+    /// Free cores and cards of each machine.
     pools: Vec<Pool>,
-    /// Trials that some slot works on, each with its machine and its share: one of them may come back as a retry, or
-    /// be what another one waits for.
+    /// Trials that slots work on, each with its machine and its share: one of them may come back as a retry,
+    /// or be the source of another one.
     busy: BTreeMap<usize, (usize, Share)>,
 }
 
-struct Later {
+struct Deferral {
     due: Instant,
-    turn: Turn,
+    turn: TrialAttempt,
 }
 
 impl<'a> Queue<'a> {
-    /// All tasks, each trial once, for these machines.
+    /// A queue of all tasks, each trial once, for these machines.
     pub(super) fn new(tasks: &'a [Task<'a>], machines: impl IntoIterator<Item = Capacity>) -> Self {
         let by_id: HashMap<&str, usize> = tasks
             .iter()
@@ -121,7 +121,8 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// A trial took this long: once for each agent in an environment, the order of what is left is made anew from it.
+    /// Records the time of a trial. The first trial of an agent in an environment renews the order of the
+    /// remaining ones.
     pub(super) fn note_pace(&self, task: usize, wall_s: f64) {
         let Task { trial, cost, .. } = &self.tasks[task];
         let mut state = self.lock();
@@ -137,27 +138,28 @@ impl<'a> Queue<'a> {
             .collect();
     }
 
-    /// The next trial for a machine; its slot says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
-    pub(super) fn next(&self, machine: usize) -> Next {
+    /// The next step of a slot of a machine; the slot reports on its trial by [`Queue::done`],
+    /// [`Queue::retry`] or [`Queue::held`].
+    pub(super) fn next(&self, machine: usize) -> NextStep {
         let mut state = self.lock();
         let now = clock::now();
         let due = state.due(self.tasks, machine, now);
         let next = due.or_else(|| state.first_that_fits(self.tasks, machine));
         if let Some(turn) = next {
             state.busy.insert(turn.task, (machine, turn.share.clone()));
-            return Next::Try(turn);
+            return NextStep::Try(turn);
         }
         let could_fit = |task: usize| state.pools[machine].could_fit(&self.tasks[task].needs);
         let later = state.later.iter().filter(|later| could_fit(later.turn.task));
         match later.map(|later| later.due).min() {
-            Some(due) if due > now => Next::Wait(due.saturating_duration_since(now)),
-            Some(_) => Next::Wait(BUSY_FOR),
-            None if !state.busy.is_empty() => Next::Wait(BUSY_FOR),
-            None => Next::Done,
+            Some(due) if due > now => NextStep::Wait(due.saturating_duration_since(now)),
+            Some(_) => NextStep::Wait(BUSY_FOR),
+            None if !state.busy.is_empty() => NextStep::Wait(BUSY_FOR),
+            None => NextStep::Done,
         }
     }
 
-    /// The trial needs nothing more, however it ended: what takes from it is looked at.
+    /// Ends a trial that needs no further attempt; trials that take from it are considered.
     pub(super) fn done(&self, task: usize) {
         let mut state = self.lock();
         state.give_back(self.tasks, task);
@@ -171,18 +173,18 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// The trial is to be tried again after a wait.
-    pub(super) fn retry(&self, turn: Turn, wait: Duration) {
+    /// Puts a trial back for another attempt after a wait.
+    pub(super) fn retry(&self, turn: TrialAttempt, wait: Duration) {
         let mut state = self.lock();
         state.give_back(self.tasks, turn.task);
-        state.later.push(Later {
+        state.later.push(Deferral {
             due: clock::now() + wait,
             turn,
         });
     }
 
-    /// The trial cannot begin yet: another program has it, or has what it takes.
-    pub(super) fn held(&self, turn: Turn) {
+    /// Puts a trial back that cannot begin yet: another program has it, or has its source.
+    pub(super) fn held(&self, turn: TrialAttempt) {
         self.retry(turn, HELD_FOR);
     }
 
@@ -193,8 +195,8 @@ impl<'a> Queue<'a> {
 }
 
 impl State<'_> {
-    /// A trial whose wait is over.
-    fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<Turn> {
+    /// A trial whose wait is over, if it fits the machine.
+    fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<TrialAttempt> {
         let pool = &mut self.pools[machine];
         let mut due = self
             .later
@@ -203,12 +205,13 @@ impl State<'_> {
             .filter(|(_, later)| later.due <= now);
         let (place, share) =
             due.find_map(|(place, later)| Some((place, pool.take(&tasks[later.turn.task].needs)?)))?;
-        let Later { turn, .. } = self.later.swap_remove(place);
-        Some(Turn { share, ..turn })
+        let Deferral { turn, .. } = self.later.swap_remove(place);
+        Some(TrialAttempt { share, ..turn })
     }
 
-    /// The first trial in order that fits what is free. Those before it keep what they lack from those behind them.
-    fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<Turn> {
+    /// The first trial in order that fits the free cores and cards. Earlier trials keep the cores that they
+    /// wait for from later ones.
+    fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<TrialAttempt> {
         let mut free = self.pools[machine].clone();
         let mut fitting = None;
         for &(path, task) in &self.ready {
@@ -227,7 +230,7 @@ impl State<'_> {
         let (path, task) = fitting?;
         let share = self.pools[machine].take(&tasks[task].needs)?;
         self.ready.remove(&(path, task));
-        Some(Turn {
+        Some(TrialAttempt {
             task,
             attempt: 1,
             before: tasks[task].before.clone(),
@@ -235,7 +238,7 @@ impl State<'_> {
         })
     }
 
-    /// A slot works on the trial no longer.
+    /// Frees the share of a trial that no slot works on any more.
     fn give_back(&mut self, tasks: &[Task<'_>], task: usize) {
         if let Some((machine, share)) = self.busy.remove(&task) {
             self.pools[machine].give_back(&tasks[task].needs, &share);
@@ -243,9 +246,10 @@ impl State<'_> {
     }
 }
 
-/// Microseconds of the longest path that begins with each task. A plan has no circles, so that every path
-/// ends. An agent of which nothing is known in an environment counts as in the environment where it is slowest, and
-/// one of which nothing is known at all as the slowest known one: they begin early, so that they become known.
+/// Length in microseconds of the longest path that begins with each task. A plan has no circles, so that
+/// every path ends. An agent without a known pace in an environment counts with its slowest known
+/// environment, and an agent without any known pace with the slowest known one: such agents begin early, so
+/// that their paces become known.
 fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &Paces<'_>) -> Vec<u64> {
     let slowest = paces.slowest().unwrap_or_default().max(1e-6);
     #[expect(
@@ -331,8 +335,8 @@ mod tests {
 
     fn next(queue: &Queue<'_>) -> Option<usize> {
         match queue.next(0) {
-            Next::Try(turn) => Some(turn.task),
-            Next::Wait(_) | Next::Done => None,
+            NextStep::Try(turn) => Some(turn.task),
+            NextStep::Wait(_) | NextStep::Done => None,
         }
     }
 
@@ -354,7 +358,7 @@ mod tests {
         );
         queue.done(2);
         assert!(
-            matches!(queue.next(0), Next::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait(_)),
             "what is running may be waited for"
         );
         queue.done(0);
@@ -363,7 +367,7 @@ mod tests {
         queue.done(3);
         assert_eq!(next(&queue), Some(4));
         queue.done(4);
-        assert!(matches!(queue.next(0), Next::Done));
+        assert!(matches!(queue.next(0), NextStep::Done));
     }
 
     #[test]
@@ -404,7 +408,7 @@ mod tests {
             task(slow_again, 99, &[]),
         ];
         let queue = Queue::new(&tasks, machine(8));
-        // As slow as the slowest known one, 100 steps take less than 500 of the known agent.
+        // At the pace of the slowest known agent, 100 steps take less than 500 of the known one.
         assert_eq!([next(&queue), next(&queue)], [Some(0), Some(2)]);
         let queue = Queue::new(&tasks, machine(8));
         queue.note_pace(1, 50.0);
@@ -455,7 +459,9 @@ mod tests {
         ];
         let gpus = vec!["7".to_owned()];
         let queue = Queue::new(&tasks, [Capacity { cores: 2, gpus }]);
-        let Next::Try(turn) = queue.next(0) else { panic!() };
+        let NextStep::Try(turn) = queue.next(0) else {
+            panic!()
+        };
         assert_eq!(turn.share.gpus, Some(vec!["7".into()]));
         assert_eq!([next(&queue), next(&queue)], [Some(2), None]);
         queue.retry(turn, Duration::from_secs(100));
@@ -471,11 +477,14 @@ mod tests {
         let queue = Queue::new(&tasks, machines);
         assert_eq!(next(&queue), Some(1));
         assert!(
-            matches!(queue.next(0), Next::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait(_)),
             "what runs may be tried again"
         );
         queue.done(1);
-        assert!(matches!(queue.next(0), Next::Done));
-        assert!(matches!(queue.next(1), Next::Try(Turn { task: 0, .. })));
+        assert!(matches!(queue.next(0), NextStep::Done));
+        assert!(matches!(
+            queue.next(1),
+            NextStep::Try(TrialAttempt { task: 0, .. })
+        ));
     }
 }

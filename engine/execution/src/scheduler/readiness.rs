@@ -1,24 +1,24 @@
-//! Whether a trial can begin that takes what others leave.
+//! Readiness of trials that take from others.
 
 use crate::store::{Owner, Store};
 use contract::trial_end::{EndState, TrialEnd, is_missing};
 
-/// What the trials say of each other.
+/// State of the sources of a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Readiness {
-    /// All of it is there.
+    /// Every source has ended `ok`.
     Ready,
     /// Another program works on one of the sources.
     Elsewhere(String, Owner),
-    /// One source does not end well by itself, and why.
+    /// One source does not end well by itself, for this reason.
     Unready(String),
 }
 
-/// How far the trials are from which one takes, none of which this program has still to run.
+/// State of the sources of a trial. This program has none of them still to run.
 pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
     let mut answer = Readiness::Ready;
     for source in after {
-        // In this order: what ends between the two looks is seen to have ended.
+        // In this order, so that a source that ends between the two looks is seen to have ended.
         let (owner, end) = (store.running(source), store.end(source));
         match (end, owner) {
             (
@@ -45,7 +45,7 @@ pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
     answer
 }
 
-/// True where every trial from which one takes has ended `ok`.
+/// Whether all sources of a trial have ended `ok`.
 #[must_use]
 pub fn is_ready(after: &[String], store: &Store) -> bool {
     after.iter().all(|source| {

@@ -1,4 +1,4 @@
-//! How long the other side of a connection lets this one wait: for its next byte, or to take one in.
+//! Silence of the other side of a connection: time without a byte from it, or without room for one to it.
 
 use crate::world::clock;
 use std::{
@@ -7,18 +7,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Since when something is waited for; `None` while nothing is. Who waits and who watches share it.
+/// Begin of the current wait; `None` while there is none. The waiting and the watching thread share it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Silence(Arc<Mutex<Option<Instant>>>);
 
 impl Silence {
-    /// For how long the other side has been silent.
+    /// Length of the silence so far.
     pub(super) fn lasts(&self) -> Option<Duration> {
         let since = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
         since.map(clock::since)
     }
 
-    /// Does what may have to wait for the other side.
+    /// Runs `act`, which may have to wait for the other side.
     pub(super) fn during<T>(&self, act: impl FnOnce() -> T) -> T {
         self.set(Some(clock::now()));
         let outcome = act();
@@ -32,12 +32,12 @@ impl Silence {
 }
 
 /// A pipe whose reader can be watched while it waits.
-pub(super) struct Listened<R> {
+pub(super) struct WatchedReader<R> {
     pub(super) pipe: R,
     pub(super) silence: Silence,
 }
 
-impl<R: Read> Read for Listened<R> {
+impl<R: Read> Read for WatchedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.silence.during(|| self.pipe.read(buffer))
     }

@@ -1,8 +1,8 @@
-//! One worker slot: takes trials from the queue, under their leases, and has them run.
+//! Worker slots: each takes trials from the queue, under their leases, and has them run.
 
 use super::{
     Event, Task, Workers,
-    queue::{Next, Queue, Turn},
+    queue::{NextStep, Queue, TrialAttempt},
     readiness::{Readiness, readiness},
     worker::{Reply, Request},
 };
@@ -24,18 +24,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The first wait before a place is looked after again; it doubles up to 16 times that.
+/// First wait before a place is tried again; it doubles up to 16 times that.
 const SHORTEST_WAIT: Duration = Duration::from_secs(1);
 
 /// A signal to a group of processes reaches all of them within this time.
 const SIGNALLED_WITHIN: Duration = Duration::from_millis(100);
 
-/// What runs the trials of a slot: a process of its own, outside tests.
+/// Runner of the trials of a slot: outside tests, a process of its own.
 pub(super) trait Runner {
-    /// Runs a trial to its end, its pause, or until it is stopped; `progress` hears steps done and in all.
+    /// Runs a trial to its end, its pause, or until it is stopped; `progress` receives steps done and in all.
     ///
     /// # Errors
-    /// [`Error::Worker`] where nothing can be run.
+    /// [`Error::Worker`] where no trial can be run.
     fn run(
         &mut self,
         request: Request,
@@ -43,7 +43,7 @@ pub(super) trait Runner {
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<Answer, Error>;
 
-    /// Nothing more will be run for now.
+    /// Called when no trial follows for now.
     fn dismiss(&mut self);
 }
 
@@ -62,30 +62,30 @@ impl<R: Runner + ?Sized> Runner for Box<R> {
     }
 }
 
-/// What became of a request.
+/// Result of a request.
 pub(super) enum Answer {
-    /// The last word about it.
+    /// The last message about the request.
     Said(Reply),
-    /// Who ran it is gone without one.
+    /// The process that ran the trial is gone without a last message.
     Died {
-        /// How.
+        /// End state of the trial.
         state: EndState,
-        /// In words.
+        /// The reason, in words.
         reason: String,
-        /// Whether it was ended for a limit.
+        /// Whether the process was ended for a limit.
         by_limit: bool,
     },
-    /// Nothing is known of it: where it was to run cannot be reached, for this reason.
+    /// The result is unknown: the place of the runner cannot be reached, for this reason.
     Lost(String),
 }
 
-/// What all slots share.
+/// State that all slots share.
 #[derive(Clone, Copy)]
-pub(super) struct Shared<'a> {
+pub(super) struct SlotContext<'a> {
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
-    /// Those in the bucket by which the store is shared, where there is one.
+    /// Leases in the bucket by which the store is shared, where there is one.
     pub(super) shared_leases: Option<&'a BucketLeases>,
     pub(super) workers: &'a Workers,
     pub(super) queue: &'a Queue<'a>,
@@ -93,36 +93,36 @@ pub(super) struct Shared<'a> {
     pub(super) halt: &'a AtomicBool,
 }
 
-/// One slot.
+/// One worker slot.
 pub(super) struct Slot<'a, R> {
     number: usize,
-    /// Place of its machine among all.
+    /// Index of the slot's machine.
     machine: usize,
-    all: Shared<'a>,
+    all: SlotContext<'a>,
     runner: R,
     events: &'a Sender<Event>,
-    /// Since when, and how often, its place could not be reached; `None` where it was reached last.
+    /// Begin and number of the failed attempts to reach its place; `None` where the last one succeeded.
     lost: Option<(Instant, u32)>,
-    /// True where it could not be reached for as long as somebody waits.
+    /// Whether its place could not be reached within the patience for it.
     is_given_up: bool,
 }
 
-/// What became of an attempt.
-enum Attempt {
+/// Result of an attempt.
+enum AttemptOutcome {
     Ended(TrialEnd),
     Stopped,
     Paused,
-    /// Something that it takes cannot be used, for this reason.
+    /// A source of the trial cannot be used, for this reason.
     Unready(String),
     /// The place of the slot cannot be reached, for this reason.
     Lost(String),
 }
 
 impl<'a, R: Runner> Slot<'a, R> {
-    /// A slot that has run nothing yet.
+    /// A slot before its first trial.
     pub(super) fn new(
         (number, machine): (usize, usize),
-        all: Shared<'a>,
+        all: SlotContext<'a>,
         runner: R,
         events: &'a Sender<Event>,
     ) -> Self {
@@ -137,11 +137,11 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Works until nothing is left or the run is stopped.
+    /// Works until no trial is left or the run is stopped.
     pub(super) fn work(&mut self) -> Result<(), Error> {
         while !self.stopping() && !self.is_given_up {
             match self.all.queue.next(self.machine) {
-                Next::Try(turn) => {
+                NextStep::Try(turn) => {
                     let (trial, store) = (turn.task, self.all.store);
                     let id = &self.all.tasks[trial].trial.id;
                     if let Some(obstacle) = store.obstacle(id) {
@@ -151,8 +151,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                             self.pass_over(trial, &obstacle);
                             continue;
                         }
-                        // What cannot be written now cannot be written by the other slots either: nothing new
-                        // begins.
+                        // The other slots cannot write to the store either: no new trial begins.
                         self.all.halt.store(true, Ordering::SeqCst);
                         self.all.queue.done(trial);
                         self.tell(Event::Broken {
@@ -163,15 +162,15 @@ impl<'a, R: Runner> Slot<'a, R> {
                         return Err(error);
                     }
                 }
-                Next::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
-                Next::Done => break,
+                NextStep::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
+                NextStep::Done => break,
             }
         }
         self.runner.dismiss();
         Ok(())
     }
 
-    /// What lies at the place of one trial concerns no other one.
+    /// Reports an obstacle at the place of one trial; it concerns no other trial.
     fn pass_over(&self, trial: usize, obstacle: &Error) {
         let reason = obstacle.to_string();
         self.tell(Event::Obstructed { trial, reason });
@@ -191,8 +190,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.stopping()
     }
 
-    /// Takes a trial up, unless it takes what is not there.
-    fn take(&mut self, turn: Turn) -> Result<(), Error> {
+    /// Begins a trial, unless one of its sources is absent.
+    fn take(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         match readiness(&task.after, self.all.store) {
             Readiness::Ready => return self.claim(turn),
@@ -219,7 +218,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     }
 
     /// Claims a trial and runs it, unless another program has it or has ended it.
-    fn claim(&mut self, turn: Turn) -> Result<(), Error> {
+    fn claim(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let task = &self.all.tasks[turn.task];
         match self.all.leases.claim(&task.trial.id)? {
             Claim::Held(owner) => self.leave_to(owner, turn),
@@ -232,9 +231,9 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there as well,
-    /// and takes it in where another machine has ended it.
-    fn under_shared_lease(&mut self, turn: Turn) -> Result<(), Error> {
+    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there
+    /// as well, and fetches it where another machine has ended it.
+    fn under_shared_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
             return self.under_lease(turn);
         };
@@ -242,7 +241,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         match leases.claim(id)? {
             Claim::Held(owner) => self.leave_to(owner, turn),
             Claim::Mine => {
-                // Of a trial that runs again although it has ended the bucket has that end, or a newer one.
+                // For a trial that runs again although it has ended, the bucket has that end, or a newer one.
                 let fetched = bucket.fetch_missing(self.all.store, id);
                 let outcome = fetched.and_then(|()| self.under_lease(turn));
                 leases.release(id)?;
@@ -252,8 +251,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// Another program has the trial: this one waits for it, or goes without it.
-    fn leave_to(&self, owner: Owner, turn: Turn) {
+    /// Another program has the trial: this one waits for it, or continues without it.
+    fn leave_to(&self, owner: Owner, turn: TrialAttempt) {
         if !self.all.workers.wait_for_others {
             self.all.queue.done(turn.task);
             return;
@@ -265,7 +264,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.all.queue.held(turn);
     }
 
-    fn under_lease(&mut self, turn: Turn) -> Result<(), Error> {
+    fn under_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         // The end may have been stored after the list of missing trials was made.
         if let Some(end) = self.new_end(task, &turn) {
@@ -273,7 +272,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.all.queue.done(index);
             return Ok(());
         }
-        // Another program may have taken it to its pause meanwhile.
+        // Another program may have brought it to its pause meanwhile.
         let measured = || self.all.store.measured_until(&task.trial.id);
         if task
             .until
@@ -287,11 +286,11 @@ impl<'a, R: Runner> Slot<'a, R> {
             trial: index,
         });
         match self.attempt(task, &turn)? {
-            Attempt::Stopped => {
+            AttemptOutcome::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
                 self.all.queue.done(index);
             }
-            Attempt::Paused => {
+            AttemptOutcome::Paused => {
                 self.tell(Event::Paused {
                     slot: self.number,
                     trial: index,
@@ -301,15 +300,15 @@ impl<'a, R: Runner> Slot<'a, R> {
                     bucket.bring(self.all.store, &task.trial.id)?;
                 }
             }
-            Attempt::Unready(reason) => self.give_up(index, reason),
-            Attempt::Lost(problem) => self.lose(turn, problem),
-            Attempt::Ended(end) => self.ended(turn, end)?,
+            AttemptOutcome::Unready(reason) => self.give_up(index, reason),
+            AttemptOutcome::Lost(problem) => self.lose(turn, problem),
+            AttemptOutcome::Ended(end) => self.ended(turn, end)?,
         }
         Ok(())
     }
 
-    /// The trial goes back to the others, and the place is looked after again later.
-    fn lose(&mut self, turn: Turn, problem: String) {
+    /// Puts the trial back for other slots; its place is tried again later.
+    fn lose(&mut self, turn: TrialAttempt, problem: String) {
         self.all.queue.retry(turn, Duration::ZERO);
         let (since, times) = self.lost.unwrap_or((clock::now(), 0));
         self.lost = Some((since, times + 1));
@@ -327,8 +326,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Decides whether the end is final; one that is goes to the other machines.
-    fn ended(&self, turn: Turn, end: TrialEnd) -> Result<(), Error> {
+    /// Decides whether the end is final; a final end goes to the other machines.
+    fn ended(&self, turn: TrialAttempt, end: TrialEnd) -> Result<(), Error> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
             Some(wait) if !self.stopping() => {
@@ -339,7 +338,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                     wait,
                 });
                 self.all.queue.retry(
-                    Turn {
+                    TrialAttempt {
                         attempt: turn.attempt + 1,
                         before: Some(end),
                         ..turn
@@ -369,7 +368,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {
+    fn attempt(&mut self, task: &Task<'_>, turn: &TrialAttempt) -> Result<AttemptOutcome, Error> {
         let request = Request {
             trial: task.trial.clone(),
             store: self.all.store.root().to_path_buf(),
@@ -387,29 +386,29 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.lost = None;
         }
         match answer {
-            Answer::Lost(_) if self.stopping() => Ok(Attempt::Stopped),
-            Answer::Lost(problem) => Ok(Attempt::Lost(problem)),
-            Answer::Said(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
-            Answer::Said(Reply::Paused) => Ok(Attempt::Paused),
-            Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
+            Answer::Lost(_) if self.stopping() => Ok(AttemptOutcome::Stopped),
+            Answer::Lost(problem) => Ok(AttemptOutcome::Lost(problem)),
+            Answer::Said(Reply::Ended { end }) => Ok(AttemptOutcome::Ended(end)),
+            Answer::Said(Reply::Paused) => Ok(AttemptOutcome::Paused),
+            Answer::Said(Reply::Unready { reason }) => Ok(AttemptOutcome::Unready(reason)),
             Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(Attempt::Stopped),
-            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(Attempt::Stopped),
+            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(AttemptOutcome::Stopped),
+            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(AttemptOutcome::Stopped),
             Answer::Died { state, reason, .. } => {
                 self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
             }
         }
     }
 
-    /// Stores how it died.
+    /// Stores the death of the process as the end of its trial.
     fn died(
         &self,
         task: &Task<'_>,
-        turn: &Turn,
+        turn: &TrialAttempt,
         state: EndState,
         reason: String,
         wall_s: f64,
-    ) -> Result<Attempt, Error> {
+    ) -> Result<AttemptOutcome, Error> {
         let end = TrialEnd {
             state,
             reason,
@@ -419,19 +418,21 @@ impl<'a, R: Runner> Slot<'a, R> {
         };
         // The process may have stored its trial and died before it could say so.
         if let Some(stored) = self.new_end(task, turn) {
-            return Ok(Attempt::Ended(stored));
+            return Ok(AttemptOutcome::Ended(stored));
         }
-        Ok(Attempt::Ended(self.all.store.acknowledge(task.trial, end)?))
+        Ok(AttemptOutcome::Ended(
+            self.all.store.acknowledge(task.trial, end)?,
+        ))
     }
 
-    /// The stored end of a trial, where it is one and not the one that is known.
-    fn new_end(&self, task: &Task<'_>, turn: &Turn) -> Option<TrialEnd> {
+    /// The stored end of a trial, where it differs from the known one.
+    fn new_end(&self, task: &Task<'_>, turn: &TrialAttempt) -> Option<TrialEnd> {
         let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
         stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }
 
     fn tell(&self, event: Event) {
-        // A caller that no longer listens has stopped caring; the trials go on.
+        // A caller that receives no more events needs none; the trials go on.
         let _ = self.events.send(event);
     }
 }

@@ -1,6 +1,6 @@
-//! The thread that watches: leases, limits, the wish to stop.
+//! The watching thread: leases, limits, the wish to stop.
 
-use super::process::Shared;
+use super::process::WorkerProcess;
 use crate::{
     store::{BucketLeases, Leases},
     world::clock,
@@ -10,21 +10,21 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks at the processes: a process that takes memory as fast as it can gets some 50 MB in
-/// it.
+/// Interval between two checks of the processes: a process that takes memory as fast as it can gets some 50
+/// MB in it.
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// A look that comes so much late says that this program was suspended, with what it had started.
+/// A check that comes so much late shows that this program was suspended, with its children.
 const SUSPENDED: Duration = Duration::from_secs(1);
 
-/// What is watched.
+/// Processes, leases and flags of the watching thread.
 pub(super) struct Watch<'a> {
-    pub(super) children: &'a [Shared],
+    pub(super) children: &'a [WorkerProcess],
     pub(super) leases: &'a Leases,
     /// The wish to stop from outside, and from within.
     pub(super) stop: &'a AtomicBool,
     pub(super) halt: &'a AtomicBool,
-    /// False when the slots are done.
+    /// Whether the slots still work.
     pub(super) on: &'a AtomicBool,
 }
 
@@ -56,8 +56,8 @@ impl Watch<'_> {
     }
 }
 
-/// Renews the leases in a bucket until the slots are done. It has a thread of its own: a service that does not answer
-/// must not hold up limits and the wish to stop.
+/// Renews the leases in a bucket until the slots are done. A thread of its own does it: a service that does
+/// not answer must not block limits and the wish to stop.
 pub(super) fn renew(leases: &BucketLeases, on: &AtomicBool, heartbeat: Duration) {
     let mut renewed = clock::now();
     while on.load(Ordering::SeqCst) {

@@ -1,4 +1,4 @@
-//! The inside of a worker process: one request a line, one trial a request.
+//! The inside of a worker process, which runs one trial for each line of input.
 
 use crate::{
     store::{RunningTrial, Store},
@@ -23,7 +23,7 @@ use std::{
     time::Duration,
 };
 
-/// A line to a worker.
+/// A message to a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Message {
@@ -33,19 +33,19 @@ pub enum Message {
     Stop,
 }
 
-/// What a worker is asked.
+/// Request for one trial.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Request {
     /// The trial to run.
     pub trial: Trial,
-    /// The store's folder.
+    /// Folder of the store.
     pub store: PathBuf,
-    /// Time between two checkpoints.
+    /// Interval between two checkpoints, in seconds.
     pub checkpoint_every_s: f64,
     /// The step at which the trial pauses, once that is measured.
     #[serde(default)]
     pub until: Option<u64>,
-    /// How long nothing may be heard of a program that trains itself.
+    /// Allowed silence, in seconds, of a program that trains itself.
     #[serde(default)]
     pub stalled_after_s: Option<f64>,
     /// The share of the machine that the trial has.
@@ -53,11 +53,11 @@ pub struct Request {
     pub share: Share,
 }
 
-/// What a worker says.
+/// Replies of a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reply {
-    /// How far the trial is.
+    /// Progress of the trial.
     Progress {
         /// Steps done.
         done: u64,
@@ -66,21 +66,21 @@ pub enum Reply {
     },
     /// The trial ended and its end is stored.
     Ended {
-        /// How.
+        /// End of the trial.
         end: TrialEnd,
     },
     /// The trial was stopped as asked and will continue from its checkpoint.
     Stopped,
-    /// The trial has come to its pause.
+    /// The trial has reached its pause.
     Paused,
-    /// Something that the trial takes cannot be used; the trial stays missing.
+    /// A source of the trial cannot be used; the trial stays missing.
     Unready {
-        /// Which one, and what is wrong with it.
+        /// The source, and its problem.
         reason: String,
     },
     /// The store cannot be written; the trial stays missing.
     StoreRefused {
-        /// What was tried and what the system said.
+        /// The failed operation and the error of the system.
         problem: String,
     },
 }
@@ -88,10 +88,10 @@ pub enum Reply {
 /// Answers requests until the input ends.
 ///
 /// The end of the input while a trial runs means that the program that asked is gone: the process leaves at
-/// once, so that whoever takes the trial over has it alone.
+/// once, so that the program that takes the trial over has it alone.
 ///
 /// # Errors
-/// Where the other side is gone.
+/// [`Error::Worker`] where the other side is gone.
 pub fn serve(
     registry: &Registry,
     input: impl BufRead + Send + 'static,
@@ -111,8 +111,8 @@ pub fn serve(
         let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
         say(&mut replies, &reply)?;
         if last {
-            // Code that panicked, or lost what it had started, may have left its memory in any state: the next
-            // trial gets a fresh process.
+            // A trial that panicked, or lost a process, may have left memory in any state: the next trial
+            // gets a fresh process.
             break;
         }
     }
@@ -131,7 +131,7 @@ fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) 
                     return;
                 }
             }
-            // Only our own program writes here; what it did not write whole ends the conversation.
+            // Only our own program writes here; an incomplete message ends the conversation.
             _ => return,
         }
     }
@@ -140,10 +140,10 @@ fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) 
 /// The wishes to stop that reach a worker.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stops {
-    /// The scheduler asks the running trial to save a checkpoint and leave.
+    /// Set when the scheduler asks the running trial to save a checkpoint and leave.
     asked: Arc<AtomicBool>,
-    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began. The
-    /// scheduler answers it; what the trial has started may not have outlived it.
+    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began.
+    /// The scheduler answers it; processes of the trial may not have survived it.
     signalled: Arc<AtomicBool>,
 }
 
@@ -165,7 +165,7 @@ impl Stops {
     }
 }
 
-/// Runs a trial and says how it ended.
+/// Runs a trial and reports its end.
 pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies: &mut impl Write) -> Reply {
     match attempt(registry, request, stops, replies) {
         Ok(reply) => reply,
@@ -179,8 +179,8 @@ pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies
     }
 }
 
-/// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a
-/// artifact in it.
+/// Runs the trial and stores its end, or its record at the pause; an error concerns the store or an artifact
+/// in it.
 fn attempt(
     registry: &Registry,
     request: &Request,
@@ -195,7 +195,7 @@ fn attempt(
     let mut progress = |done, total| {
         if clock::since(told) > Duration::from_millis(200) {
             told = clock::now();
-            // A scheduler that is gone shows when the end is told.
+            // A scheduler that is gone shows when the end is reported.
             let _ = say(replies, &Reply::Progress { done, total });
         }
     };
@@ -220,7 +220,7 @@ fn attempt(
     answered(&store, trial, &keeper, outcome, stops)
 }
 
-/// Stores the outcome of a trial and says it.
+/// Stores the outcome of a trial and reports it.
 fn answered(
     store: &Store,
     trial: &Trial,
@@ -253,7 +253,7 @@ fn answered(
         Ok(Err(error @ (Error::Store { .. } | Error::Source { .. }))) => return Err(error),
         Ok(Err(error @ Error::NotFinite { .. })) => {
             let end = end(EndState::Nan, &error.to_string());
-            // Searches that pause trials compare it with others up to where it could be compared.
+            // Searches compare a failed trial with others up to its last finite measurement.
             store.keep_partial(trial, end.clone(), keeper.before_error())?;
             end
         }
@@ -266,7 +266,8 @@ fn answered(
     };
     let end = store.acknowledge(trial, end)?;
     if end.state != EndState::Killed {
-        // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
+        // The trial would fail again from its checkpoint; once the cause is mended it has to run from the
+        // start.
         RunningTrial::discard(&folder)?;
     }
     Ok(Reply::Ended { end })

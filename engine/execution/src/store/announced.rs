@@ -1,8 +1,8 @@
-//! What environments that are not this program's own announced when they were last tried out: with it a study is read
-//! where nothing of it has to run, also on a machine or in a shell that could not make them.
+//! Announcements of external environments, from the last time that each was made: with them a study is read
+//! without running any of it, also on a machine or in a shell that could not make its environments.
 //!
-//! A record is of one identity, so that a changed environment has none. It is remade at any time: one that is
-//! damaged, or of another program, is passed over.
+//! A record belongs to one identity, so that a changed environment has none. It can be remade at any time: a
+//! damaged record, or one of another program, is skipped.
 
 use super::remade;
 use crate::world::fs;
@@ -12,16 +12,17 @@ use std::path::{Path, PathBuf};
 
 /// The folder of the records in a store.
 pub(super) const FOLDER: &str = "environments";
-/// The key of a record with the announcement.
+/// Key of the announcement in a record.
 const KEY: &str = "announced";
-/// Raised whenever an environment of the same config would announce something else.
+/// Version of the announcements; raised whenever an environment of the same config would announce something
+/// else.
 const VERSION: u32 = 2;
 
-/// Where the records are.
+/// Records of announcements in a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Announcements {
     store: PathBuf,
-    /// True where a record is taken in the place of the environment.
+    /// Whether a record replaces the environment.
     is_believed: bool,
 }
 
@@ -35,7 +36,7 @@ impl Announcements {
         }
     }
 
-    /// The same records, where every environment is tried out all the same.
+    /// The same records, with every environment made all the same.
     #[must_use]
     pub fn doubted(self) -> Self {
         Self {
@@ -44,7 +45,7 @@ impl Announcements {
         }
     }
 
-    /// What the environment of an identity announced; `None` where that is not known or not to be believed.
+    /// The announcement of the environment of an identity; `None` where it is unknown or not to be believed.
     pub fn recall<T: DeserializeOwned>(&self, id: &str) -> Option<T> {
         if !self.is_believed {
             return None;
@@ -52,12 +53,12 @@ impl Announcements {
         remade::recall(&self.place(id), KEY)
     }
 
-    /// True where there is a store.
+    /// Whether there is a store.
     pub fn has_store(&self) -> bool {
         fs::is_folder(&self.store)
     }
 
-    /// Keeps what an environment announced. An announcement that cannot be kept is asked for again.
+    /// Keeps the announcement of an environment. An announcement that cannot be kept is asked for again.
     pub fn keep(&self, id: &str, announced: &impl Serialize) {
         remade::keep(&self.place(id), KEY, announced);
     }

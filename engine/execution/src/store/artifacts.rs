@@ -1,4 +1,4 @@
-//! What trials leave in the store for other programs and for other trials.
+//! Artifacts of trials in the store, for other programs and for other trials.
 
 use super::{
     Store,
@@ -32,7 +32,7 @@ impl Store {
         self.artifact_if_left(taken)?.ok_or_else(problem)
     }
 
-    /// The same, and `None` where the trial left no such artifact.
+    /// As [`artifact`](Self::artifact), and `None` where the trial left no such artifact.
     ///
     /// # Errors
     /// [`Error::Source`] where the trial did not end `ok`, or left one that is damaged now.
@@ -64,8 +64,8 @@ impl Store {
         }
     }
 
-    /// Copies the files of an artifact whose paths begin with `below` into a folder, under the rest of their paths; what
-    /// is written is what was held against the acknowledged hashes.
+    /// Copies the files of an artifact whose paths begin with `below` into a folder, under the rest of their
+    /// paths; the written bytes are those that were held against the acknowledged hashes.
     ///
     /// # Errors
     /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] where the folder cannot be written.
@@ -89,7 +89,7 @@ impl Store {
         Ok(())
     }
 
-    /// True where a trial left something for others and the files are not what was acknowledged.
+    /// Whether a trial left artifacts whose files differ from the acknowledged ones.
     #[must_use]
     pub fn has_damaged_artifact(&self, id: &str) -> bool {
         match self.file(id) {
@@ -110,8 +110,8 @@ fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
     read_in(folder, name).is_ok_and(|bytes| bytes.is_some_and(|bytes| hash(&bytes) == digest))
 }
 
-/// Hashes of what was left in a trial's folder for others, by path inside it, brought to the disk with the
-/// folders that hold it.
+/// Hashes of the artifacts in a trial's folder, by path inside it. The files and the folders that hold them
+/// are flushed to the disk.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
     for name in files_of(folder)?.into_iter().filter(|name| is_artifact(name)) {
@@ -126,7 +126,7 @@ pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error>
     Ok(files)
 }
 
-/// Brings a file of a trial to the disk, and the folders inside the trial's that lead to it.
+/// Flushes a file of a trial to the disk, and the folders inside the trial's that lead to it.
 pub(super) fn flush_within(trial: &Path, file: &Path) -> Result<(), Error> {
     let inside = file.ancestors().take_while(|path| *path != trial);
     inside

@@ -1,5 +1,5 @@
-//! Sets aside what is wrong: it is moved into a numbered folder of the store, under its own path, and nothing
-//! is lost.
+//! Quarantine of the store: a faulty file is moved into a numbered folder of the store, under its own path,
+//! and none is lost.
 
 use super::{
     Claim, Finding, Findings, Leases, Store, absent_is_fine,
@@ -18,7 +18,7 @@ use std::{
 };
 
 impl Store {
-    /// Those of the trials that ended `ok` whose metrics are not what was acknowledged.
+    /// Trials that ended `ok` whose metrics differ from the acknowledged ones.
     #[must_use]
     pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
         let is_damaged = |(id, end): &&(&str, &TrialEnd)| {
@@ -27,11 +27,11 @@ impl Store {
         ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }
 
-    /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on
-    /// are left to it.
+    /// Sets aside damaged files of trials, so that the trials are missing. Trials that another process
+    /// computes are left to it.
     ///
     /// # Errors
-    /// Where a file cannot be moved.
+    /// [`Error::File`] where a file cannot be moved.
     pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut mine = Vec::new();
@@ -54,7 +54,7 @@ impl Store {
                     found.findings.extend(self.damage(id));
                 }
                 Ok(Claim::Held(_)) => {}
-                // Whoever runs the trial says what stands in its way.
+                // The process that runs the trial reports the obstacle.
                 Err(_) if self.obstacle_to_writing(id).is_some() => {}
                 Err(error) => return Err(error),
             }
@@ -63,21 +63,22 @@ impl Store {
         Ok(found)
     }
 
-    /// What keeps a trial from counting: damaged files with their acknowledgement, and results without one.
+    /// Faults that keep a trial from counting: damaged files with their acknowledgement, and results without
+    /// one.
     fn damage(&self, id: &str) -> Vec<Finding> {
         let mut check = Check::new(self);
         let folder = self.folder(id);
         check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id);
         let mut findings = check.found.findings;
         if !findings.iter().any(|finding| finding.trial.is_some()) {
-            // It became whole while its lease was waited for.
+            // The trial became whole while its lease was waited for.
             return Vec::new();
         }
         findings.retain(|finding| finding.trial.is_some() || finding.is_result());
         findings
     }
 
-    /// Sets aside what was found, which may be nothing.
+    /// Sets aside the findings, if there are any.
     pub(crate) fn aside(&self, findings: Vec<Finding>) -> Result<Findings, Error> {
         if findings.is_empty() {
             return Ok(Findings::default());
@@ -90,8 +91,8 @@ impl Store {
         })
     }
 
-    /// Moves what was found into a new folder, which it answers, as seen from the store's; `None` where nothing
-    /// is to be moved.
+    /// Moves the findings into a new folder and returns its path inside the store; `None` where no file is to
+    /// be moved.
     pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<Option<PathBuf>, Error> {
         if !findings.iter().any(|finding| finding.fault.is_moved()) {
             return Ok(None);
@@ -112,7 +113,7 @@ impl Store {
         Ok(Some(aside))
     }
 
-    /// A numbered folder that no other process has.
+    /// Creates a numbered folder that no other process has.
     fn new_folder(&self) -> Result<PathBuf, Error> {
         let all = self.root.join("aside");
         if fs::is_taken(&all) && !fs::is_folder(&all) {

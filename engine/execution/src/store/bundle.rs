@@ -1,5 +1,5 @@
-//! A trial on its way to another machine: the files that its acknowledgement names, held against their hashes at both
-//! ends; of one that has paused what it had recorded.
+//! Trials on the way to another machine: the files that the acknowledgement of a trial names, held against
+//! their hashes at both ends; for a paused trial, its record up to the pause.
 
 use super::{Merge, Store, inside::read_in, merge::acknowledged_files, partial};
 use crate::world::fs;
@@ -17,14 +17,14 @@ use std::{
 /// Files of an ended trial by their names inside its folder, the acknowledgement last.
 pub(crate) type Bundle = Vec<(String, Vec<u8>)>;
 
-/// The acknowledgement.
+/// The file that comes last.
 const LAST: &str = "trial.json";
 
 impl Store {
-    /// What a trial left; `None` where it has neither ended nor paused.
+    /// The files of a trial; `None` where it has neither ended nor paused.
     ///
     /// # Errors
-    /// [`Error::Damaged`] for a file that is not what was acknowledged.
+    /// [`Error::Damaged`] for a file that differs from the acknowledged one.
     pub(crate) fn bundle(&self, id: &str) -> Result<Option<Bundle>, Error> {
         let Some(file) = self.sound(id)?.filter(|file| !is_missing(Some(&file.end))) else {
             let paused = self.partial_bytes(id)?;
@@ -53,8 +53,8 @@ impl Store {
         }))
     }
 
-    /// Takes in what [`bundle`](Self::bundle) gave on another machine; false where a pause is known here already.
-    /// The caller holds the trial's lease.
+    /// Writes a [`bundle`](Self::bundle) of another machine into the store; false where a pause is known here
+    /// already. The caller holds the trial's lease.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -87,19 +87,19 @@ impl Store {
     }
 }
 
-/// Why a bundle was not taken in.
+/// Reason for which a bundle was refused.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum BundleError {
-    /// It is not what was acknowledged on the other machine, for this reason.
+    /// The bundle differs from the acknowledgement of the other machine, for this reason.
     #[error("it is not what was acknowledged: {0}")]
     Damaged(String),
-    /// This store cannot be written, or has something else of this trial.
+    /// This store cannot be written, or has other files of this trial.
     #[error(transparent)]
     Here(#[from] Error),
 }
 
 impl BundleError {
-    /// An error that is about the unpacked files is about the bundle: those are gone when it is told.
+    /// An error about the unpacked files is about the bundle: those files are gone when it is reported.
     fn of(error: Error, unpacked: &Path) -> Self {
         match error {
             Error::Damaged { path, problem } if path.starts_with(unpacked) => {
@@ -111,10 +111,10 @@ impl BundleError {
     }
 }
 
-/// Most bytes of one file; a length above it is no length.
+/// Longest file in bytes; a greater length is not believed.
 const MOST_BYTES: u64 = 1 << 36;
 
-/// The files of a trial, whose bytes follow in this order.
+/// Names and lengths of the files of a trial, whose bytes follow in this order.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Manifest {
     /// Id of the trial.
@@ -124,7 +124,7 @@ pub(crate) struct Manifest {
 }
 
 impl Manifest {
-    /// The files of a trial.
+    /// The manifest of a bundle.
     pub(crate) fn of(trial: &str, bundle: &[(String, Vec<u8>)]) -> Self {
         let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
         Self {
@@ -140,7 +140,7 @@ impl Manifest {
     }
 }
 
-/// Reads so many bytes.
+/// Reads `length` bytes.
 pub(crate) fn read_bytes(input: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
     if length > MOST_BYTES {
         return Err(io::Error::new(
@@ -166,7 +166,7 @@ pub(super) fn to_bytes(id: &str, bundle: &[(String, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// What [`to_bytes`] made of the trial `id`; why not, where it is something else.
+/// The bundle of the trial `id` that [`to_bytes`] wrote; the reason where the bytes are something else.
 pub(super) fn from_bytes(id: &str, mut bytes: &[u8]) -> Result<Bundle, String> {
     let mut line = Vec::new();
     // Reading from memory does not fail.
@@ -197,7 +197,7 @@ mod tests {
     use crate::store::stub::trial;
     use contract::{Phase, Recorder, trial_end::EndState};
 
-    /// A store with a trial that has ended, and what it left.
+    /// Stores a trial that has ended; returns its id and its bundle.
     fn left(store: &Store) -> (String, Bundle) {
         let trial = trial(4, 0);
         let mut record = Recorder::default();
@@ -243,7 +243,7 @@ mod tests {
         for error in wrong {
             assert!(matches!(error, BundleError::Damaged(_)), "{error}");
         }
-        // Of another trial, under this one's name.
+        // The bundle of another trial, under this one's name.
         assert!(here.take_in("00000000000000000000000000000000", &bundle).is_err());
         assert!(here.end(&id).unwrap().is_none());
     }

@@ -1,17 +1,17 @@
-//! When something happened, as text: in UTC, to the second.
+//! Dates and times as text: in UTC, to the second.
 
 use crate::world::clock;
 use jiff::Timestamp;
 use std::time::UNIX_EPOCH;
 
-/// This moment, to be noted beside a result; nothing that is compared or hashed for identity may hold it.
+/// This moment, to be noted beside a result; no value that is compared or hashed for identity may hold it.
 pub fn now() -> String {
     let since = clock::date().duration_since(UNIX_EPOCH);
     rfc_3339_of(since.map_or(0, |since| since.as_secs()))
 }
 
-/// A moment in seconds since 1970 as RFC 3339 writes it, as in `2024-02-29T23:59:59Z`; texts of this form are in the
-/// order of time. What lies behind the year 9999 is its end.
+/// A moment in seconds since 1970 as RFC 3339 writes it, as in `2024-02-29T23:59:59Z`; the order of such
+/// texts is that of time. Moments after the year 9999 become its end.
 pub fn rfc_3339_of(seconds: u64) -> String {
     let seconds = i64::try_from(seconds).unwrap_or(i64::MAX);
     Timestamp::from_second(seconds)

@@ -1,6 +1,6 @@
-//! How a trial ended before, kept while it is tried again.
+//! The earlier end of a trial, kept while it is tried again.
 //!
-//! A trial is tried again by putting its acknowledgement beside its place: it is missing then, whatever
+//! A trial is tried again by moving its acknowledgement beside its place: it is missing then, whatever
 //! becomes of the process that wanted it, until it has ended anew.
 
 use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
@@ -11,11 +11,11 @@ use std::path::Path;
 const NAME: &str = "earlier.json";
 
 impl Store {
-    /// Makes a trial that has ended missing, and keeps its end as the earlier one. Only who holds the trial's
-    /// lease may.
+    /// Makes an ended trial missing, and keeps its end as the earlier one. Only the holder of the trial's
+    /// lease may call it.
     ///
     /// # Errors
-    /// Where the file cannot be renamed.
+    /// [`Error::File`] where the file cannot be renamed.
     pub fn try_again(&self, id: &str) -> Result<(), Error> {
         let folder = self.folder(id);
         let earlier = folder.join(NAME);
@@ -24,7 +24,7 @@ impl Store {
         flush(&folder).map_err(Error::file("flush", &folder))
     }
 
-    /// How a trial ended before that has to be tried again.
+    /// The earlier end of a trial that has to be tried again.
     #[must_use]
     pub fn earlier(&self, id: &str) -> Option<TrialEnd> {
         Some(parse(&inside::read(&self.folder(id).join(NAME)).ok()??).ok()?.end)

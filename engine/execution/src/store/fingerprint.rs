@@ -1,37 +1,37 @@
-//! The identity of a stored result, by which two copies of it are held against each other.
+//! Fingerprint of a stored result, by which two copies of it are compared.
 
 use super::{METRICS, Store, TrialFile};
 use contract::{Build, trial_end::EndState};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How a trial ended, the digests of what it left, and who computed it.
+/// The end of a trial, the digests of its files, and the program that computed it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fingerprint {
-    /// How it ended.
+    /// End state of the trial.
     pub state: EndState,
     /// Digest of the values in the metrics file; empty where there is none.
     pub digest: String,
     /// Digests of its artifacts by path inside the trial's folder: of tables of their values, of others of their
     /// bytes.
     pub files: BTreeMap<String, String>,
-    /// The source code of the program that computed it, where it said.
+    /// Source code of the program that computed the trial, where it named it.
     pub build: Option<Build>,
-    /// When it ended, where the program noted it.
+    /// Time of the end, where the program noted it.
     pub ended_at: Option<String>,
-    /// True where the agent trained itself, so that honest runs may differ.
+    /// Whether the agent trained itself, so that honest runs may differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub trained_itself: bool,
 }
 
-/// One thing that two copies of a trial do not share.
+/// A difference between two copies of a trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Difference {
     /// `state`, `metrics.parquet` or the path of an artifact.
     pub what: String,
-    /// What the first copy has; empty where it has none.
+    /// Value of the first copy; empty where it has none.
     pub first: String,
-    /// What the second copy has.
+    /// Value of the second copy; empty where it has none.
     pub second: String,
 }
 
@@ -56,8 +56,8 @@ impl Fingerprint {
         }
     }
 
-    /// In what this copy differs from `other`; nothing where both hold the same values. Who computed them, when,
-    /// and in what time are measurements and do not count.
+    /// Differences between this copy and `other`; empty where both hold the same values. The program, the
+    /// date and the computing time are measurements and do not count.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<Difference> {
         let mut found = Vec::new();
@@ -80,14 +80,14 @@ impl Fingerprint {
         found
     }
 
-    /// True where two copies that both ended well may differ without damage.
+    /// Whether two copies that both ended well may differ without damage.
     #[must_use]
     pub fn may_differ_from(&self, other: &Self) -> bool {
         let is_free = |it: &Self| it.trained_itself && it.state == EndState::Ok;
         is_free(self) && is_free(other)
     }
 
-    /// Who computed it, in words.
+    /// The program that computed the trial, in words.
     #[must_use]
     pub fn by(&self) -> String {
         self.build

@@ -1,7 +1,7 @@
-//! Finds what is wrong in a store and sets it aside; what it held is then missing and runs again.
+//! Check of a store: finds faulty files and sets them aside; their trials are then missing and run again.
 //!
-//! The store's folder is never left: no link is followed, and what a trial says of its files is believed only
-//! of its own.
+//! The check never leaves the store's folder: no link is followed, and the file names in a trial's
+//! acknowledgement are believed only inside the trial's folder.
 
 use super::{
     LOOKS, OUTPUT, Store, TrialFile, announced,
@@ -23,26 +23,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Why a file was set aside.
+/// Reason for which a file was set aside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// It is not what was acknowledged: cut off, changed, or of another trial.
+    /// The file differs from the acknowledged one: cut off, changed, or of another trial.
     Damaged,
     /// A trial's result without the acknowledgement, or the acknowledgement of a result that is not there.
     Orphaned,
-    /// What a process that is gone left behind.
+    /// A process that is gone left the file behind.
     Left,
-    /// It is none of the store's files.
+    /// The file is none of the store's.
     Foreign,
-    /// A later program wrote it; it stays where it is.
+    /// A later program wrote the file; it stays where it is.
     Newer,
-    /// It cannot be read; it stays where it is.
+    /// The file cannot be read; it stays where it is.
     Unreadable,
 }
 
 impl Fault {
-    /// The word that is shown.
+    /// Name of the fault, as it is shown.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -55,58 +55,58 @@ impl Fault {
         }
     }
 
-    /// True where what is so is set aside.
+    /// Whether files with this fault are set aside.
     #[must_use]
     pub fn is_moved(self) -> bool {
         !matches!(self, Fault::Newer | Fault::Unreadable)
     }
 }
 
-/// One thing that is wrong.
+/// One fault of the store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// The file or folder, inside the store.
+    /// The file or folder, as a path inside the store.
     pub path: PathBuf,
-    /// What kind of fault it is.
+    /// Kind of the fault.
     pub fault: Fault,
-    /// What is wrong with it.
+    /// Description of the fault, for people.
     pub problem: String,
     /// The trial that has to run again because of it.
     pub trial: Option<String>,
 }
 
 impl Finding {
-    /// True for a result without its acknowledgement.
+    /// Whether the finding is a result without its acknowledgement.
     pub(super) fn is_result(&self) -> bool {
         self.fault == Fault::Orphaned
     }
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Findings {
-    /// Trials whose files are whole.
+    /// Number of trials whose files are whole.
     pub whole: usize,
-    /// Trials that have not ended, of which what they had recorded at a pause is whole.
+    /// Number of trials that have not ended, with a whole record of a pause.
     pub paused: usize,
-    /// Trials that a living process works on; they were passed over.
+    /// Number of trials that a living process computes; they were skipped.
     pub running: usize,
-    /// What is wrong, in the order of paths.
+    /// The faults, in the order of their paths.
     pub findings: Vec<Finding>,
-    /// Where it was set aside, inside the store; `None` where nothing was moved.
+    /// Folder of the files that were set aside, inside the store; `None` where none was moved.
     pub aside: Option<PathBuf>,
 }
 
-/// Folders of a store besides `trials`; what lies in them is not the store's to judge.
+/// Folders of a store besides `trials` whose content the check leaves alone.
 const KNOWN: [&str; 3] = ["owners", "submissions", "aside"];
 const NOT_FOLLOWED: &str = "it is a link, which is not followed";
 
 impl Store {
-    /// Checks every file of the store, and sets aside what is wrong if `mend` is set, with `further` findings of
-    /// those who keep files of their own in it.
+    /// Checks every file of the store, and sets faulty ones aside if `mend` is set, together with `further`
+    /// findings from the owners of other files in it.
     ///
     /// # Errors
-    /// Where the store cannot be read, or a file cannot be moved.
+    /// [`Error::File`] where the store cannot be read, or a file cannot be moved.
     pub fn check(&self, mend: bool, further: Vec<Finding>) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut check = Check::new(self);
@@ -122,7 +122,7 @@ impl Store {
     }
 }
 
-/// A store whose own folders are links is another one in truth, and is not touched from here.
+/// A store whose own folders are links is another store in truth, and is not changed through them.
 pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
     let linked = ["trials", "aside"]
         .map(|name| store.root.join(name))
@@ -132,16 +132,16 @@ pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
     linked.map_or(Ok(()), |path| Err(Error::Damaged { path, problem }))
 }
 
-/// A look at files of a store.
+/// A check in progress.
 pub(super) struct Check<'a> {
     pub(super) store: &'a Store,
     pub(super) found: Findings,
-    /// Paths that were noted: each is wrong once, and moved once.
+    /// Paths with a finding: each is reported once, and moved once.
     noted: BTreeSet<PathBuf>,
 }
 
 impl<'a> Check<'a> {
-    /// Nothing was looked at yet.
+    /// A check that has looked at no file yet.
     pub(super) fn new(store: &'a Store) -> Self {
         Self {
             store,
@@ -170,7 +170,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Names in a folder of the store; where it cannot be read that is noted, and others go on.
+    /// Names in a folder of the store; a folder that cannot be read is noted, and the check goes on.
     pub(super) fn names(&mut self, folder: &Path) -> Vec<String> {
         names(&self.store.root.join(folder)).unwrap_or_else(|error| {
             self.unreadable(folder, &error);
@@ -182,7 +182,7 @@ impl<'a> Check<'a> {
         self.note(path.to_owned(), Fault::Unreadable, &problem(error), None);
     }
 
-    /// Records of verdicts that were seen, a file a study.
+    /// Checks the records of seen verdicts, one file for each study.
     fn looks(&mut self, folder: &Path) {
         for name in self.names(folder) {
             let path = folder.join(&name);
@@ -244,12 +244,12 @@ impl<'a> Check<'a> {
             && self.found.findings[before..]
                 .iter()
                 .all(|finding| finding.trial.is_none());
-        // What lies in a pack is counted there.
+        // Trials in a pack are counted there.
         let is_own = fs::is_taken(&self.store.root.join(folder).join("trial.json"));
         self.found.whole += usize::from(whole && is_own);
     }
 
-    /// Looks at the files of a trial on which nobody works; true where the trial is acknowledged.
+    /// Checks the files of a trial that no process computes; true where the trial is acknowledged.
     pub(super) fn inspect(&mut self, folder: &Path, id: &str) -> bool {
         let files = match files_of(&self.store.root.join(folder)) {
             Ok(files) => files,
@@ -261,7 +261,7 @@ impl<'a> Check<'a> {
         let path = folder.join("trial.json");
         let acknowledged = match self.store.file(id) {
             Ok(acknowledged) => acknowledged,
-            // What such a program keeps beside it is not known here.
+            // Other files of such a program are not known here.
             Err(error @ Error::Newer { .. }) => {
                 self.note(path, Fault::Newer, &problem(&error), None);
                 return false;
@@ -293,7 +293,7 @@ impl<'a> Check<'a> {
         if let Some(farthest) = partial.pop() {
             self.partial(folder.join(&farthest), id, acknowledged.as_ref());
             expected.push(farthest);
-            // Whoever wrote the farthest ended before it removed them.
+            // The process that wrote the farthest record ended before it removed the others.
             for name in partial {
                 self.note(folder.join(&name), Fault::Left, "a later pause is stored", None);
                 expected.push(name);
@@ -305,7 +305,7 @@ impl<'a> Check<'a> {
         acknowledged.is_some()
     }
 
-    /// Looks at a trial that lies in a pack; what an interrupted packing left in its folder is known.
+    /// Checks a trial that lies in a pack; files that an interrupted packing left in its folder are known.
     fn packed(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Option<String> {
         match self.store.metrics_in_pack(id, &file.end.digest) {
             Ok(Some(_)) => {}
@@ -348,7 +348,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// The files that an acknowledgement names; where one is not right, the acknowledgement goes with it.
+    /// Checks the files that an acknowledgement names; where one is faulty, the acknowledgement is set aside
+    /// with it.
     fn results(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Vec<String> {
         let named = acknowledged_files(file);
         let before = self.found.findings.len();
@@ -381,7 +382,7 @@ impl<'a> Check<'a> {
                 &format!("`{name}`: it is not there"),
                 Some(id),
             ),
-            // What stands in the way of the file, which may be the folder that it should lie in.
+            // The obstacle at the file's place, which may be the folder that it should lie in.
             Err(Error::Damaged { path, problem }) => {
                 let path = path.strip_prefix(&self.store.root).unwrap_or(&path).to_owned();
                 self.note(path, Fault::Damaged, &problem, Some(id));
@@ -390,7 +391,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// A metrics file can be the acknowledged one and none that can be read.
+    /// Checks that metrics can be read: an acknowledged file need not be readable.
     fn readable(&mut self, folder: &Path, id: &str, name: &str, bytes: Vec<u8>) {
         if name == "metrics.parquet"
             && let Err(error) = metrics_file::decode(bytes, Path::new(name))
@@ -399,11 +400,11 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// What is kept of a trial for its next attempt.
+    /// Checks the files that are kept of a trial for its next attempt.
     fn kept(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) {
         let at = |name: &str| self.store.root.join(folder).join(name);
         let (running, earlier) = (at("running"), at("earlier.json"));
-        // A trial that was ended from outside goes on from its checkpoint when it is run again.
+        // A trial that was ended from outside continues from its checkpoint when it is run again.
         let goes_on = acknowledged.is_none_or(|file| matches!(file.end.state, Timeout | Oom | Killed));
         if is_folder(&running) && goes_on {
             match running::faults(&running, id) {
@@ -442,8 +443,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// The record of a trial at a pause, or before a number was not finite. A trial whose record is damaged runs again,
-    /// also where it has ended so.
+    /// Checks the record of a trial at a pause, or before a number was not finite. A trial with a damaged
+    /// record runs again, also where it has ended so.
     fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);
@@ -472,7 +473,7 @@ impl<'a> Check<'a> {
         self.note(path, Fault::Foreign, problem, None);
     }
 
-    /// Notes a trial that is lost in a file with others.
+    /// Notes a trial that is lost in a file of several trials.
     pub(super) fn note_trial(&mut self, path: &Path, problem: &str, trial: &str) {
         self.found.findings.push(Finding {
             path: path.to_owned(),

@@ -1,7 +1,7 @@
-//! Looks for many trials of a store at once, group of folders by group of folders.
+//! Reading of many trials of a store at once, group of folders by group of folders.
 //!
-//! A group is listed and the packs are opened once for all its trials, so that nothing is opened in vain; few groups
-//! are held at once.
+//! A group is listed and the packs are opened once for all its trials, so that no absent file is opened; few
+//! groups are held at once.
 
 use super::{
     Store, StoredTrial, names,
@@ -15,15 +15,15 @@ use std::{
     sync::Arc,
 };
 
-/// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
+/// Number of trials in one group of folders from which on the group is listed first.
 const LIST_FROM: usize = 4;
 
-/// So many groups of folders are read before what was found is taken, for each thread.
+/// Number of groups of folders, for each thread, that are read before their results are taken.
 const GROUPS_PER_THREAD: usize = 2;
 
 impl Store {
-    /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
-    /// file is not what it should be. Of a trial in a pack, what the pack says of it is believed.
+    /// Calls `take` with the place and the stored part of each stored trial; an error stands for a faulty
+    /// file. For a trial in a pack, the pack's own outline is believed.
     pub(super) fn each_stored(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -33,7 +33,7 @@ impl Store {
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
-    /// As [`each_stored`](Self::each_stored), with a look at every `trial.json`, in packs too.
+    /// As [`each_stored`](Self::each_stored), but reads every `trial.json`, in packs too.
     pub(super) fn each_acknowledged(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -45,8 +45,9 @@ impl Store {
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
-    /// Calls `take` with the place of each trial of which something is found, and that or why it cannot be used. Trials
-    /// come group by group, so that few are held at once and a pack is opened once a group.
+    /// Calls `take` with the place of each trial that is found, and with its value or the reason why it
+    /// cannot be used. Trials come group by group, so that few are held at once and a pack is opened once a
+    /// group.
     fn each_found<T: Send>(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -76,7 +77,7 @@ impl Store {
         }
     }
 
-    /// What is found of the trials of one group of folders.
+    /// The stored trials of one group of folders.
     fn found_in_group<T>(
         &self,
         group: &str,
@@ -87,12 +88,12 @@ impl Store {
         let folder = self.root.join("trials").join(group);
         let listed: Option<HashSet<String>> =
             (trials.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
-        // Packs are looked for after the folders, which trials leave for packs.
+        // Packs are read after the folders, since trials move from folders to packs.
         let packs = self.packs();
         let mut open = packs.as_ref().ok().and_then(|packs| readers(packs).ok());
         let mut find = |trial: &Trial| match (&listed, &mut open) {
             (Some(listed), Some(packs)) if !listed.contains(&trial.id) => in_packs(packs, trial),
-            // What cannot be read is told for each trial.
+            // A folder that cannot be read is reported for each trial.
             _ => in_folder(trial),
         };
         let found = trials
@@ -103,8 +104,8 @@ impl Store {
             .collect()
     }
 
-    /// Each trial with all it recorded, in the order of `trials`. Those that [`Store::load`] refuses are as if they had
-    /// not run; they are given by their places, with why.
+    /// Each trial with its record, in the order of `trials`. Trials that [`Store::load`] refuses count as
+    /// missing; they are returned by their places, with the reason.
     #[must_use]
     pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
         let none = Arc::default();

@@ -1,8 +1,8 @@
-//! Reads many trials of a store at once: how they ended, and which there are.
+//! Reading of many trials of a store at once: their ends, and the list of them.
 //!
-//! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped.
-//! That a file belongs to the trial in whose folder it lies follows from the ids of its parts, its seed,
-//! numerics version and device.
+//! Only the requested part of each `trial.json` is parsed: the configs, which are most of it, are skipped.
+//! The ids of its parts, its seed, numerics version and device show that a file belongs to the trial in whose
+//! folder it lies.
 
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::store::{StoredCell, Took};
@@ -19,12 +19,12 @@ use std::{
     path::Path,
 };
 
-/// What many trials came to.
+/// Values that were read for many trials.
 #[derive(Debug)]
 pub struct Found<T> {
     /// One entry per trial, in their order; `None` where it has not run, and where its file cannot be used.
     pub all: Vec<Option<T>>,
-    /// The trials, by their places, whose files are not what they should be, and why.
+    /// Trials, by their places, with faulty files, and the reasons.
     pub unreadable: Vec<(usize, Error)>,
 }
 
@@ -54,22 +54,22 @@ impl<T> Found<T> {
 pub struct StoredTrial {
     /// Ids of environment, agent and protocol.
     pub parts: [String; 3],
-    /// The replicate.
+    /// Seed of the trial.
     pub seed: u64,
     /// Version of the shared numerical code.
     pub numerics: u32,
-    /// Kind of device.
+    /// Kind of the device.
     pub device: String,
-    /// How it ended.
+    /// End of the trial.
     pub end: TrialEnd,
-    /// When it ended, as the file has it; `None` where the program that stored it did not note it.
+    /// Time of the end, as the file has it; `None` where the program that stored it did not note it.
     pub ended_at: Option<String>,
-    /// The source code of the program that computed it, where it said.
+    /// Source code of the program that computed the trial, where it named it.
     pub build: Option<Build>,
 }
 
 impl StoredTrial {
-    /// The id of the trial that this is stored of.
+    /// Id of the trial.
     pub(super) fn id(&self) -> String {
         let parts = self.parts.each_ref().map(String::as_str);
         trial_id(parts, self.seed, self.numerics, &self.device)
@@ -77,8 +77,8 @@ impl StoredTrial {
 }
 
 impl Store {
-    /// How each trial ended, for those who read no metrics: without the digests of these, which a million trials would
-    /// hold for nothing.
+    /// Ends of trials, for callers that read no metrics: without the digests of these, which would fill the
+    /// memory for a million trials.
     #[must_use]
     pub fn outcomes(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
         let without_digest = |it: StoredTrial| TrialEnd {
@@ -88,8 +88,8 @@ impl Store {
         self.stored_of(trials, without_digest)
     }
 
-    /// How each trial ended, as [`Store::end`] says, with a look at every acknowledgement: before trials run, one that
-    /// is damaged has to be found.
+    /// Ends of trials, as [`Store::end`] gives them, from every acknowledgement: before trials run, a damaged
+    /// one has to be found.
     #[must_use]
     pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
         let mut found = Found::none(trials.len());
@@ -97,7 +97,8 @@ impl Store {
         found.in_order()
     }
 
-    /// What `keep` keeps of each trial that is stored; what packs say of their trials is believed.
+    /// The value of `keep` for each stored trial; for trials in packs, the outlines of the packs are
+    /// believed.
     #[must_use]
     pub fn stored_of<T>(
         &self,
@@ -112,13 +113,13 @@ impl Store {
     /// A trial without its configs; `None` where it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is not what it should be.
+    /// [`Error::Damaged`] where its file is faulty.
     pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
         Ok(self.acknowledged(id)?.map(|(_, trial)| trial))
     }
 
-    /// The text of a trial's `trial.json`, which is whole and of this trial, with what [`Store::stored`]
-    /// gives.
+    /// The text of a trial's `trial.json`, which is whole and of this trial, with the value of
+    /// [`Store::stored`].
     pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
         let Some(text) = inside::read(&path)? else {
@@ -139,7 +140,8 @@ impl Store {
         if trial.end.state == EndState::Ok {
             return Ok(Some((text, trial)));
         }
-        // A process that was suspended while its computation failed may have said so after the trial was packed.
+        // A process that was suspended while its computation failed may have stored the failure after the
+        // trial was packed.
         let packed = self.acknowledged_in_pack(id)?;
         let packed = packed.filter(|(_, trial)| trial.end.state == EndState::Ok);
         Ok(Some(packed.unwrap_or((text, trial))))
@@ -147,8 +149,8 @@ impl Store {
 
     /// The distinct combinations of parts in the store, each with its seeds.
     ///
-    /// `known` are trials that are known to be stored, and how they ended; at most `most` others are read. Files that
-    /// are not what they should be are passed over.
+    /// `known` are trials that are known to be stored, with their ends; at most `most` others are read.
+    /// Faulty files are skipped.
     #[must_use]
     pub fn cells(&self, known: &[(&Trial, &TrialEnd)], most: usize) -> Vec<StoredCell> {
         if most == 0 {
@@ -203,7 +205,7 @@ impl Store {
     /// The id of every trial that has a folder, in order.
     pub(super) fn ids_with_folders(&self) -> Vec<String> {
         let trials = self.root.join("trials");
-        // What cannot be listed holds no trial; `fsck` says what it is.
+        // A folder that cannot be listed holds no trial; `fsck` reports it.
         let in_folder = |folder: &Path| names(folder).unwrap_or_default();
         let mut ids: Vec<String> = in_folder(&trials)
             .iter()
@@ -214,8 +216,8 @@ impl Store {
     }
 }
 
-/// The combinations of trials of a plan. Neighbours that share their parts are of one; that others are too is found
-/// where combinations are compared.
+/// The combinations of trials of a plan. Neighbours with the same parts form one; equal combinations
+/// elsewhere are joined where combinations are compared.
 fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
     trials
         .chunk_by(|(one, _), (other, _)| one.key.shares_parts(&other.key))
@@ -230,7 +232,7 @@ fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
         .collect()
 }
 
-/// How long it took, where it ended well: a failed trial tells nothing of the time that a whole one takes.
+/// Time of a trial that ended well: the time of a failed trial says nothing about that of a whole one.
 fn took(end: &TrialEnd) -> Took {
     match end.state {
         EndState::Ok => Took::once(end.wall_s),
@@ -238,13 +240,13 @@ fn took(end: &TrialEnd) -> Took {
     }
 }
 
-/// What is parsed of a `trial.json`.
+/// The part of a `trial.json` that is parsed.
 #[derive(Deserialize)]
 struct Outline<'a> {
     schema: u32,
     #[serde(borrow, default)]
     parts: Option<[&'a str; 3]>,
-    /// Names of files that it acknowledges besides the metrics.
+    /// Files that the acknowledgement names besides the metrics, by path.
     #[serde(default)]
     files: BTreeMap<String, IgnoredAny>,
     key: Replicate,
@@ -261,7 +263,7 @@ struct Replicate {
     device: String,
 }
 
-/// What says that a later program wrote a `trial.json`. One whose check does not hold is not believed.
+/// Signs that a later program wrote a `trial.json`. A text whose check does not hold is not believed.
 pub(super) fn newer(text: &[u8]) -> Option<String> {
     #[derive(Deserialize)]
     struct Version {
@@ -271,7 +273,7 @@ pub(super) fn newer(text: &[u8]) -> Option<String> {
     (schema > TRIAL_SCHEMA && is_sealed(text)).then(|| format!("version {schema} of its form"))
 }
 
-/// The check comes first: whatever a file says of its form, one that cannot be checked is not believed.
+/// The check comes first: the form that a file claims is not believed before its check holds.
 pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let outline: Outline<'_> = serde_json::from_slice(text).map_err(|source| source.to_string())?;
     if !is_sealed(text) {

@@ -1,5 +1,5 @@
-//! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a
-//! trial's folder.
+//! Reading of files inside a store only: no symbolic link is followed, and no name leads out of a trial's
+//! folder.
 
 use super::lease::is_lease;
 use crate::world::fs;
@@ -9,10 +9,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What a file holds; `None` where there is none.
+/// Content of a file; `None` where there is none.
 ///
 /// # Errors
-/// [`Error::Damaged`] where something else than a file has its name.
+/// [`Error::Damaged`] where something other than a file has its name.
 pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
     match fs::symlink_metadata(path).map(|data| data.is_file()) {
@@ -28,7 +28,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     }
 }
 
-/// What a file of a trial holds, which may lie in folders inside the trial's.
+/// Content of a file of a trial, which may lie in folders inside the trial's.
 ///
 /// # Errors
 /// As [`read`].
@@ -53,11 +53,11 @@ fn no_file(path: &Path) -> Error {
     }
 }
 
-/// What is at a path, a link for itself; `None` where nothing is. Unlike the answers below, it tells what cannot be
-/// seen from what is not there.
+/// Metadata of the entry at a path, of a link itself; `None` where there is none. Unlike the answers below,
+/// it tells an entry that cannot be seen from an absent one.
 ///
 /// # Errors
-/// Where the system does not say.
+/// The error of the system.
 pub(super) fn look(path: &Path) -> Result<Option<fs::Metadata>, Error> {
     match fs::symlink_metadata(path) {
         Ok(data) => Ok(Some(data)),
@@ -66,25 +66,25 @@ pub(super) fn look(path: &Path) -> Result<Option<fs::Metadata>, Error> {
     }
 }
 
-/// True for a folder, and not for a link to one.
+/// Whether the path is a folder, and not a link to one.
 pub(super) fn is_folder(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|data| data.is_dir())
 }
 
-/// True for a file, and not for a link to one.
+/// Whether the path is a file, and not a link to one.
 pub(super) fn is_file(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|data| data.is_file())
 }
 
-/// True for a symbolic link, wherever it leads.
+/// Whether the path is a symbolic link, wherever it leads.
 pub(super) fn is_link(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|data| data.is_symlink())
 }
 
-/// Most folders between a trial's folder and a file in it.
+/// Largest number of folders between a trial's folder and a file in it.
 const DEEPEST: usize = 4;
 
-/// True for the path, inside a trial's folder, of a file that the trial leaves for others.
+/// Whether the path, inside a trial's folder, is that of an artifact.
 pub(super) fn is_artifact(name: &str) -> bool {
     let parts: Vec<&str> = name.split('/').collect();
     let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
@@ -105,12 +105,12 @@ pub(super) fn is_artifact(name: &str) -> bool {
 /// Names in a trial's folder under which no seat and no artifact keeps its files.
 const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.parquet"];
 
-/// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one
-/// entry: links, empty folders, those that are deeper than any artifact, `running`, what a running trial keeps, and
-/// folders with the name of a file.
+/// Paths of all files in a trial's folder and the folders in it, in order. Every other entry is listed as
+/// one: links, empty folders, folders deeper than any artifact, `running`, and folders with the name of a
+/// file.
 ///
 /// # Errors
-/// Where a folder cannot be read.
+/// [`Error::File`] where a folder cannot be read.
 pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
     let mut found = Vec::new();
     gather(trial, "", DEEPEST, &mut found)?;
@@ -126,7 +126,7 @@ fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Re
         if may_have && look(&path)?.is_some_and(|data| data.is_dir()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
         }
-        // Also a folder with nothing in it is there.
+        // A folder without files is listed as well.
         if found.len() == before {
             found.push(inside);
         }

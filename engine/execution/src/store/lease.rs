@@ -1,4 +1,4 @@
-//! Leases: which process computes a trial now.
+//! Leases: each names the process that computes a trial now.
 //!
 //! ```text
 //! <root>/owners/<token>.json        one file per process: host, boot, process id, start, Slurm job, and how long a
@@ -7,12 +7,12 @@
 //!                  takeover-<hash>  the same, while the lease of a dead owner is removed
 //! ```
 //!
-//! Taking a lease is one link, which fails where the lease exists; nothing half-written can be seen. The
+//! Taking a lease is one link, which fails where the lease exists; no half-written file can be seen. The
 //! owner renews all its leases at once by touching its own file, because links share the time of change. A
 //! lease dies with its owner: at once where the process can be seen to be gone, from elsewhere when it was
 //! not renewed for as long as its owner said that it holds. No lease has ever to be cleared by hand. Two
 //! processes that compute one trial all the same (an owner that was only suspended) store the same bits, so a
-//! lease saves work and is not needed for correctness. Nobody needs to be right about the dead either: an
+//! lease saves work and is not needed for correctness. A wrong verdict on the dead does no harm either: an
 //! owner whose file is gone writes it again.
 
 use super::{Owner, Store, boundary, remove, write_durably};
@@ -30,42 +30,43 @@ use std::{
     time::{Duration, Instant, SystemTime},
 };
 
-/// How far the clock of a machine may be from that of the file system. Only commands that write nothing need
-/// to know it.
+/// Largest difference between the clock of a machine and that of the file system. Only commands that write no
+/// file need to know it.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
 
-/// The longest time for which a lease may hold that nobody renews: a day. Announcements of more are not believed.
+/// Longest time for which a lease holds without renewal: a day. Announcements of more are not believed.
 pub const LONGEST_EXPIRY: Duration = Duration::from_secs(86_400);
 
-/// How the name of a mark begins, under which the lease of a dead process is removed.
+/// Prefix of the name of a mark, under which the lease of a dead process is removed.
 const MARK: &str = "takeover-";
 
-/// True for the name of a lease in a trial's folder, and for that of a mark.
+/// Whether the name, in a trial's folder, is that of the lease or of a mark.
 pub(super) fn is_lease(name: &str) -> bool {
     name == "lease" || name.starts_with(MARK.trim_end_matches('-'))
 }
 
-/// The outcome of asking for a trial.
+/// Result of a claim to a trial.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Claim {
-    /// The lease is ours now.
+    /// This process has the lease now.
     Mine,
     /// A living process has it.
     Held(Owner),
 }
 
-/// What an owner's file says, and every lease with it.
+/// Content of an owner's file, and of every lease with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Announcement {
     #[serde(flatten)]
     pub(super) owner: Owner,
-    /// A lease holds for so long after it was renewed, where nobody can see whether the process runs.
+    /// Time in seconds for which a lease holds after a renewal, where no process can see whether the owner
+    /// runs.
     #[serde(default = "usual_expiry_s")]
     lease_expiry_s: f64,
 }
 
 impl Announcement {
-    /// What an owner says whose leases hold for `expiry`.
+    /// The announcement of an owner whose leases hold for `expiry`.
     pub(super) fn new(owner: Owner, expiry: Duration) -> Self {
         Self {
             owner,
@@ -73,38 +74,38 @@ impl Announcement {
         }
     }
 
-    /// For how long a lease holds after it was renewed.
+    /// Time for which a lease holds after a renewal.
     pub(super) fn expiry(&self) -> Duration {
-        // What somebody else wrote may be no time at all, or one that nobody could wait for.
+        // A foreign value may be no time at all, or one that no process could wait for.
         let said = Duration::try_from_secs_f64(self.lease_expiry_s).ok();
         said.filter(|expiry| *expiry <= LONGEST_EXPIRY)
             .unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
     }
 }
 
-/// What programs held to that did not announce it.
+/// Expiry of programs that did not announce it, in seconds.
 fn usual_expiry_s() -> f64 {
     30.0
 }
 
-/// The leases that this process takes.
+/// The leases that this process holds.
 #[derive(Debug)]
 pub struct Leases {
     store: Store,
     announcement: Announcement,
     file: PathBuf,
-    /// Trials whose leases this process has.
+    /// Ids of the trials whose leases this process has.
     held: Mutex<BTreeSet<String>>,
-    /// Leases that were renewed in the future, with that time and when they were first seen so.
+    /// Leases with a renewal in the future: that time, and the moment when each was first seen so.
     ahead: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
 }
 
 impl Leases {
-    /// Announces this process to a store. Where nobody can see whether it runs, its leases count as dead when
-    /// it did not renew them for `expiry`.
+    /// Announces this process to a store. Where no other process can see whether it runs, its leases count as
+    /// dead after it has not renewed them for `expiry`.
     ///
     /// # Errors
-    /// Where the store's folder cannot be written.
+    /// [`Error::File`] where the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
         let announcement = Announcement::new(Owner::this_process(), expiry);
         let folder = store.root().join("owners");
@@ -121,17 +122,18 @@ impl Leases {
         Ok(leases)
     }
 
-    /// Asks for a trial.
+    /// Claims a trial.
     ///
     /// # Errors
-    /// Where the store cannot be written, or its file system knows no hard links.
+    /// [`Error::File`] where the store cannot be written, or its file system knows no hard links.
     pub fn claim(&self, id: &str) -> Result<Claim, Error> {
         let folder = self.store.folder(id);
         let lease = folder.join("lease");
-        // A lease is as old as its owner's file: it would begin silent where this process was halted for long.
+        // A lease is as old as its owner's file: without this renewal it would begin silent after a long
+        // halt.
         self.beat()?;
         loop {
-            // Packing removes the folders of trials.
+            // Packing removes the folders of trials, so that this one may be absent.
             fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
             match self.take(id, &lease) {
                 Ok(()) => {
@@ -154,7 +156,7 @@ impl Leases {
     }
 
     fn take(&self, id: &str, lease: &Path) -> std::io::Result<()> {
-        // Who writes the owner's file again meanwhile must know of this lease.
+        // A thread that writes the owner's file again meanwhile must know of this lease.
         let mut held = lock(&self.held);
         fs::hard_link(&self.file, lease)?;
         held.insert(id.to_owned());
@@ -164,11 +166,11 @@ impl Leases {
     /// Gives a trial back.
     ///
     /// # Errors
-    /// Where the lease cannot be removed.
+    /// [`Error::File`] where the lease cannot be removed.
     pub fn release(&self, id: &str) -> Result<(), Error> {
         let lease = self.store.folder(id).join("lease");
         boundary::pass("before a lease is given back", &lease);
-        // A lease that was taken over while this process was suspended belongs to another one.
+        // A lease that was taken over while this process was suspended belongs to another process.
         let outcome = if self.is_ours(&lease)? {
             remove(&lease)
         } else {
@@ -185,7 +187,7 @@ impl Leases {
     /// Renews all leases of this process.
     ///
     /// # Errors
-    /// Where the owner's file cannot be written.
+    /// [`Error::File`] where the owner's file cannot be written.
     pub fn beat(&self) -> Result<(), Error> {
         match self.touch() {
             Err(source) if source.kind() == ErrorKind::NotFound => self.announce_again(),
@@ -198,8 +200,8 @@ impl Leases {
         OpenOptions::new().write(true).open(&self.file)?.write_all(b"{")
     }
 
-    /// Somebody removed the owner's file. A lease of this process is still a link to it and becomes it again,
-    /// so that renewing it goes on to renew them all.
+    /// Writes the owner's file again after another process removed it. A lease of this process is still a
+    /// link to it and becomes the file again, so that one renewal still renews them all.
     fn announce_again(&self) -> Result<(), Error> {
         let held = lock(&self.held);
         for id in held.iter().filter(|_| !fs::exists(&self.file)) {
@@ -229,7 +231,7 @@ impl Leases {
         write_durably(&self.file, &text)
     }
 
-    /// The living owner of a lease, `None` where it is dead or gone.
+    /// The living owner of a lease; `None` where it is dead or the lease is gone.
     fn holder(&self, lease: &Path) -> Result<Option<Owner>, Error> {
         let Some(found) = read(lease)? else {
             return Ok(None);
@@ -237,7 +239,7 @@ impl Leases {
         Ok(self.lives(lease, &found)?.then_some(found.said.owner))
     }
 
-    fn lives(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+    fn lives(&self, lease: &Path, found: &LeaseFile) -> Result<bool, Error> {
         match found.said.owner.is_alive() {
             Some(alive) => Ok(alive),
             None => Ok(!self.is_silent(lease, found)?),
@@ -245,7 +247,7 @@ impl Leases {
     }
 
     /// Whether a lease was not renewed for as long as it holds.
-    fn is_silent(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+    fn is_silent(&self, lease: &Path, found: &LeaseFile) -> Result<bool, Error> {
         // Both times come from the clock of the file system that holds them.
         self.beat()?;
         let now = modified(&self.file).map_err(Error::file("read", &self.file))?;
@@ -255,7 +257,7 @@ impl Leases {
         Ok(silence >= found.expiry())
     }
 
-    /// For how long this process has seen a lease unchanged. It counts where a lease was renewed in the
+    /// Time for which this process has seen a lease unchanged. It counts where a lease was renewed in the
     /// future (a clock was set back): its age is not known then, but a living owner renews it all the same.
     fn silence_seen(&self, lease: &Path, renewed: SystemTime) -> Duration {
         let mut ahead = lock(&self.ahead);
@@ -268,9 +270,9 @@ impl Leases {
         clock::since(seen.1)
     }
 
-    /// Removes a lease, or a mark, whose owner is dead. Only who holds the mark for just this owner may: who was
-    /// slower would otherwise remove what another process has just put in its place. A mark whose own owner died is
-    /// removed in the same way.
+    /// Removes a lease, or a mark, whose owner is dead. Only the holder of the mark for this very owner may
+    /// do so: a slower process would otherwise remove the lease that another one has just put in its place. A
+    /// mark whose own owner died is removed in the same way.
     fn remove_dead(&self, file: &Path) -> Result<(), Error> {
         let Some(owner) = self.dead_owner(file)? else {
             return Ok(());
@@ -278,7 +280,7 @@ impl Leases {
         let mark = mark_for(file, &owner);
         match fs::hard_link(&self.file, &mark) {
             Ok(()) => {
-                // Marks have names of their own for every owner; this place in a trial has one.
+                // Marks have names of their own for every owner; this failpoint has one for all.
                 let mark_of_any = file.with_file_name("takeover");
                 let place = if file.ends_with("lease") {
                     file
@@ -303,13 +305,13 @@ impl Leases {
         }
     }
 
-    /// Who has a lease or a mark and is dead, by the name of its file; empty where nobody can have it. `None` where
-    /// its owner lives, or nothing is there.
+    /// File name of the dead owner of a lease or a mark; empty where the file names no owner. `None` where
+    /// its owner lives, or the file is absent.
     fn dead_owner(&self, file: &Path) -> Result<Option<String>, Error> {
         match look(file)? {
-            Looked::Gone => Ok(None),
-            Looked::Damaged => Ok(Some(String::new())),
-            Looked::Owned(found) => {
+            LeaseEntry::Gone => Ok(None),
+            LeaseEntry::Damaged => Ok(Some(String::new())),
+            LeaseEntry::Owned(found) => {
                 let lives = self.lives(file, &found)?;
                 Ok((!lives).then(|| found.said.owner.token()))
             }
@@ -317,7 +319,7 @@ impl Leases {
     }
 }
 
-/// Where the mark lies under which what a dead owner left at `file` is removed.
+/// Path of the mark under which the lease of a dead owner at `file` is removed.
 fn mark_for(file: &Path, owner: &str) -> PathBuf {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let hash = blake3::hash(format!("{name}/{owner}").as_bytes());
@@ -326,14 +328,14 @@ fn mark_for(file: &Path, owner: &str) -> PathBuf {
 
 impl Drop for Leases {
     fn drop(&mut self) {
-        // What stays behind is forgotten by the next process.
+        // The next process forgets a file that stays behind.
         let _ = fs::remove_file(&self.file);
     }
 }
 
 impl Store {
-    /// Who computes a trial now, as far as can be told from here: an owner that is known to be dead is left
-    /// out, and one that cannot be seen and has been silent for long.
+    /// The process that computes a trial now, as far as can be told from here: an owner that is known to be
+    /// dead is left out, as is one that cannot be seen and has been silent for long.
     #[must_use]
     pub fn running(&self, id: &str) -> Option<Owner> {
         let found = read(&self.folder(id).join("lease")).ok()??;
@@ -349,7 +351,7 @@ impl Store {
             .flatten();
         let found = entries.filter_map(|entry| read(&entry.path()).ok()?);
         let mut owners: Vec<Owner> = found
-            .filter(Found::may_be_alive)
+            .filter(LeaseFile::may_be_alive)
             .map(|found| found.said.owner)
             .collect();
         owners.sort_by(|a, b| (&a.host, a.pid).cmp(&(&b.host, b.pid)));
@@ -369,20 +371,20 @@ fn forget_the_dead(folder: &Path) {
     }
 }
 
-/// An owner's file, or a lease, as it was found.
+/// An owner's file, or a lease, with the time of its renewal.
 #[derive(Debug)]
-struct Found {
+struct LeaseFile {
     said: Announcement,
     renewed: SystemTime,
 }
 
-impl Found {
+impl LeaseFile {
     fn expiry(&self) -> Duration {
         self.said.expiry()
     }
 
-    /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks
-    /// can differ.
+    /// Whether the process may live: false where it is known to be dead, or cannot be seen and was silent for
+    /// longer than clocks can differ.
     fn may_be_alive(&self) -> bool {
         let gap = clock::date()
             .duration_since(self.renewed)
@@ -394,32 +396,33 @@ impl Found {
     }
 }
 
-/// What a file says and when it was renewed; `None` where there is no such file or no owner in it.
-fn read(path: &Path) -> Result<Option<Found>, Error> {
+/// Reads an owner's file or a lease; `None` where there is no such file or no owner in it.
+fn read(path: &Path) -> Result<Option<LeaseFile>, Error> {
     Ok(match look(path)? {
-        Looked::Owned(found) => Some(found),
-        Looked::Gone | Looked::Damaged => None,
+        LeaseEntry::Owned(found) => Some(found),
+        LeaseEntry::Gone | LeaseEntry::Damaged => None,
     })
 }
 
-/// What is found at the place of a lease.
-enum Looked {
+/// Entry at the place of a lease.
+enum LeaseEntry {
     Gone,
-    /// A file that holds no owner: nobody can hold a trial by it.
+    /// A file without an owner: no process can hold a trial by it.
     Damaged,
-    Owned(Found),
+    Owned(LeaseFile),
 }
 
-fn look(path: &Path) -> Result<Looked, Error> {
+fn look(path: &Path) -> Result<LeaseEntry, Error> {
     // A pipe that is opened waits for a writer.
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     if fs::symlink_metadata(path).is_ok_and(|data| !data.is_file()) {
-        return Ok(Looked::Damaged);
+        return Ok(LeaseEntry::Damaged);
     }
     match read() {
-        Ok((text, renewed)) => Ok(serde_json::from_slice(&text)
-            .map_or(Looked::Damaged, |said| Looked::Owned(Found { said, renewed }))),
-        Err(source) if source.kind() == ErrorKind::NotFound => Ok(Looked::Gone),
+        Ok((text, renewed)) => Ok(serde_json::from_slice(&text).map_or(LeaseEntry::Damaged, |said| {
+            LeaseEntry::Owned(LeaseFile { said, renewed })
+        })),
+        Err(source) if source.kind() == ErrorKind::NotFound => Ok(LeaseEntry::Gone),
         Err(source) => Err(Error::file("read", path)(source)),
     }
 }
@@ -429,7 +432,7 @@ fn modified(path: &Path) -> std::io::Result<SystemTime> {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What is locked is whole between any two statements.
+    // The locked value is whole between any two statements.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -1,4 +1,4 @@
-//! Lends what a trial left to another store, which computes what takes it.
+//! Links of artifacts from one store into another, which computes the trials that take them.
 
 use super::{Store, TrialFile, write_durably};
 use crate::world::fs;
@@ -6,12 +6,13 @@ use contract::{Error, artifact::Taken};
 use std::path::Path;
 
 impl Store {
-    /// Puts an artifact, every file of which is held against its acknowledged hash, into another store under the
-    /// same trial. Files are linked where both stores lie on one file system, otherwise copied; who takes them
-    /// there holds them against their hashes again.
+    /// Puts an artifact, with every file held against its acknowledged hash, into another store under
+    /// the same trial. Files are linked where both stores lie on one file system, otherwise copied; the
+    /// trials that take them there hold them against their hashes again.
     ///
     /// # Errors
-    /// [`Error::Source`] where it cannot be used, [`Error::File`] where the other store cannot be written.
+    /// [`Error::Source`] where the artifact cannot be used, [`Error::File`] where the other store cannot be
+    /// written.
     pub fn lend(&self, taken: &Taken, to: &Store) -> Result<(), Error> {
         let (id, from) = (&taken.trial, self.artifact(taken)?);
         let gone = || Error::Source {

@@ -1,9 +1,10 @@
-//! Takes the trials of one store into another.
+//! Merge of the trials of one store into another.
 //!
-//! A trial is taken file by file: each is held against its acknowledged hash, written beside its place, flushed
-//! and renamed, and `trial.json` comes last, with the bytes that it had. So the destination never shows half a
-//! trial, and what was interrupted is taken again. A trial is written under its lease, as one that is computed. What a
-//! trial had recorded at a pause is taken in the same way, where the other store knows less of the trial.
+//! A trial is copied file by file: each is held against its acknowledged hash, written beside its place,
+//! flushed and renamed, and `trial.json` comes last, with its original bytes. So the destination never shows
+//! half a trial, and an interrupted trial is copied again. A trial is written under its lease, as one that is
+//! computed. The record of a trial at a pause is copied in the same way, where the other store knows less of
+//! the trial.
 
 mod pauses;
 
@@ -32,80 +33,80 @@ use std::{collections::BTreeMap, path::Path};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
-    /// The one that is taken from.
+    /// The store that is read.
     Source,
-    /// The one that is taken into.
+    /// The store that is written.
     Destination,
 }
 
-/// What becomes of a trial of the source.
+/// Result of the merge for a trial of the source.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "fate", rename_all = "snake_case")]
 pub enum Fate {
-    /// It is new, and the destination has it now.
+    /// The trial is new, and the destination has it now.
     Taken,
     /// The destination had the same bytes.
     Same,
     /// The destination has other bytes, which stay.
     Conflict {
-        /// The metrics of the source.
+        /// Fingerprint of the source's copy.
         source: Fingerprint,
-        /// The metrics of the destination.
+        /// Fingerprint of the destination's copy.
         destination: Fingerprint,
     },
-    /// The destination has another run of an agent that trains itself and does not repeat to the bit; what was
-    /// stored first stays.
+    /// The destination has another run of an agent that trains itself and does not repeat to the bit; the run
+    /// that was stored first stays.
     Another {
-        /// What the source has.
+        /// Fingerprint of the source's copy.
         source: Fingerprint,
-        /// What the destination has.
+        /// Fingerprint of the destination's copy.
         destination: Fingerprint,
     },
-    /// One of the two copies is not what was acknowledged; nothing was taken.
+    /// One of the two copies differs from its acknowledgement; no file was taken.
     Damaged {
-        /// Whose copy.
+        /// Store of the damaged copy.
         side: Side,
-        /// What is wrong with it.
+        /// Faults of the copy.
         findings: Vec<Finding>,
     },
-    /// A living process computes it; nothing was taken.
+    /// A living process computes the trial; no file was taken.
     Running {
-        /// In which store.
+        /// Store in which it runs.
         side: Side,
-        /// Which process.
+        /// Process that computes it.
         owner: Owner,
     },
-    /// It has not ended in the source, or was killed there from outside.
+    /// The trial has not ended in the source, or was killed there from outside.
     Unfinished,
 }
 
 /// A trial of the source.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Merged {
-    /// Its id.
+    /// Id of the trial.
     pub trial: String,
-    /// What it is, by the names of its plugins; empty where that cannot be read.
+    /// Names of the trial's plugins; empty where they cannot be read.
     pub title: String,
-    /// What became of it.
+    /// Result of the merge for it.
     #[serde(flatten)]
     pub fate: Fate,
 }
 
-/// Trials on their way into a store.
+/// A merge of stores into one.
 #[derive(Debug)]
 pub struct Merge<'a> {
     into: &'a Store,
-    /// `None` where it is only said what would happen.
+    /// Leases in the destination; `None` for a dry run.
     leases: Option<&'a Leases>,
-    /// Trials that a dry run has taken in so far, by id, with their stores.
+    /// Trials that a dry run has taken so far, by id, with their stores.
     would_have: BTreeMap<String, (TrialFile, Store)>,
 }
 
-/// What a look at a copy shows: its acknowledgement, `None` where it has none, or what is wrong with it.
-type Look = Result<Option<TrialFile>, Vec<Finding>>;
+/// Result of checking a copy: its acknowledgement, `None` where it has none, or its faults.
+type CopyCheck = Result<Option<TrialFile>, Vec<Finding>>;
 
 impl<'a> Merge<'a> {
-    /// Trials are taken into `into` under `leases`; without them nothing is written.
+    /// A merge into the store `into` under `leases`; without leases no file is written.
     ///
     /// # Errors
     /// [`Error::Damaged`] where folders of the store are links.
@@ -118,10 +119,10 @@ impl<'a> Merge<'a> {
         })
     }
 
-    /// Takes what is new of `source`, trial by trial in the order of ids, each of which is told.
+    /// Copies the new trials of `source` in the order of ids, and reports the fate of each trial.
     ///
     /// # Errors
-    /// Where a store cannot be read or written.
+    /// [`Error::File`] where a store cannot be read or written.
     pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
         refuse_links(source)?;
         for id in ids(source)? {
@@ -165,7 +166,7 @@ impl<'a> Merge<'a> {
         }
     }
 
-    /// The fate of a trial that the destination has already; `None` where it is missing there.
+    /// Fate of a trial that the destination has already; `None` where it is missing there.
     fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
         let (here, store) = match self.would_have.get(id) {
             Some((file, store)) => (file.clone(), store),
@@ -194,7 +195,7 @@ impl<'a> Merge<'a> {
         }))
     }
 
-    /// What would happen.
+    /// Fate of a trial in a dry run.
     fn imagine(&mut self, id: &str, file: &TrialFile, source: &Store) -> Fate {
         if let Some(owner) = self.into.running(id) {
             let side = Side::Destination;
@@ -227,7 +228,7 @@ impl<'a> Merge<'a> {
         fate
     }
 
-    /// Takes one trial whose lease the caller holds already.
+    /// Copies one trial whose lease the caller holds already.
     ///
     /// # Errors
     /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
@@ -282,8 +283,8 @@ impl<'a> Merge<'a> {
         Ok(Fate::Taken)
     }
 
-    /// Clears the place of a trial that the destination lacks: what was never finished is removed, and results
-    /// that no acknowledgement names are set aside, so that none of them is taken for the trial's.
+    /// Clears the place of a trial that the destination lacks: unfinished files are removed, and results that
+    /// no acknowledgement names are set aside, so that none of them is taken for the trial's.
     fn clear(&self, id: &str, named: &BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.into.folder(id);
         let mut others = Vec::new();
@@ -306,7 +307,7 @@ impl<'a> Merge<'a> {
     }
 }
 
-/// Files of a trial's folder that are there while it is missing.
+/// Files that a trial's folder may hold while the trial is missing.
 const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", OUTPUT];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
@@ -318,7 +319,7 @@ fn orphan(store: &Store, path: &Path) -> Finding {
     }
 }
 
-/// A file of the source changed between the look at it and its copy.
+/// The fate of a trial with a file that changed in the source between its check and its copy.
 fn gone_since(source: &Store, id: &str, path: &Path) -> Fate {
     let finding = Finding {
         path: path.strip_prefix(source.root()).unwrap_or(path).to_owned(),
@@ -332,7 +333,7 @@ fn gone_since(source: &Store, id: &str, path: &Path) -> Fate {
     }
 }
 
-/// Hashes of everything that an acknowledgement names.
+/// Hashes of all files that an acknowledgement names.
 pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
     let metrics =
         (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
@@ -345,8 +346,8 @@ pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// A look at every byte of a copy.
-fn look(store: &Store, id: &str) -> Result<Look, Error> {
+/// Checks every byte of a copy.
+fn look(store: &Store, id: &str) -> Result<CopyCheck, Error> {
     let folder = store.folder(id);
     let inside = folder.strip_prefix(store.root()).unwrap_or(&folder);
     if is_link(&folder) {
@@ -369,17 +370,17 @@ fn look(store: &Store, id: &str) -> Result<Look, Error> {
 }
 
 impl Store {
-    /// What a trial left, every byte of which is held against its acknowledged hash; `None` where it has not
-    /// ended.
+    /// The acknowledgement of a trial, with every file held against its acknowledged hash; `None` where the
+    /// trial has not ended.
     ///
     /// # Errors
-    /// [`Error::Damaged`] for the first file that is not what was acknowledged.
+    /// [`Error::Damaged`] for the first file that differs from the acknowledged one.
     pub fn sound(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         look(self, id)?.map_err(|findings| first_of(self, findings))
     }
 }
 
-/// The first finding as an error.
+/// The error for the first finding.
 fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
     let first = findings.into_iter().next();
     let (path, problem) = first.map_or_else(Default::default, |it| (it.path, it.problem));
@@ -389,8 +390,8 @@ fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
     }
 }
 
-/// Ids of the trials that have a place in a store, in order. What else lies there is none of a store's files,
-/// as `fsck` says.
+/// Ids of the trials that have a place in a store, in order. Other entries there are none of a store's files,
+/// as `fsck` reports.
 fn ids(store: &Store) -> Result<Vec<String>, Error> {
     let root = store.root().join("trials");
     let mut ids = Vec::new();
@@ -413,7 +414,7 @@ fn ids(store: &Store) -> Result<Vec<String>, Error> {
     Ok(ids)
 }
 
-/// What a trial is, by its plugins.
+/// Names of a trial's plugins, for people.
 fn title(key: &TrialKey) -> String {
     let (environment, agents) = (&key.environment.plugin, key.agents_by_plugin());
     format!("{environment} {agents} seed {}", key.seed)

@@ -1,16 +1,17 @@
-//! The log of a running trial: the rows that it recorded so far, in frames that are only ever appended.
+//! The log of a running trial: its rows so far, in frames that are only ever appended.
 //!
-//! | bytes of a frame | what |
+//! | bytes of a frame | content |
 //! |---|---|
 //! | 4 | length of the payload |
 //! | 8 | number of the frame, from 0 |
 //! | 8 | the first bytes of a BLAKE3 hash over the twelve bytes before and the payload |
 //! | length | payload |
 //!
-//! The payload of frame 0 is the version of this form and the trial's id. That of every other frame is what
-//! was new: a count of names, each with its length in front; a count of rows, each a byte for the phase, then
-//! step, episode, seat and index of the metric, then the eight bytes of the value. Counts and whole numbers
-//! are written in seven-bit groups (LEB128), everything else with the low byte first.
+//! The payload of frame 0 is the version of this form and the trial's id. The payload of every other frame
+//! holds the new names and rows: a count of names, each with its length in front; a count of rows, each a
+//! byte for the phase, then step, episode, seat and index of the metric, then the eight bytes of the value.
+//! Counts and whole numbers are written in seven-bit groups (LEB128), everything else with the low byte
+//! first.
 
 use crate::world::fs::{self, File, OpenOptions};
 use contract::{
@@ -26,55 +27,55 @@ use std::{
 
 const HEADER: usize = 20;
 const VERSION: &str = "regimen metric log 1\n";
-/// Rows of one frame at most, so that a reader never waits for a large one.
+/// Most rows of one frame, so that a reader never waits for a large one.
 const ROWS_PER_FRAME: usize = 1 << 16;
 
-/// What a log holds.
+/// Content of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogContents {
-    /// The trial whose log it is; empty where not even the first frame is whole.
+    /// Id of the log's trial; empty where not even the first frame is whole.
     pub trial: String,
-    /// Everything before the end or the damage.
+    /// All rows before the end or the damage.
     pub table: MetricsTable,
-    /// How it ends.
+    /// State of the log's end.
     pub end: LogEnd,
 }
 
-/// How a log ends; offsets are bytes from the start of the file.
+/// State of a log's end; offsets are bytes from the start of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogEnd {
-    /// With a whole frame.
+    /// The log ends with a whole frame.
     Whole,
-    /// With a frame that was not written to its end, or is still being written.
+    /// The last frame was not written to its end, or is still being written.
     Torn {
-        /// Where that frame begins.
+        /// Offset at which that frame begins.
         offset: usize,
     },
-    /// Bytes were changed: whole frames follow the one that is not.
+    /// Bytes were changed: whole frames follow a damaged one.
     Damaged {
-        /// Where the first changed frame begins.
+        /// Offset at which the first changed frame begins.
         offset: usize,
     },
 }
 
-/// A place in a log, by the content before it.
+/// A position in a log, identified by the content before it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LogPosition {
     bytes: u64,
     digest: String,
 }
 
-/// Reads a log; it may be one that is being written.
+/// Reads a log, which may be one that is being written.
 ///
 /// # Errors
-/// Where the file cannot be read. Damage is no error: see [`LogContents::end`].
+/// [`Error::File`] where the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
     bytes_of(path)
         .map(|bytes| decode(&bytes))
         .map_err(Error::file("read", path))
 }
 
-/// What a log's file holds; whatever else has its name is not opened.
+/// Bytes of a log's file; an entry of another kind is not opened.
 fn bytes_of(path: &Path) -> std::io::Result<Vec<u8>> {
     if fs::symlink_metadata(path)?.is_file() {
         fs::read(path)
@@ -84,7 +85,7 @@ fn bytes_of(path: &Path) -> std::io::Result<Vec<u8>> {
     }
 }
 
-/// Whether a log holds what it held at a position; nothing of it is changed.
+/// Whether a log still has its content up to a position; the log is not changed.
 pub(super) fn holds(path: &Path, position: &LogPosition) -> bool {
     let bytes = bytes_of(path).unwrap_or_default();
     let end = usize::try_from(position.bytes).ok();
@@ -105,10 +106,10 @@ pub struct MetricLog {
 }
 
 impl MetricLog {
-    /// Begins a log; one that is there already is lost.
+    /// Begins a log; an existing one is lost.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn create(path: &Path, trial: &str) -> Result<Self, Error> {
         File::create(path).map_err(Error::file("create", path))?;
         let mut log = Self::at_end(path, &[], &MetricsTable::default(), 0)?;
@@ -116,11 +117,11 @@ impl MetricLog {
         Ok(log)
     }
 
-    /// Continues at a position and gives back what was recorded before it; what follows is cut off. `None`
-    /// where the log does not hold what it held when the position was taken.
+    /// Continues at a position and returns the rows before it; the rest of the file is cut off. `None` where
+    /// the log does not have its content at that position any more.
     ///
     /// # Errors
-    /// Where the file cannot be read or written.
+    /// [`Error::File`] where the file cannot be read or written.
     pub fn resume(
         path: &Path,
         trial: &str,
@@ -168,16 +169,16 @@ impl MetricLog {
         })
     }
 
-    /// Rows that are in the log.
+    /// Number of rows in the log.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Appends what was recorded since the last time.
+    /// Appends the rows that were recorded since the last time.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn append(&mut self, record: &Recorder) -> Result<(), Error> {
         for rows in record.rows()[self.rows..].chunks(ROWS_PER_FRAME) {
             let payload = encode(&record.names()[self.names..], rows);
@@ -187,15 +188,15 @@ impl MetricLog {
         Ok(())
     }
 
-    /// Waits until everything is on the disk.
+    /// Flushes the log to the disk.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the system.
     pub fn flush(&self) -> Result<(), Error> {
         self.file.sync_data().map_err(Error::file("flush", &self.path))
     }
 
-    /// The end of the log.
+    /// Position of the end of the log.
     #[must_use]
     pub fn position(&self) -> LogPosition {
         LogPosition {
@@ -265,7 +266,7 @@ fn decode(bytes: &[u8]) -> LogContents {
     decode_counted(bytes).0
 }
 
-/// What a log holds and how many whole frames that takes.
+/// Content of a log, and the number of its whole frames.
 fn decode_counted(bytes: &[u8]) -> (LogContents, u64) {
     let mut contents = LogContents {
         trial: String::new(),
@@ -288,19 +289,20 @@ fn decode_counted(bytes: &[u8]) -> (LogContents, u64) {
     (contents, number)
 }
 
-/// Number and payload of the whole frame that begins at `offset`, if one does.
+/// Number and payload of the frame at `offset`, where a whole one begins there.
 fn frame_at(bytes: &[u8], offset: usize) -> Option<(u64, &[u8])> {
     let rest = &bytes[offset..];
     let (header, rest) = rest.split_at_checked(HEADER)?;
     let length = u32::from_le_bytes(header[..4].try_into().ok()?);
     let payload = rest.get(..usize::try_from(length).ok()?)?;
     let number = u64::from_le_bytes(header[4..12].try_into().ok()?);
-    // A number that no frame of a file of this size can have spares the hash.
+    // An impossible frame number for a file of this size spares the hash.
     let possible = number <= (bytes.len() / HEADER) as u64;
     (possible && checksum(&header[..12], payload) == header[12..]).then_some((number, payload))
 }
 
-/// Where frame `number` should begin and does not: whole frames behind that place say that it was there once.
+/// State of the end where frame `number` does not begin: whole frames behind that place show that it was
+/// there once.
 fn how_it_ends(bytes: &[u8], offset: usize, number: u64) -> LogEnd {
     let is_later = |place| frame_at(bytes, place).is_some_and(|(found, _)| found >= number);
     if (offset..bytes.len()).any(is_later) {
@@ -311,7 +313,7 @@ fn how_it_ends(bytes: &[u8], offset: usize, number: u64) -> LogEnd {
 }
 
 impl LogContents {
-    /// Takes in a whole frame, or nothing of it.
+    /// Adds the rows of a whole frame; `None`, without a change, for a malformed one.
     fn take_in(&mut self, number: u64, payload: &[u8]) -> Option<()> {
         if number == 0 {
             let trial = payload.strip_prefix(VERSION.as_bytes())?;
@@ -336,7 +338,7 @@ impl LogContents {
     }
 }
 
-/// What is left of a payload.
+/// The unread rest of a payload.
 struct Payload<'a>(&'a [u8]);
 
 impl<'a> Payload<'a> {
@@ -404,7 +406,7 @@ mod tests {
         }
     }
 
-    /// A log with a frame per entry of `counts` and what was recorded in it.
+    /// A log with a frame per entry of `counts`, and its record.
     fn written(path: &Path, counts: &[u64]) -> (MetricLog, Recorder) {
         let (mut log, mut recorder) = (MetricLog::create(path, "trial").unwrap(), Recorder::default());
         for count in counts {
@@ -534,7 +536,7 @@ mod tests {
                 first)]));
             prop_assert_ne!(contents.end, LogEnd::Whole);
             let last_change = original.iter().zip(&bytes).rposition(|(one, two)| one != two).unwrap();
-            // Where a frame behind the changed ones is whole, the change is known to be no torn end.
+            // A whole frame behind the changed ones shows that the change is no torn end.
             let changed_to_the_end = rows_before(&counts,
                 last_change) + *counts.last().unwrap() as usize == recorder.rows().len();
             let is_damage = matches!(contents.end, LogEnd::Damaged { .. });

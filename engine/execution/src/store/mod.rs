@@ -1,15 +1,16 @@
-//! The store: what is on disk of every trial, by the trial's id. It is also the queue: what is missing is
-//! what runs.
+//! The store: the files of every trial, by the trial's id. It is also the queue: missing trials are the ones
+//! that run.
 //!
 //! ```text
-//! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
-//!                                       trial.json        key, end state, digest of metrics.parquet: the
-//! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
-//! networks.safetensors, dataset/, choice.json, graph.json, images.png   what else it left, see
-//! [`ArtifactKind`](contract::ArtifactKind)
-//! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
-//! and a checkpoint, see [`RunningTrial`]
-//! partial-4.parcel  what it had recorded at a pause, or before a number was not finite, see [`Partial`]
+//! <root>/trials/<first two digits>/<id>/
+//!     metrics.parquet      the record of an `ok` trial, long form
+//!     trial.json           the acknowledgement: key, end state, digest of metrics.parquet
+//!     policy.safetensors   the learned policy, where there is one, or <seat>/policy.safetensors
+//!     networks.safetensors, dataset/, choice.json, graph.json, images.png
+//!                          further artifacts, see [`ArtifactKind`](contract::ArtifactKind)
+//!     earlier.json         the earlier end, while the trial is tried again
+//!     running/             while the trial runs: its rows so far and a checkpoint, see [`RunningTrial`]
+//!     partial-4.parcel     the record at a pause, or before a number was not finite, see [`Partial`]
 //! ```
 //!
 //! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.
@@ -89,57 +90,58 @@ use std::{
     sync::Arc,
 };
 
-/// Trials on disk under one folder.
+/// Trials on disk, below one folder.
 #[derive(Debug, Clone)]
 pub struct Store {
     root: PathBuf,
-    /// What is stored says that a program of this source code computed it.
+    /// Source code that is stored as that of the program which computed a trial.
     build: Option<Build>,
     packs: Arc<pack::Packs>,
-    /// By which its trials are shared with other machines.
+    /// The bucket by which the trials are shared with other machines.
     bucket: Option<Bucket>,
 }
 
-/// What `trial.json` holds.
+/// Content of `trial.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialFile {
-    /// Version of this file's form.
+    /// Version of the file's form.
     pub schema: u32,
-    /// Ids of environment, agent and protocol: with them the end can be read without the configs.
+    /// Ids of environment, agent and protocol, with which the end can be read without the configs.
     #[serde(default)]
     pub parts: Option<[String; 3]>,
-    /// What determined the numbers.
+    /// The key of the trial: all that determined its numbers.
     pub key: TrialKey,
-    /// How the trial ended.
+    /// End of the trial.
     pub end: TrialEnd,
-    /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
+    /// Time of the end, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
     /// digest holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
-    /// The source code of the program that computed it, where it knew. No id holds it.
+    /// Source code of the program that computed the trial, where it knew. No id holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
-    /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a
-    /// choice, drawings.
+    /// Hashes of the trial's artifacts, by path inside its folder: a policy, networks, a dataset, a choice,
+    /// drawings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
-    /// Hash of what the trial printed, where that is kept. It is no result: honest runs of one trial differ in it.
+    /// Hash of the trial's output, where that is kept. It is no result: honest runs of one trial differ in
+    /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<String>,
-    /// True where the agent trained itself, as a program does: honest runs of it may differ, and the first that
-    /// was stored stays.
+    /// Whether the agent trained itself, as a program does: honest runs of it may differ, and the run that
+    /// was stored first stays.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub trained_itself: bool,
 }
 
-/// The file of what a trial recorded.
+/// The file of a trial's metrics.
 const METRICS: &str = "metrics.parquet";
 
-/// The file in which is kept what a trial printed, packed by gzip.
+/// The file of a trial's output, packed by gzip.
 pub const OUTPUT: &str = "output.gz";
 
 impl TrialFile {
-    /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
+    /// Acknowledgement that `trial` ended as `end` and left `files`, named with their hashes.
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
         let parts = Some(trial.key.part_ids());
@@ -156,32 +158,32 @@ impl TrialFile {
         }
     }
 
-    /// Whether it acknowledges the same bytes as another one: then the values are the same.
+    /// Whether another acknowledgement names the same bytes: then the values are the same.
     fn names_same_bytes(&self, other: &Self) -> bool {
         let named = |it: &Self| (it.end.state, it.end.digest.clone(), it.files.clone());
         named(self) == named(other)
     }
 
-    /// The text of the file.
+    /// Text of the file.
     ///
     /// # Errors
-    /// Where a config cannot be written as JSON.
+    /// The error of a config that cannot be written as JSON.
     pub fn to_bytes(&self) -> Result<Vec<u8>, serde_json::Error> {
         Ok(seal::sealed(serde_json::to_vec(self)?))
     }
 }
 
-/// How a trial ended, and what it recorded: nothing unless it ended `ok`.
-type Loaded = (TrialEnd, MetricsTable);
+/// End and metrics of a trial: no metrics unless it ended `ok`.
+type EndWithMetrics = (TrialEnd, MetricsTable);
 
 /// The folder of the records of verdicts that were seen.
 const LOOKS: &str = "looks";
 
-/// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
+/// Version of `trial.json`: from 2 on it ends with a hash of the text before it.
 const TRIAL_SCHEMA: u32 = 2;
 
 impl Store {
-    /// The store under `root`; nothing is created before the first trial ends.
+    /// The store under `root`; no folder is created before the first trial ends.
     #[must_use]
     pub fn at(root: impl Into<PathBuf>) -> Self {
         Self {
@@ -192,19 +194,19 @@ impl Store {
         }
     }
 
-    /// The same store for a program that says which source code it was built from.
+    /// The same store, for a program that knows the source code from which it was built.
     #[must_use]
     pub fn by(self, build: Option<Build>) -> Self {
         Self { build, ..self }
     }
 
-    /// Where the store lies.
+    /// Folder of the store.
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The folder of a trial.
+    /// Folder of a trial.
     #[must_use]
     pub fn folder(&self, id: &str) -> PathBuf {
         self.root
@@ -213,18 +215,18 @@ impl Store {
             .join(id)
     }
 
-    /// How a trial ended, or `None` where it has not run.
+    /// End of a trial; `None` where it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is not what it should be.
+    /// [`Error::Damaged`] where its file is faulty.
     pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
         Ok(self.stored(id)?.map(|trial| trial.end))
     }
 
-    /// Stores what an `ok` trial recorded and acknowledges it. Doing it twice changes nothing.
+    /// Stores the record of an `ok` trial and acknowledges it. Doing it twice has no further effect.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// [`Error::File`] where a file cannot be written.
     pub fn finish(&self, trial: &Trial, record: &Recorder, wall_s: f64) -> Result<TrialEnd, Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
@@ -240,11 +242,11 @@ impl Store {
         self.acknowledge_with(trial, end, artifacts::exported(&folder)?)
     }
 
-    /// Acknowledges how a trial ended; the end that is stored then. A process that was suspended while it failed
-    /// may go on when another one has computed the trial: an end that holds is kept.
+    /// Acknowledges the end of a trial, and returns the end that is stored then. A process that was suspended
+    /// while it failed may continue after another one has computed the trial: an end that holds is kept.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// [`Error::File`] where the file cannot be written.
     pub fn acknowledge(&self, trial: &Trial, end: TrialEnd) -> Result<TrialEnd, Error> {
         self.acknowledge_with(trial, end, BTreeMap::new())
     }
@@ -282,8 +284,9 @@ impl Store {
         Ok(end)
     }
 
-    /// Puts what says that a trial failed at `path`, unless an end stands there that holds, which is given back. It
-    /// is linked, not renamed: a rename would replace what another process put there in this moment.
+    /// Puts the acknowledgement of a failure at `path`, unless an end stands there that holds; that end is
+    /// returned. The file is linked, not renamed: a rename would replace the file that another process put
+    /// there in this moment.
     fn publish_failure(&self, id: &str, path: &Path, text: &[u8]) -> Result<Option<TrialEnd>, Error> {
         loop {
             let stored = self.end(id)?;
@@ -299,22 +302,22 @@ impl Store {
         }
     }
 
-    /// Removes the acknowledgement of a trial that was killed, and nothing else.
+    /// Removes the acknowledgement of a trial that was killed, and no other one.
     fn put_missing_end_aside(&self, path: &Path) -> Result<(), Error> {
         let aside = temporary(path);
         absent_is_fine(fs::rename(path, &aside)).map_err(Error::file("rename to", &aside))?;
         let moved = inside::read(&aside)?.and_then(|text| index::parse(&text).ok());
         if moved.is_some_and(|moved| !is_missing(Some(&moved.end))) {
-            // Another process has put it there since it was looked at.
+            // Another process has put this acknowledgement there since the check.
             return fs::rename(&aside, path).map_err(Error::file("rename to", path));
         }
         remove(&aside)
     }
 
-    /// What acknowledges a trial; `None` where it was not acknowledged.
+    /// Acknowledgement of a trial; `None` where it has none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
+    /// [`Error::Damaged`] where the file was changed, or is of another trial.
     pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         let path = self.folder(id).join("trial.json");
         let Some((text, _)) = self.acknowledged(id)? else {
@@ -332,10 +335,10 @@ impl Store {
         Ok(Some(file))
     }
 
-    /// A trial with all it recorded.
+    /// A trial with its whole record.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a file is not what was acknowledged.
+    /// [`Error::Damaged`] where a file differs from the acknowledged one.
     pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
         let mut result = TrialResult::missing(Arc::clone(trial));
         if let Some((end, table)) = self.loaded(&trial.id)? {
@@ -345,8 +348,8 @@ impl Store {
         Ok(result)
     }
 
-    /// How a trial ended and what it recorded; `None` where it has not run.
-    fn loaded(&self, id: &str) -> Result<Option<Loaded>, Error> {
+    /// End and metrics of a trial; `None` where it has not run.
+    fn loaded(&self, id: &str) -> Result<Option<EndWithMetrics>, Error> {
         let Some(end) = self.end(id)? else {
             return Ok(None);
         };
@@ -354,12 +357,13 @@ impl Store {
         Ok(Some((end, table)))
     }
 
-    /// What a trial that ended so recorded, from the file that was acknowledged.
+    /// Metrics of a trial with this end, from the file that was acknowledged.
     fn recorded(&self, id: &str, end: &TrialEnd) -> Result<MetricsTable, Error> {
         self.decoded(id, end, || self.metrics(id, &end.digest))
     }
 
-    /// What a trial that ended so recorded, whose file `metrics` gives; nothing unless it ended `ok`.
+    /// Metrics of a trial with this end, decoded from the file that `metrics` reads; empty unless it ended
+    /// `ok`.
     fn decoded(
         &self,
         id: &str,
@@ -372,12 +376,12 @@ impl Store {
         }
     }
 
-    /// Adds to a trial of a search that has not ended `ok` what it had recorded. An earlier program kept what was
-    /// measured at a pause in the log alone, so that of a trial without anything stored the log is read, up to
-    /// what is whole of it.
+    /// Adds the partial record of a trial of a search that has not ended `ok`. An earlier program kept the
+    /// measurements at a pause in the log alone, so that the log of a trial without a stored record is read,
+    /// as far as it is whole.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where what is stored is not what was written.
+    /// [`Error::Damaged`] where a stored file was changed.
     pub fn read_partial(&self, result: &mut TrialResult) -> Result<(), Error> {
         if result.is_ok() || !result.trial.cell.purpose.is_tried() {
             return Ok(());
@@ -395,10 +399,10 @@ impl Store {
         Ok(())
     }
 
-    /// The bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, wherever they lie.
+    /// Bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, in its folder or in a pack.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where one is not what was acknowledged, or not there.
+    /// [`Error::Damaged`] where one is absent or differs from the acknowledged one.
     pub fn files(&self, id: &str) -> Result<[Vec<u8>; 2], Error> {
         let absent = || Error::Damaged {
             path: self.folder(id).join("trial.json"),
@@ -417,7 +421,7 @@ impl Store {
                 path,
                 problem: "its hash is not the acknowledged one".into(),
             }),
-            // It may have gone into a pack, also in this moment.
+            // The file may have moved into a pack, also in this moment.
             None => match self.metrics_in_pack(id, digest)? {
                 Some(bytes) => Ok(bytes),
                 None => Err(self.without_metrics(id, path)),
@@ -426,11 +430,11 @@ impl Store {
     }
 }
 
-/// Folders of which a store has at least one, unless it is empty.
+/// Folders of a store; every store that is not empty has at least one of them.
 const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
 
-/// What keeps a folder from being a store, as a phrase; `None` where it is one, or empty. What checks and moves files
-/// asks before it does.
+/// The reason for which a folder is no store, as a phrase; `None` where it is one, or empty. Commands that
+/// check and move files ask this first.
 ///
 /// # Errors
 /// [`Error::File`] where the folder cannot be read.
@@ -452,7 +456,7 @@ pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
 /// Names in a folder, in order; none where there is no folder.
 ///
 /// # Errors
-/// [`Error::File`] where it cannot be read.
+/// [`Error::File`] where the folder cannot be read.
 pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -476,14 +480,14 @@ pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
 /// Writes a file so that after a crash it is either the old one or the whole new one.
 ///
 /// # Errors
-/// Where the folder or the file cannot be written.
+/// [`Error::File`] where the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let temporary = write_beside(path, bytes)?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
     flush_folder_of(path)
 }
 
-/// The same for a file that is not there yet; false where it is, and stays as it is.
+/// As [`write_durably`], for a new file; false where the file exists, which stays as it is.
 fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     let temporary = write_beside(path, bytes)?;
     let is_new = match fs::hard_link(&temporary, path) {
@@ -499,7 +503,7 @@ fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     Ok(is_new)
 }
 
-/// The name under which this process writes a file before it stands at its place. The process id keeps two
+/// Path under which this process writes a file before the rename to its place. The process id keeps two
 /// processes that write the same trial apart.
 fn temporary(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -511,13 +515,13 @@ fn write_beside(path: &Path, bytes: &[u8]) -> Result<PathBuf, Error> {
     boundary::pass("before a file is created", path);
     let written = write_flushed(&temporary, path, bytes);
     if written.is_err() {
-        // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
+        // A full disk gets its space back; `fsck` finds a file that cannot be removed.
         let _ = fs::remove_file(&temporary);
     }
     written.map(|()| temporary)
 }
 
-/// Brings the name of a file to the disk.
+/// Flushes the name of a file to the disk.
 fn flush_folder_of(path: &Path) -> Result<(), Error> {
     let folder = path
         .parent()
@@ -541,7 +545,7 @@ fn write_flushed(temporary: &Path, path: &Path, bytes: &[u8]) -> Result<(), Erro
     Ok(())
 }
 
-/// Removes a file; that it is gone already is as good.
+/// Removes a file, which may be gone already.
 fn remove(path: &Path) -> Result<(), Error> {
     absent_is_fine(fs::remove_file(path)).map_err(Error::file("remove", path))
 }

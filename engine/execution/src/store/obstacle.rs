@@ -1,4 +1,4 @@
-//! What stands in the way of one trial: then that trial cannot run, and all others can.
+//! Obstacles at the place of one trial: that trial cannot run, and all others can.
 
 use super::{Store, inside, names};
 use crate::world::fs;
@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Files of a trial, by their names.
+/// Names of the files of a trial.
 const FILES: [&str; 5] = [
     "lease",
     "trial.json",
@@ -18,9 +18,9 @@ const FILES: [&str; 5] = [
 ];
 
 impl Store {
-    /// Why a trial cannot be taken up, where that is for something that lies at its place: a file where its
-    /// folder should be, a folder or a pipe with the name of a file, a result of a later program. Nothing is
-    /// opened that could be waited for.
+    /// The obstacle that keeps a trial from being run, where it lies at the trial's place: a file instead of
+    /// its folder, a folder or a pipe with the name of a file, a result of a later program. Pipes, which
+    /// could block, are not opened.
     #[must_use]
     pub fn obstacle(&self, id: &str) -> Option<Error> {
         let folder = self.folder(id);
@@ -30,12 +30,12 @@ impl Store {
         }
         match self.end(id) {
             Err(error @ (Error::Newer { .. } | Error::File { .. })) => Some(error),
-            // What is damaged is set aside by the run itself.
+            // The run itself sets damaged files aside.
             _ => names(&folder).err(),
         }
     }
 
-    /// What stands where the store keeps something else, and what helps.
+    /// The error for an obstacle at a path of the store, with its remedy.
     pub(crate) fn no_place(&self, path: &Path) -> Error {
         let problem = format!(
             "it stands where the store keeps another kind of file: `regimen fsck {}` sets it aside",
@@ -45,8 +45,8 @@ impl Store {
         Error::Damaged { path, problem }
     }
 
-    /// As [`obstacle`](Self::obstacle), once it is known that something of the trial could not be written: rights
-    /// that lack at its place count, too.
+    /// As [`obstacle`](Self::obstacle), once a file of the trial could not be written: lacking rights at its
+    /// place count, too.
     #[must_use]
     pub fn obstacle_to_writing(&self, id: &str) -> Option<Error> {
         let folder = self.folder(id);
@@ -62,7 +62,7 @@ impl Store {
             .or_else(|| denied().map(Error::file("write into", &folder)))
     }
 
-    /// What is no folder and should be one: those that the trial's lies in, and itself.
+    /// The first path that should be a folder and is not: the folders above the trial's, and the trial's own.
     fn no_folder(&self, folder: &Path) -> Option<PathBuf> {
         let above = folder.ancestors().take_while(|path| *path != self.root);
         let all: Vec<PathBuf> = above.map(Path::to_owned).collect();

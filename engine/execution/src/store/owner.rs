@@ -1,10 +1,10 @@
-//! Processes that compute trials, and whether they still run.
+//! Owners: processes that compute trials, and whether they still run.
 //!
-//! A process id means something only within one process namespace of one boot of one machine. Who stands in
-//! the same one looks and knows. From everywhere else nothing is known: another host, but also another
-//! container on this one, or a machine that has the same name or was started again.
+//! A process id is valid only within one process namespace of one boot of one machine. A process in the same
+//! namespace sees whether the owner runs. From everywhere else it is unknown: on another host, but also in
+//! another container on this one, or on a machine that has the same name or was started again.
 
-use crate::world::process::{self, Look, Place};
+use crate::world::process::{self, Place, ProcessState};
 use serde::{Deserialize, Serialize};
 
 /// A process that computes trials.
@@ -12,20 +12,20 @@ use serde::{Deserialize, Serialize};
 pub struct Owner {
     /// Name of the machine.
     pub host: String,
-    /// The machine's boot and the process namespace: process ids mean something only within them. Empty where
-    /// they are not known.
+    /// The machine's boot and the process namespace, within which process ids are valid. Empty where they are
+    /// not known.
     pub boot: String,
-    /// Process id.
+    /// Process id in that namespace.
     pub pid: u32,
-    /// When the process started, in clock ticks since boot; tells a process from a later one with its id.
+    /// Start of the process in clock ticks since boot; tells a process from a later one with its id.
     pub started_ticks: u64,
-    /// The Slurm job and array task it runs in.
+    /// The Slurm job and array task of the process.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub slurm_job: Option<String>,
 }
 
 impl Owner {
-    /// This process.
+    /// The owner that stands for this process.
     #[must_use]
     #[expect(
         clippy::disallowed_methods,
@@ -38,8 +38,8 @@ impl Owner {
             .map(|(job, task)| format!("{job}_{task}"));
         let (pid, Place { host, boot }) = (process::id(), process::place());
         let started_ticks = match process::look(pid) {
-            Look::Started(ticks) => ticks,
-            Look::Gone | Look::Hidden => 0,
+            ProcessState::Started(ticks) => ticks,
+            ProcessState::Gone | ProcessState::Hidden => 0,
         };
         Self {
             host,
@@ -56,19 +56,20 @@ impl Owner {
         self.is_alive_seen_from(&Self::this_process(), process::look)
     }
 
-    /// The same from where the process `here` stands; `look` shows the process of an id there.
-    fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> Look) -> Option<bool> {
+    /// As [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a
+    /// process id there.
+    fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> ProcessState) -> Option<bool> {
         if here.boot.is_empty() || (&self.host, &self.boot) != (&here.host, &here.boot) {
             return None;
         }
         match look(self.pid) {
-            Look::Started(ticks) => Some(ticks == self.started_ticks),
-            Look::Gone => Some(false),
-            Look::Hidden => None,
+            ProcessState::Started(ticks) => Some(ticks == self.started_ticks),
+            ProcessState::Gone => Some(false),
+            ProcessState::Hidden => None,
         }
     }
 
-    /// The name of the file in which the process announces itself.
+    /// File name under which the process announces itself.
     pub(super) fn token(&self) -> String {
         let identity = format!("{}/{}/{}/{}", self.host, self.boot, self.pid, self.started_ticks);
         format!(
@@ -91,15 +92,15 @@ mod tests {
             started_ticks: 7,
             ..here.clone()
         };
-        let seen = |owner: &Owner, look: Look| owner.is_alive_seen_from(&here, |_| look);
-        assert_eq!(seen(&this, Look::Started(7)), Some(true));
+        let seen = |owner: &Owner, look: ProcessState| owner.is_alive_seen_from(&here, |_| look);
+        assert_eq!(seen(&this, ProcessState::Started(7)), Some(true));
         assert_eq!(
-            seen(&this, Look::Started(8)),
+            seen(&this, ProcessState::Started(8)),
             Some(false),
             "a later process has its id"
         );
-        assert_eq!(seen(&this, Look::Gone), Some(false));
-        assert_eq!(seen(&this, Look::Hidden), None);
+        assert_eq!(seen(&this, ProcessState::Gone), Some(false));
+        assert_eq!(seen(&this, ProcessState::Hidden), None);
         let (boot, namespace) = here.boot.split_once(' ').unwrap();
         let elsewhere = [
             Owner {
@@ -116,7 +117,7 @@ mod tests {
             },
         ];
         for owner in elsewhere {
-            assert_eq!(seen(&owner, Look::Gone), None, "{owner:?}");
+            assert_eq!(seen(&owner, ProcessState::Gone), None, "{owner:?}");
         }
     }
 
@@ -126,7 +127,7 @@ mod tests {
             boot: String::new(),
             ..Owner::this_process()
         };
-        assert_eq!(nowhere.is_alive_seen_from(&nowhere, |_| Look::Gone), None);
+        assert_eq!(nowhere.is_alive_seen_from(&nowhere, |_| ProcessState::Gone), None);
     }
 
     #[test]

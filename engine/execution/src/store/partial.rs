@@ -1,12 +1,11 @@
 //! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before
 //! a number was not finite.
-//!
-//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and what acknowledges them: a text
-//! like that of `trial.json`, sealed, with the key and the digest of the metrics. Its name says how far the trial
-//! was measured, so that a program which lost its lease and writes late takes nothing of a later pause away: the
-//! farthest file counts. Those before it go when it is stored, and all of them when the trial has ended `ok`,
-//! whose metrics hold all of it. Searches compare settings by it, so that it is merged, checked and verified as
-//! what ended is.
+//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and their acknowledgement: a text
+//! like that of `trial.json`, sealed, with the key and the digest of the metrics. The name holds the step up
+//! to which the trial was measured, so that a program which lost its lease and writes late does not replace a
+//! later pause: the farthest file counts. Earlier files go when it is stored, and all of them when the trial
+//! has ended `ok`, whose metrics include them. Searches compare settings by this record, so that it is
+//! merged, checked and verified as an ended trial is.
 
 use super::{
     METRICS, Store, TrialFile, boundary, bundle, date, index, inside, pack, remove,
@@ -25,29 +24,29 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The file's name where it travels alone, whatever its step.
+/// File name of a record that travels alone, whatever its step.
 pub(super) const NAME: &str = "partial.parcel";
-/// What it holds, in this order.
+/// Parts of the file, in this order.
 const FILES: [&str; 2] = [METRICS, "trial.json"];
 
-/// What a trial recorded before it paused, or before its numbers were not finite.
+/// The record of a trial up to a pause, or before its numbers were not finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Partial {
-    /// What acknowledges it; its end says how it stopped.
+    /// Acknowledgement of the record; its end names the reason of the stop.
     pub file: TrialFile,
-    /// What it recorded.
+    /// Metrics of the record.
     pub table: MetricsTable,
 }
 
 impl Partial {
-    /// The step of its last measurement while learning; `None` where none was made.
+    /// Step of the last measurement while learning; `None` where there was none.
     #[must_use]
     pub fn step(&self) -> Option<u64> {
         let measured = self.table.rows.iter().filter(|row| row.phase == Phase::Evaluate);
         measured.map(|row| row.step).max()
     }
 
-    /// Whether it holds the first rows of `other`, or all of them.
+    /// Whether this record holds the first rows of `other`, or all of them.
     pub(super) fn begins(&self, other: &Self) -> bool {
         let named = |it: &Self, row: &Row| {
             let name = it.table.names.get(usize::from(row.metric)).cloned();
@@ -80,17 +79,18 @@ pub(super) fn first_rows(record: &Recorder, count: usize) -> Recorder {
     Recorder::resumed(record.names()[..names].to_vec(), rows, Running::default())
 }
 
-/// How many rows were recorded up to a step, that step included.
+/// Number of rows up to a step, that step included.
 pub(super) fn rows_until(record: &Recorder, step: u64) -> usize {
     let rows = record.rows();
     rows.iter().position(|row| row.step > step).unwrap_or(rows.len())
 }
 
 impl Store {
-    /// What a trial recorded that has not ended `ok`, in its folder or in a pack; `None` where nothing is stored.
+    /// The record of a trial that has not ended `ok`, in its folder or in a pack; `None` where none is
+    /// stored.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
+    /// [`Error::Damaged`] where the file was changed, or is of another trial.
     pub fn partial(&self, id: &str) -> Result<Option<Partial>, Error> {
         match self.farthest_file(id)? {
             Some((path, bytes)) => decode(id, &bytes, &path).map(Some),
@@ -103,7 +103,7 @@ impl Store {
         let folder = self.folder(id);
         for name in names_in(&folder)?.iter().rev() {
             let path = folder.join(name);
-            // One that goes meanwhile makes room for a later one.
+            // A file that is removed meanwhile makes room for a later one.
             if let Some(bytes) = inside::read(&path)? {
                 return Ok(Some((path, bytes)));
             }
@@ -111,17 +111,18 @@ impl Store {
         Ok(None)
     }
 
-    /// The step up to which a trial that has not ended `ok` was measured, and that is stored; what is damaged is not.
+    /// The step up to which the stored record of a trial that has not ended `ok` was measured; a damaged
+    /// record counts as none.
     #[must_use]
     pub fn measured_until(&self, id: &str) -> Option<u64> {
         self.partial(id).ok().flatten()?.step()
     }
 
-    /// Stores what a trial recorded before it paused, or before a number was not finite; `end` says which. What is
-    /// stored already stays where it holds more. One that is damaged is set aside.
+    /// Stores the record of a trial up to a pause, or before a number was not finite; `end` says which. A
+    /// stored record stays where it holds more. A damaged one is set aside.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// [`Error::File`] where a file cannot be written.
     pub fn keep_partial(&self, trial: &Trial, end: TrialEnd, record: &Recorder) -> Result<(), Error> {
         let metrics = metrics_file::encode(record, &trial.id)?;
         let digest = digest::of_bytes(&metrics);
@@ -141,7 +142,7 @@ impl Store {
         self.write_partial(&trial.id, &bytes, &new)
     }
 
-    /// Puts the bytes of the file of a trial in their place, and removes those of pauses before it.
+    /// Writes the bytes of a record to their place, and removes the records of earlier pauses.
     pub(super) fn write_partial(&self, id: &str, bytes: &[u8], partial: &Partial) -> Result<(), Error> {
         let folder = self.folder(id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
@@ -157,20 +158,20 @@ impl Store {
             .try_for_each(|name| remove(&folder.join(name)))
     }
 
-    /// The bytes of the file of a trial, which are what was written, with what they say; `None` where there are none.
+    /// The bytes of a trial's intact record, with their content; `None` where there are none.
     pub(super) fn partial_bytes(&self, id: &str) -> Result<Option<(Vec<u8>, Partial)>, Error> {
         let Some(partial) = self.partial(id)? else {
             return Ok(None);
         };
         let bytes = match self.farthest_file(id)? {
             Some((_, bytes)) => bytes,
-            // It lies in a pack.
+            // The record lies in a pack.
             None => encode(id, self.packed_metrics(id, &partial)?, &partial.file)?,
         };
         Ok(Some((bytes, partial)))
     }
 
-    /// The metrics and the acknowledgement of a trial at its pause, by their names; none where nothing is stored.
+    /// The metrics and the acknowledgement of a paused trial, by their names; empty where none is stored.
     ///
     /// # Errors
     /// As [`partial`](Self::partial).
@@ -187,7 +188,7 @@ impl Store {
         metrics.ok_or_else(|| damaged(&self.folder(id), "its metrics at a pause are not there".into()))
     }
 
-    /// The farthest of what packs hold of a trial that had paused.
+    /// The farthest record of a paused trial in packs.
     fn partial_in_packs(&self, id: &str) -> Result<Option<Partial>, Error> {
         let mut farthest: Option<Partial> = None;
         for short in self.paused_in_packs(id)? {
@@ -210,19 +211,19 @@ impl Store {
     }
 }
 
-/// Removes what a trial that has ended `ok` holds in its metrics; mostly there is none.
+/// Removes the partial records of a trial that has ended `ok`; mostly there are none.
 pub(super) fn forget(trial: &Path) -> Result<(), Error> {
     names_in(trial)?
         .iter()
         .try_for_each(|name| remove(&trial.join(name)))
 }
 
-/// The name of the file of a trial that was measured up to a step.
+/// File name of the record up to a step.
 pub(super) fn name_at(step: u64) -> String {
     format!("partial-{step}.parcel")
 }
 
-/// The step in the name of such a file, 0 of one that has travelled; `None` for other names.
+/// The step in the name of a record, 0 for one that has travelled; `None` for other names.
 pub(super) fn step_of(name: &str) -> Option<u64> {
     if name == NAME {
         return Some(0);
@@ -231,7 +232,7 @@ pub(super) fn step_of(name: &str) -> Option<u64> {
     step.parse().ok().filter(|step| name_at(*step) == name)
 }
 
-/// The names of such files in a trial's folder, the farthest last.
+/// File names of the records in a trial's folder, the farthest last.
 pub(super) fn names_in(trial: &Path) -> Result<Vec<String>, Error> {
     let mut names = super::names(trial)?;
     names.retain(|name| step_of(name).is_some());
@@ -239,7 +240,7 @@ pub(super) fn names_in(trial: &Path) -> Result<Vec<String>, Error> {
     Ok(names)
 }
 
-/// The bytes of the file.
+/// Bytes of a record's file.
 pub(super) fn encode(id: &str, metrics: Vec<u8>, file: &TrialFile) -> Result<Vec<u8>, Error> {
     let text = file
         .to_bytes()
@@ -247,13 +248,13 @@ pub(super) fn encode(id: &str, metrics: Vec<u8>, file: &TrialFile) -> Result<Vec
     Ok(of_parts(id, metrics, text))
 }
 
-/// The bytes of the file from its two parts.
+/// Bytes of a record's file from its two parts.
 pub(super) fn of_parts(id: &str, metrics: Vec<u8>, acknowledgement: Vec<u8>) -> Vec<u8> {
     let [first, last] = FILES.map(str::to_owned);
     bundle::to_bytes(id, &[(first, metrics), (last, acknowledgement)])
 }
 
-/// The metrics and the acknowledgement in the bytes of a file.
+/// The metrics and the acknowledgement in the bytes of a record's file.
 pub(super) fn parts(id: &str, bytes: &[u8]) -> Result<[Vec<u8>; 2], String> {
     let files = bundle::from_bytes(id, bytes)?;
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
@@ -266,7 +267,7 @@ pub(super) fn parts(id: &str, bytes: &[u8]) -> Result<[Vec<u8>; 2], String> {
         .map_err(|_| "it holds more than two files".into())
 }
 
-/// What the bytes of a file say of the trial `id`.
+/// The record of the trial `id` in the bytes of a file.
 pub(super) fn decode(id: &str, bytes: &[u8], path: &Path) -> Result<Partial, Error> {
     let [metrics, text] = parts(id, bytes).map_err(|problem| damaged(path, problem))?;
     if of_parts(id, metrics.clone(), text.clone()) != bytes {
@@ -345,7 +346,7 @@ mod tests {
         let partial = store.partial(&trial.id).unwrap().unwrap();
         assert_eq!(partial.table.rows, record(3).rows());
         assert_eq!(store.end(&trial.id).unwrap(), None, "it has not ended");
-        // Its metrics hold all of it in the end.
+        // The final metrics hold the whole record.
         store.finish(&trial, &record(4), 1.0).unwrap();
         assert_eq!(store.partial(&trial.id).unwrap(), None);
     }
@@ -364,7 +365,7 @@ mod tests {
         let late = fs::read(place.join(name_at(200))).unwrap();
         keep(4);
         assert_eq!(names_in(&place).unwrap(), [name_at(400)]);
-        // It had looked before the other one wrote.
+        // The late writer had checked the store before the other one wrote.
         let partial = decode(&trial.id, &late, &place).unwrap();
         store.write_partial(&trial.id, &late, &partial).unwrap();
         assert_eq!(store.measured_until(&trial.id), Some(400));

@@ -1,4 +1,4 @@
-//! Records that can be made again at any time: one that is damaged, or cannot be kept, counts as absent.
+//! Records that can be made again at any time: a damaged one, or one that cannot be kept, counts as absent.
 
 use super::{read_file, seal, write_durably};
 use crate::world::fs;

@@ -1,16 +1,16 @@
-//! Whether programs repeat, as was found out when a trial of them was computed twice: a file for each such trial.
+//! Repeatability of programs: a file for each trial that was computed twice, with the result.
 
 use super::{Store, names, remade};
 use contract::repeats::Repeats;
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// The folder of these files in a store.
+/// Folder of these files in a store.
 pub(super) const FOLDER: &str = "repeats";
-/// The key of a file with the answer.
+/// Key of the answer in a file.
 const KEY: &str = "repeats";
 
 impl Store {
-    /// The answers that are known, by the ids of the trials that were computed twice.
+    /// The known answers, by the ids of the trials that were computed twice.
     #[must_use]
     pub fn repeats(&self) -> BTreeMap<String, Repeats> {
         let names = names(&self.root.join(FOLDER)).unwrap_or_default();
@@ -19,12 +19,12 @@ impl Store {
             .collect()
     }
 
-    /// Keeps an answer. Where it cannot be kept it is found out again.
+    /// Keeps an answer. An answer that cannot be kept is found out again.
     pub fn keep_repeats(&self, id: &str, repeats: &Repeats) {
         remade::keep(&self.repeats_file(id), KEY, repeats);
     }
 
-    /// Takes in what another store knows of trials that this one holds too.
+    /// Copies the answers of another store for trials that this one holds too.
     pub(super) fn take_repeats(&self, source: &Self) {
         let known = self.repeats();
         let other = source.repeats().into_iter();

@@ -1,17 +1,18 @@
-//! What is on disk of a trial that runs, so that it continues after its process is gone.
+//! Files of a running trial, from which it continues after its process is gone.
 //!
 //! ```text
 //! <trial's folder>/running/metrics.log      every row so far
 //!                          checkpoint-<n>/  state.json, agent/, manifest.json
-//!                          output.gz        what it printed
-//!                          work/            of an agent that trains itself; its own business
+//!                          output.gz        output of the trial
+//!                          work/            working folder of an agent that trains itself
 //! ```
 //!
-//! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are
-//! then removed. One that is not whole, or whose rows are not in the log, is passed over: the trial continues
-//! from an older one or begins anew, and either way ends with the same numbers.
+//! A checkpoint is written into a folder of another name, flushed to the disk and renamed; older ones are
+//! then removed. A checkpoint that is not whole, or whose rows are not in the log, is skipped: the trial
+//! continues from an older one or begins anew, and either way ends with the same numbers.
 //!
-//! Nothing here is acknowledged: what was measured at a pause is stored besides, see [`Partial`](super::Partial).
+//! No file here is acknowledged: the measurements at a pause are stored besides, see
+//! [`Partial`](super::Partial).
 
 use super::{
     OUTPUT, absent_is_fine, boundary,
@@ -41,12 +42,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Rows wait this long for the log, so that a short trial writes none.
+/// Time for which rows wait for the log, so that a short trial writes none.
 const NOTE_EVERY: Duration = Duration::from_secs(1);
-/// Between two saves lies at least this many times what the last one took.
+/// Least interval between two saves, as a multiple of the duration of the last one.
 const WORK_PER_SAVE: u32 = 20;
 const PREFIX: &str = "checkpoint-";
-/// The folder in which an agent works that trains itself.
+/// Working folder of an agent that trains itself.
 const WORK: &str = "work";
 
 /// Keeps a running trial in its folder of the store. Only one process may run a trial at a time.
@@ -58,43 +59,42 @@ pub struct RunningTrial {
     stop: Arc<AtomicBool>,
     /// The step at which the trial pauses, once that is measured.
     until: Option<u64>,
-    /// How long nothing may be heard of an agent that trains itself.
+    /// Allowed silence of an agent that trains itself.
     patience: Option<Duration>,
-    /// The share of the machine that such an agent has.
+    /// Share of the machine that such an agent has.
     share: Share,
-    /// What was recorded up to there, once it has come there.
+    /// Record up to the pause, once the trial has come there.
     paused: Option<Recorder>,
-    /// Rows that were all finite when they were looked at, or saved by an earlier process.
+    /// Number of rows that were all finite when they were checked, or saved by an earlier process.
     looked_at: usize,
-    /// The first of these, once the trial has ended with an error.
+    /// Record of these rows, once the trial has ended with an error.
     failed: Recorder,
     log: Option<MetricLog>,
     begun: Instant,
-    /// What earlier processes spent on what was taken up, in seconds.
+    /// Seconds that earlier processes spent up to the checkpoint from which the trial continues.
     earlier_s: f64,
     noted: Instant,
     saved: Instant,
     cost: Duration,
-    /// The checkpoint that was taken up last.
+    /// Number of the checkpoint that was taken up last.
     taken_up: Option<u64>,
     refused: BTreeSet<u64>,
 }
 
-/// What `state.json` holds.
+/// Content of `state.json`.
 #[derive(Debug, Serialize, Deserialize)]
 struct State {
     protocol: Value,
     running: Running,
     log: LogPosition,
-    /// What was spent on it, in seconds; 0 in those of programs that did not note it.
+    /// Seconds that were spent on the trial so far; 0 in those of programs that did not note them.
     #[serde(default)]
     wall_s: f64,
 }
 
 impl RunningTrial {
     /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each
-    /// time where that is zero) and when `stop` is set. Nothing is created before there is something to
-    /// write.
+    /// time where that is zero) and when `stop` is set. No folder is created before the first save.
     #[must_use]
     pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Self {
         Self {
@@ -119,56 +119,56 @@ impl RunningTrial {
         }
     }
 
-    /// The same for a trial that pauses at a step, once that is measured.
+    /// The same keeper, for a trial that pauses at a step, once that is measured.
     #[must_use]
     pub fn until(mut self, step: Option<u64>) -> Self {
         self.until = step;
         self
     }
 
-    /// The same for a trial that ends where nothing is heard of its training for so long.
+    /// The same keeper, for a trial that ends after so long a silence of its training.
     #[must_use]
     pub fn patient(mut self, patience: Option<Duration>) -> Self {
         self.patience = patience;
         self
     }
 
-    /// The same for a trial that has another share of the machine than one core.
+    /// The same keeper, for a trial that has another share of the machine than one core.
     #[must_use]
     pub fn sharing(mut self, share: Share) -> Self {
         self.share = share;
         self
     }
 
-    /// What the trial recorded up to its pause; `None` where it has not come there.
+    /// Record of the trial up to its pause; `None` where it has not come there.
     #[must_use]
     pub fn at_pause(&self) -> Option<&Recorder> {
         self.paused.as_ref()
     }
 
-    /// What a trial that ended with an error had recorded when all of it was finite.
+    /// Finite record of a trial that ended with an error.
     #[must_use]
     pub fn before_error(&self) -> &Recorder {
         &self.failed
     }
 
-    /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those
-    /// that it goes on from.
+    /// Wall-clock time that was spent on the trial's present rows, in seconds, in this process and in those
+    /// from which it continues.
     #[must_use]
     pub fn wall_s(&self) -> f64 {
         self.earlier_s + clock::since(self.begun).as_secs_f64()
     }
 
-    /// Removes what is kept of a trial that ended; there may be nothing.
+    /// Removes the files that are kept for an ended trial; there may be none.
     ///
     /// # Errors
-    /// Where a file cannot be removed.
+    /// [`Error::File`] where a file cannot be removed.
     pub fn discard(folder: &Path) -> Result<(), Error> {
         let running = running(folder);
         absent_is_fine(fs::remove_dir_all(&running)).map_err(Error::file("remove", &running))
     }
 
-    /// Numbers of the checkpoints that are there, whole or not, in order.
+    /// Numbers of the existing checkpoints, whole or not, in order.
     fn numbers(&self) -> Result<BTreeSet<u64>, Error> {
         let names = names(&self.folder)?;
         Ok(names
@@ -214,7 +214,7 @@ impl RunningTrial {
         flush(&self.folder).map_err(Error::file("flush", &self.folder))
     }
 
-    /// A new folder of a name that no other process has: what two processes wrote must never mix.
+    /// A new folder under a name that no other process has: files of two processes must never mix.
     fn unfinished(&self, number: u64) -> Result<PathBuf, Error> {
         let mut attempt = 0;
         loop {
@@ -230,7 +230,7 @@ impl RunningTrial {
         }
     }
 
-    /// Removes older checkpoints, and what a process that is gone left unfinished.
+    /// Removes older checkpoints, and unfinished ones of processes that are gone.
     fn remove_all_but(&self, number: u64) -> Result<(), Error> {
         let kept = format!("{PREFIX}{number}");
         for name in names(&self.folder)? {
@@ -384,13 +384,13 @@ impl Keeper for RunningTrial {
     }
 }
 
-/// True where an agent that trains itself works, or worked, in a trial that has not been put away yet.
+/// Whether an agent that trains itself works, or worked, in a trial that has not been put away yet.
 pub(super) fn has_work(folder: &Path) -> bool {
     fs::is_folder(&running(folder).join(WORK))
 }
 
-/// Puts what a trial printed last into its folder, to be acknowledged with how it ended: its hash, where
-/// something is kept.
+/// Moves the last output of a trial into its folder, to be acknowledged with the trial's end; returns its
+/// hash, where output is kept.
 pub(super) fn settle_output(folder: &Path) -> Result<Option<String>, Error> {
     let (from, to) = (running(folder).join(OUTPUT), folder.join(OUTPUT));
     match fs::read(&from) {
@@ -401,7 +401,7 @@ pub(super) fn settle_output(folder: &Path) -> Result<Option<String>, Error> {
 }
 
 impl super::Store {
-    /// How many checkpoints a trial that has not ended has saved so far.
+    /// Number of checkpoints that a trial has saved so far, while it has not ended.
     #[must_use]
     pub fn checkpoints(&self, id: &str) -> u64 {
         let names = names(&running(&self.folder(id))).unwrap_or_default();
@@ -413,7 +413,7 @@ impl super::Store {
     }
 }
 
-/// What is wrong with what is kept of the trial `trial` in `running`: names, each with the fault.
+/// Faults among the files of the trial `trial` in `running`: names, each with the fault.
 pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'static str)>, Error> {
     let mut faults = Vec::new();
     for name in names(running)? {
@@ -433,7 +433,7 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
     Ok(faults)
 }
 
-/// True where the log still holds what a whole checkpoint needs of it.
+/// Whether the log still holds the rows that a whole checkpoint needs.
 fn has_its_rows(checkpoint: &Path, running: &Path) -> bool {
     let state = fs::read(checkpoint.join("state.json")).ok();
     let state = state.and_then(|text| serde_json::from_slice::<State>(&text).ok());
@@ -451,7 +451,7 @@ fn running(folder: &Path) -> PathBuf {
     folder.join("running")
 }
 
-/// The name of a new folder of a trial, and those that lead to it, reach the disk.
+/// Flushes the name of a new folder of a trial, and those that lead to it, to the disk.
 fn flush_with_way(folder: &Path) -> Result<(), Error> {
     for path in folder.ancestors().take(2) {
         flush(path).map_err(Error::file("flush", path))?;

@@ -14,17 +14,17 @@ pub(super) fn sealed(mut object: Vec<u8>) -> Vec<u8> {
     object
 }
 
-/// True where the text is as [`sealed`] made it.
+/// Whether the text is as [`sealed`] made it.
 pub(super) fn is_sealed(text: &[u8]) -> bool {
     before_check(text).is_some()
 }
 
-/// The text of the object that [`sealed`] was given; `None` where the check does not hold.
+/// The text of the object that was [`sealed`]; `None` where the check does not hold.
 pub(super) fn unsealed(text: &[u8]) -> Option<Vec<u8>> {
     before_check(text).map(|object| [object, b"}"].concat())
 }
 
-/// What stands before a check that holds.
+/// The text before a check that holds.
 fn before_check(text: &[u8]) -> Option<&[u8]> {
     let tail = BEFORE.len() + LENGTH + AFTER.len();
     let (object, tail) = text.len().checked_sub(tail).map(|length| text.split_at(length))?;

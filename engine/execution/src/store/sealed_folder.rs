@@ -1,5 +1,5 @@
-//! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every
-//! other one.
+//! Sealed folders: the last file of each, `manifest.json`, lists a hash of every other one and so shows
+//! whether the folder is whole.
 
 use super::inside::{contents, is_file, is_folder, read};
 use crate::world::fs::{self, File};
@@ -11,20 +11,20 @@ const MANIFEST: &str = "manifest.json";
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Manifest {
-    /// Version of this form.
+    /// Version of the form.
     format: u32,
     /// Version of the program: another one may write and read other files.
     program: String,
-    /// Whose folder it is.
+    /// Id of the folder's trial.
     trial: String,
     /// BLAKE3 of every file, by its path inside the folder.
     files: BTreeMap<String, String>,
 }
 
-/// Brings everything in a folder to the disk and adds the manifest last.
+/// Flushes every file of a folder to the disk and adds the manifest last.
 ///
 /// # Errors
-/// Where a file cannot be read or written.
+/// [`Error::File`] where a file cannot be read or written.
 pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
     let text = serde_json::to_vec(&manifest)
@@ -36,7 +36,7 @@ pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     super::write_durably(&folder.join(MANIFEST), &text)
 }
 
-/// True where a folder is as [`seal`] left it, for this trial and this version of the program.
+/// Whether a folder is as [`seal`] left it, for this trial and this version of the program.
 pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
     let text = read(&folder.join(MANIFEST))
         .ok()
@@ -52,26 +52,27 @@ pub(crate) fn flush(path: &Path) -> io::Result<()> {
     File::open(path)?.sync_all()
 }
 
-/// Brings the names that lead to a trial's folder to the disk. Whoever made them may not have come to it.
+/// Flushes the names that lead to a trial's folder to the disk. The process that created them may not have
+/// done so.
 ///
 /// # Errors
-/// Where a folder of the store cannot be flushed.
+/// [`Error::File`] where a folder of the store cannot be flushed.
 pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
     flush_way(trial, 3)
 }
 
-/// Brings the names that lead to a folder of the store to the disk: its own, and those of so many folders above it, of
-/// which the store is the last.
+/// Flushes the names that lead to a folder of the store to the disk: its own, and those of the next `folders`
+/// above it; the last of these is the store.
 ///
 /// # Errors
-/// Where a folder of the store cannot be flushed.
+/// [`Error::File`] where a folder of the store cannot be flushed.
 pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
     let mut above = to.ancestors().skip(1).map(named_or_here);
     for folder in above.by_ref().take(folders) {
         flush(folder).map_err(Error::file("flush", folder))?;
     }
     match above.next().map_or(Ok(()), flush) {
-        // The folder that holds the store may be one that only others can read.
+        // The folder that holds the store may be one that only other users can read.
         Err(source) if source.kind() != io::ErrorKind::PermissionDenied => {
             Err(Error::file("flush the folder above", to)(source))
         }
@@ -79,7 +80,7 @@ pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
     }
 }
 
-/// A folder by a path that leads to it: that of the current one is empty.
+/// A folder by a path that leads to it: the path of the current one is empty.
 fn named_or_here(folder: &Path) -> &Path {
     if folder.as_os_str().is_empty() {
         Path::new(".")

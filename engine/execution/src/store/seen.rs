@@ -1,9 +1,9 @@
 //! Records of the verdicts that were seen, a file a study: `looks/<study>.json`, sealed as a `trial.json` is.
 //!
-//! No computation brings such a record back, and without it a verdict that was chosen with results in view looks
-//! like one that was not. So one that is damaged is set aside and never written over, and the record that begins
-//! in its place says so to every later report. Those of earlier programs have no seal; they are read, and sealed
-//! when they are next written.
+//! No computation brings such a record back, and without it a verdict that was chosen with results in view
+//! looks like one that was not. So a damaged record is set aside and never written over, and the record that
+//! replaces it says so to every later report. Records of earlier programs have no seal; they are read, and
+//! sealed when they are next written.
 
 use super::{Fault, Finding, Findings, LOOKS, Store, inside, names, seal, write_durably};
 use crate::world::fs;
@@ -14,30 +14,30 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Version of the record: from 2 on it ends with a hash of what stands before.
+/// Version of the record: from 2 on it ends with a hash of the text before it.
 const SCHEMA: u32 = 2;
 
-/// Numbers of seeds at which verdicts were seen, by what was judged: by table and cell, or claim and place, and by the
-/// trials of the first seeds, since another version of a trial is another experiment.
+/// Numbers of seeds at which verdicts were seen, by the subject of the verdict: table and cell, or claim and
+/// place, and the trials of the first seeds, since another version of a trial is another experiment.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeenVerdicts {
     /// Version of this form; none in records of earlier programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     schema: Option<u32>,
-    /// With how many seeds each was seen.
+    /// Numbers of seeds with which each verdict was seen.
     pub verdicts: BTreeMap<String, BTreeSet<u32>>,
-    /// The looks that were planned when a number of seeds was first seen, none where it was fixed. Records of earlier
-    /// programs have none of them.
+    /// Planned looks at the time when a number of seeds was first seen, empty where that number was fixed.
+    /// Records of earlier programs have no plans.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub plans: BTreeMap<String, BTreeMap<u32, BTreeSet<u32>>>,
-    /// What the verdict was passed by when it was first seen, in words. Records of earlier programs have none of them.
+    /// Rule of the verdict when it was first seen, in words. Records of earlier programs have no rules.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, String>,
-    /// When a round of a confirmation was fixed, and as what.
+    /// The fixed round of a confirmation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fixed: Option<Fixed>,
-    /// Where the record before this one lies, inside the store, which was damaged: what was seen then is not known.
+    /// Path of the earlier, damaged record inside the store: the verdicts that were seen then are not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<PathBuf>,
 }
@@ -48,14 +48,14 @@ pub struct SeenVerdicts {
 pub struct Fixed {
     /// Hash of its claims, published values and seeds.
     pub digest: String,
-    /// In UTC as RFC 3339 writes it.
+    /// Time of the first computation, in UTC as RFC 3339 writes it.
     pub at: String,
-    /// How many of its trials had ended then.
+    /// Number of its trials that had ended then.
     pub ended: usize,
 }
 
 impl SeenVerdicts {
-    /// Takes in what another record has.
+    /// Adds the verdicts of another record.
     pub fn extend(&mut self, more: Self) {
         for (place, seeds) in more.verdicts {
             self.verdicts.entry(place).or_default().extend(seeds);
@@ -73,7 +73,7 @@ impl SeenVerdicts {
         self.lost = self.lost.take().or(more.lost);
     }
 
-    /// Whether its file has a check.
+    /// Whether the record's file has a check.
     #[must_use]
     pub fn is_sealed(&self) -> bool {
         self.schema.is_some()
@@ -81,10 +81,10 @@ impl SeenVerdicts {
 }
 
 impl Store {
-    /// The record of the verdicts of a study that were seen; `None` where nothing was recorded.
+    /// The record of the verdicts of a study that were seen; `None` where there is none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where it is not what was written, [`Error::Newer`] for that of a later program, and
+    /// [`Error::Damaged`] where the file was changed, [`Error::Newer`] for that of a later program, and
     /// [`Error::File`] where it cannot be read.
     pub fn seen_verdicts(&self, study: &str) -> Result<Option<SeenVerdicts>, Error> {
         let path = self.root.join(file_of(study));
@@ -92,11 +92,12 @@ impl Store {
         text.map(|text| parse(&text, &path)).transpose()
     }
 
-    /// The same, to be gone on with: a damaged record is set aside, and the new one in its place says so. It is
-    /// given with what was wrong with the one before.
+    /// The record for further verdicts: a damaged one is set aside, and the new one says so. The fault of the
+    /// damaged record is returned as well.
     ///
     /// # Errors
-    /// As [`seen_verdicts`](Self::seen_verdicts) without the first, and where files cannot be moved or written.
+    /// The errors of [`seen_verdicts`](Self::seen_verdicts) without the first, and [`Error::File`] where
+    /// files cannot be moved or written.
     pub fn seen_or_begun(&self, study: &str) -> Result<(SeenVerdicts, Option<String>), Error> {
         let problem = match self.seen_verdicts(study) {
             Ok(seen) => return Ok((seen.unwrap_or_default(), None)),
@@ -125,7 +126,7 @@ impl Store {
         write_durably(&path, &bytes_of(seen, &path)?)
     }
 
-    /// The studies of which there is a record, whatever it is worth.
+    /// Studies with a record, intact or not.
     ///
     /// # Errors
     /// [`Error::File`] where the folder cannot be read.
@@ -135,7 +136,7 @@ impl Store {
         Ok(studies.map(str::to_owned).collect())
     }
 
-    /// Leaves a record that says what was lost in the place of each that was set aside.
+    /// Replaces each record that was set aside by one that names the loss.
     pub(super) fn begin_records_anew(&self, found: &Findings) -> Result<(), Error> {
         let Some(aside) = &found.aside else { return Ok(()) };
         for finding in found.findings.iter().filter(|finding| is_record(finding)) {
@@ -150,13 +151,13 @@ impl Store {
     }
 }
 
-/// True for a record of verdicts that is damaged.
+/// Whether the finding is a damaged record of verdicts.
 pub fn is_record(finding: &Finding) -> bool {
     let is_json = finding.path.extension().is_some_and(|ending| ending == "json");
     finding.fault == Fault::Damaged && is_json && finding.path.parent() == Some(Path::new(LOOKS))
 }
 
-/// Where the record of a study lies, inside the store. A confirmation is named after its study, with a slash between.
+/// Path of a study's record inside the store. A confirmation is named after its study, with a slash between.
 fn file_of(study: &str) -> PathBuf {
     Path::new(LOOKS).join(format!("{}.json", study.replace('/', "+")))
 }
@@ -176,7 +177,7 @@ fn parse(text: &[u8], path: &Path) -> Result<SeenVerdicts, Error> {
         schema: u32,
     }
     let Some(object) = seal::unsealed(text) else {
-        // That of an earlier program has no check, and says nothing of its form.
+        // A record of an earlier program has no check, and no version.
         let seen = serde_json::from_slice(text).ok();
         let earlier = seen.filter(|seen: &SeenVerdicts| seen.schema.is_none());
         return earlier
@@ -246,7 +247,7 @@ mod tests {
         assert!(problem.is_some() && begun.verdicts.is_empty());
         let aside = begun.lost.clone().unwrap();
         assert_eq!(fs::read(folder.path().join(&aside)).unwrap(), bytes);
-        // Whoever reads it later learns the same, also after it was taken into another store.
+        // A later reader learns the same, also after the record was taken into another store.
         assert_eq!(store.seen_or_begun("study").unwrap(), (begun.clone(), None));
         let mut other = seen();
         other.extend(begun);

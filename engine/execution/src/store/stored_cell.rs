@@ -10,33 +10,33 @@ pub struct StoredCell {
     pub key: TrialKey,
     /// The seeds of all of them.
     pub seeds: BTreeSet<u64>,
-    /// How long those took that ended well.
+    /// Time of the trials that ended well.
     pub took: Took,
 }
 
-/// How long some trials took.
+/// Computing time of some trials.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Took {
-    /// How many.
+    /// Number of trials.
     pub trials: u32,
-    /// Their seconds, in sum.
+    /// Sum of their seconds.
     pub wall_s: f64,
 }
 
 impl Took {
-    /// One trial that took this many seconds.
+    /// The time of one trial, in seconds.
     #[must_use]
     pub fn once(wall_s: f64) -> Self {
         Self { trials: 1, wall_s }
     }
 
-    /// Adds others.
+    /// Adds the time of other trials.
     pub fn add(&mut self, others: Self) {
         self.trials += others.trials;
         self.wall_s += others.wall_s;
     }
 
-    /// Seconds of one trial in the mean; `None` where there is none.
+    /// Mean seconds of a trial; `None` where there is none.
     #[must_use]
     pub fn mean_s(self) -> Option<f64> {
         (self.trials > 0).then(|| self.wall_s / f64::from(self.trials))

@@ -7,7 +7,7 @@ use contract::{
 };
 use serde_json::json;
 
-/// A trial of an environment with so many cells.
+/// A trial of an environment with `cells` cells.
 pub(super) fn trial(cells: u32, seed: u64) -> Trial {
     let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
     let key = TrialKey {

@@ -1,13 +1,13 @@
 //! Digests of the values in a trial's tables. A result is the same where its values are, so that a library or a codec
-//! may change without changing what a trial is. The bytes of a file are held against the hash in `trial.json`.
+//! may change without changing a trial. The bytes of a file are held against the hash in `trial.json`.
 
 use super::{METRICS, Store, TrialFile, inside::read_in};
 use contract::{parquet::values_digest, trial_end::EndState};
 use std::collections::BTreeMap;
 
 impl Store {
-    /// Digests of the values in the tables that a trial left, by path inside its folder, from the files themselves.
-    /// A file that cannot be read has none: damage is told where its bytes are held against their hash.
+    /// Digests of the values in the tables of a trial, by path inside its folder, from the files themselves.
+    /// A file that cannot be read has none: its bytes are held against their hash elsewhere.
     pub(super) fn values_of(&self, file: &TrialFile) -> BTreeMap<String, String> {
         let id = file.key.id();
         let folder = self.folder(&id);

@@ -1,4 +1,5 @@
-//! Computing stored trials again: which ones, in which order, whether this program can, and the receipt.
+//! Recomputation of stored trials: the choice and order of trials, whether this program can compute them, and
+//! the receipt.
 
 mod receipt;
 
@@ -15,9 +16,9 @@ use std::{
     sync::Arc,
 };
 
-/// Ids of `size` of the trials, all of them where it is absent or larger. What is chosen depends on the seed and
-/// on the ids alone: each id gets a number from both, and the smallest numbers are taken, so that a larger sample
-/// contains a smaller one.
+/// Ids of `size` of the trials, all of them where it is absent or larger. The choice depends on the seed and
+/// on the ids alone: each id gets a number from both, and the smallest numbers are taken, so that a larger
+/// sample contains a smaller one.
 #[must_use]
 pub fn sample<'a>(ids: &BTreeSet<&'a str>, size: Option<usize>, seed: u64) -> BTreeSet<&'a str> {
     let number = |id: &str| *blake3::hash(format!("verify {seed} {id}").as_bytes()).as_bytes();
@@ -27,8 +28,8 @@ pub fn sample<'a>(ids: &BTreeSet<&'a str>, size: Option<usize>, seed: u64) -> BT
     drawn.into_iter().collect()
 }
 
-/// The trials in rounds: none takes from another one of its own round, so that each is computed from what is
-/// stored and not from what was just computed. Places in `trials`.
+/// The trials in rounds: none takes from another one of its own round, so that each is computed from stored
+/// artifacts and not from those that were just computed. Places in `trials`.
 #[must_use]
 pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
     let mut left: BTreeMap<&str, usize> = trials
@@ -57,7 +58,7 @@ pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
     rounds
 }
 
-/// Why this program would not come to the same numbers, although they may be right; `None` where it has to.
+/// Reason why this program may not come to the same numbers; `None` where it has to.
 #[must_use]
 pub fn cannot(key: &TrialKey, registry: &Registry) -> Option<String> {
     let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
@@ -152,7 +153,7 @@ mod tests {
             let chosen = sample(&ids, Some(size), seed);
             prop_assert_eq!(chosen.len(), size.min(20));
             prop_assert!(chosen.is_subset(&sample(&ids, Some(size + 1), seed)));
-            // What is not chosen has no part in the choice.
+            // An id that is not chosen has no part in the choice.
             let mut fewer = ids.clone();
             fewer.retain(|id| chosen.contains(id) || id.len() > 1);
             let among_fewer = sample(&fewer, Some(size), seed);

@@ -1,29 +1,29 @@
-//! What came of computing stored trials again.
+//! Receipt of a recomputation of stored trials.
 
 use crate::store::{Difference, Fingerprint};
 use contract::Build;
 use serde::Serialize;
 use std::{fmt::Write, path::PathBuf};
 
-/// Lines about trials that nobody computed again, at most this many of each kind.
+/// Most lines of each kind about trials that were not computed again.
 const MOST_LINES: usize = 20;
 
-/// What was computed again, by which program, and what came of it.
+/// The trials that were computed again, the program, and the outcomes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Receipt {
     /// Version of this form.
     pub schema: u32,
     /// The program that computed the trials again.
     pub program: String,
-    /// The source code that it was built from, where it knows.
+    /// Source code of that program, where it is known.
     pub build: Option<Build>,
-    /// The store.
+    /// Folder of the store.
     pub store: PathBuf,
     /// Names of the studies; empty where it was the whole store.
     pub studies: Vec<String>,
-    /// How many trials could have been computed again.
+    /// Number of trials that could have been computed again.
     pub eligible: usize,
-    /// How many were asked for; all where absent.
+    /// Size of the sample that was asked for; all trials where absent.
     pub sample: Option<usize>,
     /// The seed of the sample.
     pub seed: u64,
@@ -31,14 +31,14 @@ pub struct Receipt {
     pub missing: usize,
     /// Trials that did not end `ok`: there is nothing to compare.
     pub not_ok: usize,
-    /// A line per trial.
+    /// One entry per trial.
     pub trials: Vec<Entry>,
 }
 
-/// One trial.
+/// Outcome of one trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Entry {
-    /// Its id.
+    /// Id of the trial.
     pub trial: String,
     /// Name of the environment.
     pub environment: String,
@@ -48,45 +48,45 @@ pub struct Entry {
     pub setting: String,
     /// The replicate.
     pub seed: u64,
-    /// What is stored; `None` where that cannot be read.
+    /// Fingerprint of the stored trial; `None` where it cannot be read.
     pub stored: Option<Fingerprint>,
-    /// What was computed now; `None` where nothing was.
+    /// Fingerprint of the new computation; `None` where there was none.
     pub now: Option<Fingerprint>,
-    /// What came of it.
+    /// Result of the comparison.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
 
-/// What came of a trial.
+/// Result of the comparison of a trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "snake_case")]
 pub enum Outcome {
-    /// The same bytes.
+    /// Both have the same bytes.
     Same,
-    /// Other bytes.
+    /// The bytes differ.
     Different {
-        /// What differs: stored first, computed now second.
+        /// The differences: stored first, computed now second.
         differences: Vec<Difference>,
     },
-    /// What is stored is not what was acknowledged.
+    /// The stored files differ from the acknowledged ones.
     Damaged {
-        /// What is wrong with it.
+        /// The fault.
         problem: String,
     },
-    /// It was not computed to its end.
+    /// The trial was not computed to its end.
     NotComputed {
-        /// Why.
+        /// The reason.
         problem: String,
     },
-    /// This program is another one than the trial's.
+    /// This program differs from that of the trial.
     CannotVerify {
-        /// In what.
+        /// The difference.
         problem: String,
     },
 }
 
 impl Outcome {
-    /// The word that is shown.
+    /// Name of the outcome, as it is shown.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -100,7 +100,7 @@ impl Outcome {
 }
 
 impl Entry {
-    /// Draws the conclusion from what is stored and what was computed now.
+    /// The outcome for a stored trial and its new computation.
     #[must_use]
     pub fn compared(self, now: Fingerprint) -> Self {
         let differences = self
@@ -146,7 +146,7 @@ impl Entry {
 }
 
 impl Receipt {
-    /// How many trials an outcome has.
+    /// Number of trials with an outcome.
     #[must_use]
     pub fn count(&self, is: impl Fn(&Outcome) -> bool) -> usize {
         self.trials.iter().filter(|entry| is(&entry.outcome)).count()
@@ -191,7 +191,7 @@ impl Receipt {
         )
     }
 
-    /// Lines about trials of which nothing was computed.
+    /// Writes lines about trials without a new computation.
     fn unknown(&self, word: &str, out: &mut String) {
         let all: Vec<&Entry> = self
             .trials

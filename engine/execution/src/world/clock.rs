@@ -1,4 +1,4 @@
-//! Clocks. What they say decides when something is done and is told to people; it reaches no result.
+//! Clocks. Their times decide when a step is done, and are shown to people; they reach no result.
 
 #![expect(
     clippy::disallowed_methods,
@@ -18,7 +18,7 @@ pub fn date() -> SystemTime {
     SystemTime::now()
 }
 
-/// Waits.
+/// Suspends this thread for a duration.
 pub fn sleep(wait: Duration) {
     #[cfg(test)]
     if super::simulated::sleep(wait) {

@@ -1,7 +1,7 @@
 //! Files and folders.
 //!
-//! The calls are those of the standard library, by their names, and what a path alone can be asked stands beside
-//! them, because a method of a path would go past a simulated disk.
+//! The calls are those of the standard library, by their names. Questions that a method of a path answers
+//! stand beside them, because such a method would bypass a simulated disk.
 
 #[cfg(test)]
 pub use super::simulated::files::{
@@ -18,7 +18,7 @@ pub use std::fs::{
 
 use std::path::{Component, Path};
 
-/// True for a name that leads to no place outside the folder from which it is seen, where no link stands in it.
+/// Whether a name leads to no place outside the folder from which it is seen, where no link stands in it.
 pub fn is_inside(name: &Path) -> bool {
     name.components().all(|part| matches!(part, Component::Normal(_)))
 }
@@ -32,27 +32,27 @@ pub fn make_private(path: &Path) -> std::io::Result<()> {
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))
 }
 
-/// True where something is there; a link is followed.
+/// Whether a path leads to an entry; links are followed.
 pub fn exists(path: &Path) -> bool {
     metadata(path).is_ok()
 }
 
-/// True where something is there, be it a link that leads nowhere.
+/// Whether a path has an entry, be it a link that leads nowhere.
 pub fn is_taken(path: &Path) -> bool {
     symlink_metadata(path).is_ok()
 }
 
-/// True where two paths lead to the same file or folder.
+/// Whether two paths lead to the same file or folder.
 pub fn is_same(one: &Path, other: &Path) -> bool {
     canonicalize(one).is_ok_and(|one| canonicalize(other).is_ok_and(|other| one == other))
 }
 
-/// File systems that no other machine looks into, by their names in the table of mounts.
+/// File systems that no other machine can see, by their names in the table of mounts.
 const OF_ONE_MACHINE: [&str; 11] = [
     "bcachefs", "btrfs", "ext2", "ext3", "ext4", "f2fs", "overlay", "ramfs", "tmpfs", "xfs", "zfs",
 ];
 
-/// True where a path lies on a file system of this machine alone; false where that is not known.
+/// Whether a path lies on a file system of this machine alone; false where that is not known.
 pub fn is_of_this_machine(path: &Path) -> bool {
     let (Ok(path), Ok(mounts)) = (canonicalize(path), read_to_string("/proc/self/mountinfo")) else {
         return false;
@@ -82,12 +82,12 @@ fn kind_of_mount<'a>(mounts: &'a str, path: &Path) -> Option<&'a str> {
         .map(|(_, kind)| kind)
 }
 
-/// True for a file; a link is followed.
+/// Whether a path leads to a file; links are followed.
 pub fn is_file(path: &Path) -> bool {
     metadata(path).is_ok_and(|data| data.is_file())
 }
 
-/// True for a folder; a link is followed.
+/// Whether a path leads to a folder; links are followed.
 pub fn is_folder(path: &Path) -> bool {
     metadata(path).is_ok_and(|data| data.is_dir())
 }

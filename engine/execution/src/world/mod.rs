@@ -1,7 +1,7 @@
-//! The machine as the engine sees it: files, clocks, processes, and names that nobody has.
+//! The machine as the engine sees it: files, clocks, processes, and random names.
 //!
-//! Nothing else in the engine names them. A program that people run gets those of the system, without anything in
-//! between; tests of crashes and power losses put a simulated machine in their place.
+//! No other module of the engine names them. A program that people run gets those of the system directly;
+//! tests of crashes and power losses replace them by a simulated machine.
 
 pub mod clock;
 pub mod fs;

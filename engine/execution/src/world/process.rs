@@ -10,23 +10,23 @@ use std::{
 
 pub use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 
-/// Where a process stands: ids of processes mean something only there.
+/// Place of a process: process ids are valid only there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
-    /// Name of the machine.
+    /// Host name of the machine.
     pub host: String,
-    /// Its boot and the process namespace; empty where they are not known.
+    /// Boot id and process namespace; empty where they are not known.
     pub boot: String,
 }
 
-/// What a look at a process id shows.
+/// State of a process, as a probe of its id finds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
-    /// A process that started then, in clock ticks since boot.
+pub enum ProcessState {
+    /// A process with this start time, in clock ticks since boot.
     Started(u64),
-    /// None, or only the remains of one.
+    /// No process, or only the remains of one.
     Gone,
-    /// The system does not say.
+    /// The system does not tell.
     Hidden,
 }
 
@@ -39,7 +39,7 @@ pub fn id() -> u32 {
     std::process::id()
 }
 
-/// Where this process stands.
+/// Place of this process.
 pub fn place() -> Place {
     #[cfg(test)]
     if let Some(place) = super::simulated::place() {
@@ -51,23 +51,26 @@ pub fn place() -> Place {
     }
 }
 
-/// What is seen of a process of this place.
-pub fn look(pid: u32) -> Look {
+/// Probes a process id of this place.
+pub fn look(pid: u32) -> ProcessState {
     #[cfg(test)]
     if let Some(look) = super::simulated::look(pid) {
         return look;
     }
     match fs::read_to_string(format!("/proc/{pid}/stat")) {
-        Ok(stat) => started_ticks(&stat).map_or(Look::Gone, Look::Started),
+        Ok(stat) => started_ticks(&stat).map_or(ProcessState::Gone, ProcessState::Started),
         // The first process always runs: where it cannot be seen, those of other users are hidden too.
-        Err(source) if source.kind() == ErrorKind::NotFound && fs::exists(Path::new("/proc/1")) => Look::Gone,
+        Err(source) if source.kind() == ErrorKind::NotFound && fs::exists(Path::new("/proc/1")) => {
+            ProcessState::Gone
+        }
         // The process ended while its file was read.
-        Err(source) if source.raw_os_error() == Some(NO_SUCH_PROCESS) => Look::Gone,
-        Err(_) => Look::Hidden,
+        Err(source) if source.raw_os_error() == Some(NO_SUCH_PROCESS) => ProcessState::Gone,
+        Err(_) => ProcessState::Hidden,
     }
 }
 
-/// Ends a process that leads a group of its own, with what it started; what cannot be ended is left to itself.
+/// Ends a process that leads a group of its own, with its descendants; a process that cannot be ended is left
+/// to itself.
 pub fn end_group(child: &mut Child) {
     signal_group(child.id(), Signal::Kill);
     let _ = child.kill();
@@ -76,15 +79,15 @@ pub fn end_group(child: &mut Child) {
 /// A signal to a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
-    /// To end, in good order.
+    /// Asks for an orderly end.
     Term,
-    /// A signal that programs are free to use: many save their state.
+    /// A signal for free use: many programs save their state at it.
     Usr1,
-    /// To stand still.
+    /// Stops the process.
     Stop,
-    /// To go on.
+    /// Continues a stopped process.
     Continue,
-    /// To be gone.
+    /// Kills the process.
     Kill,
 }
 
@@ -101,21 +104,21 @@ impl Signal {
     }
 }
 
-/// Sends a signal to a process; one that is gone gets none.
+/// Sends a signal to a process, unless it is gone.
 pub fn signal(pid: u32, signal: Signal) {
     if let Some(pid) = named(pid) {
         let _ = rustix::process::kill_process(pid, signal.of_system());
     }
 }
 
-/// Sends a signal to the group that a process leads; one that is gone gets none.
+/// Sends a signal to the group that a process leads, unless it is gone.
 pub fn signal_group(leader: u32, signal: Signal) {
     if let Some(leader) = named(leader) {
         let _ = rustix::process::kill_process_group(leader, signal.of_system());
     }
 }
 
-/// Processes whose parents are gone become children of this one from now on.
+/// Makes orphaned descendants children of this process from now on.
 ///
 /// # Errors
 /// The error of the system.
@@ -123,8 +126,8 @@ pub fn adopt_orphans() -> std::io::Result<()> {
     rustix::process::set_child_subreaper(named(std::process::id())).map_err(Into::into)
 }
 
-/// This process, and the program that takes its place, is ended when the thread ends that started it. False where that
-/// is over already: `parent` is no longer the parent.
+/// Has this process, and the program that replaces it, ended when the thread ends that started it. False
+/// where that thread is gone already: `parent` is no longer the parent.
 ///
 /// # Errors
 /// The error of the system.
@@ -133,7 +136,7 @@ pub fn die_with(parent: u32) -> std::io::Result<bool> {
     Ok(rustix::process::getppid() == named(parent))
 }
 
-/// Waits for a child, and takes in all others that end meanwhile.
+/// Waits for a child, and reaps all others that end meanwhile.
 ///
 /// # Errors
 /// The error of the system, as where there is no such child.
@@ -160,7 +163,7 @@ fn named(pid: u32) -> Option<rustix::process::Pid> {
     i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw)
 }
 
-/// A number that nobody can guess, for names that nobody else takes; it is in no result.
+/// A random number that cannot be guessed, for unique names; it is in no result.
 #[expect(
     clippy::disallowed_methods,
     reason = "a name that nobody has needs the system's randomness, and is in no result"
@@ -189,9 +192,10 @@ fn boot() -> Option<String> {
     Some(format!("{boot} {}", namespace.display()))
 }
 
-/// When a process started, by its line in `/proc`; `None` for the remains of one.
+/// Start time of a process in clock ticks since boot, from its line in `/proc`; `None` for the remains of
+/// one.
 fn started_ticks(stat: &str) -> Option<u64> {
-    // The name in parentheses may hold anything; the fields after it are numbered from 3.
+    // The name in parentheses may hold any character; the fields after it are numbered from 3.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let gone = matches!(*fields.first()?, "Z" | "X");
     if gone { None } else { fields.get(19)?.parse().ok() }
@@ -203,7 +207,7 @@ mod tests {
 
     #[test]
     fn this_process_runs_and_its_remains_would_not() {
-        assert!(matches!(look(id()), Look::Started(_)));
+        assert!(matches!(look(id()), ProcessState::Started(_)));
         assert_eq!(
             started_ticks("7 (a) b) S 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"),
             Some(4711)

@@ -1,5 +1,5 @@
-//! What HyperQueue is asked, through a small program in Python: its package is what every user can install, and has
-//! client, server and worker.
+//! Client of HyperQueue: a small program in Python asks the server. The Python package is the part that every
+//! user can install; it has client, server and worker.
 
 use super::request::Job;
 use crate::{
@@ -10,37 +10,37 @@ use serde::{Deserialize, de::DeserializeOwned};
 use std::{collections::BTreeMap, ffi::OsStr, path::Path, time::Duration};
 
 const PROGRAM: &str = include_str!("client.py");
-/// Its name in messages.
+/// Name of the client in messages.
 const NAME: &str = "HyperQueue's client";
 
-/// The program, with the time that it may take.
+/// The Python program that talks to the server, with its time limit.
 pub struct Client<'a> {
     /// The interpreter that has the package.
     pub python: &'a str,
-    /// The server's directory; empty for the usual one.
+    /// The server's directory; empty for the default one.
     pub directory: &'a str,
-    /// What an answer may take.
+    /// Longest time until an answer.
     pub limit: Duration,
-    /// Who may end the wait before.
+    /// The wish to stop, which ends a wait before its limit.
     pub stop: &'a Stop,
 }
 
-/// What the server at the directory knows.
+/// Tasks of jobs, as the server at the directory counts them.
 #[derive(Debug, Deserialize)]
 pub struct Counts {
-    /// The server's own name.
+    /// The server's own name, which tells it from a later server at the same directory.
     pub server: String,
-    /// Jobs by their numbers; one that it does not know is absent.
+    /// Jobs by their numbers; a job that the server does not know is absent.
     pub jobs: BTreeMap<u64, Count>,
 }
 
-/// How many tasks of a job have ended.
+/// Ended tasks of a job, by how they ended.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Count {
     total: usize,
     finished: usize,
     failed: usize,
-    /// True where none of them will run any more.
+    /// Whether no task of the job will run any more.
     completed: bool,
 }
 
@@ -72,7 +72,7 @@ enum Answer<T> {
 }
 
 impl Client<'_> {
-    /// Hands over what a request asks for. A request that the server took before is not handed over again.
+    /// Hands over a request. A request that the server took before is not handed over again.
     ///
     /// # Errors
     /// [`Error::Refused`] where there is no package, no server, or a server that says no; [`Error::Busy`] or
@@ -81,7 +81,7 @@ impl Client<'_> {
         self.call("submit", request.as_os_str())
     }
 
-    /// How many tasks of these jobs have ended.
+    /// Counts of ended tasks of these jobs.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
@@ -115,7 +115,7 @@ fn no_python(python: &str, source: &std::io::Error) -> Error {
     }
 }
 
-/// Python or the package ended in the middle.
+/// The answer of a client that ended half-way.
 fn unreadable(out: &str, err: &[u8]) -> Error {
     let err = String::from_utf8_lossy(err);
     let mut lines = err.lines().chain(out.lines());

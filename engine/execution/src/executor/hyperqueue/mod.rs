@@ -4,7 +4,8 @@
 //! The client of its package hands over and counts; it neither lists jobs by name nor cancels them. So the number that
 //! the server gave lies beside the record, with the server's own name, since a server without a journal begins again
 //! at 1. Tasks find out themselves that they are cancelled: a worker that belongs to a submission reads its
-//! record, does not begin where nobody waits for it any more, and leaves once it is cancelled.
+//! record, does not begin where its trials are no longer waited for, and leaves once the submission is
+//! cancelled.
 
 mod client;
 mod options;
@@ -18,17 +19,17 @@ use request::{Job, Request};
 use serde_json::Value;
 use std::{num::NonZeroUsize, path::Path, time::Duration};
 
-/// Its name in the list of executors.
+/// Name of the executor in the list of executors.
 const NAME: &str = "hyperqueue";
 
 /// HyperQueue, with the options of `[hyperqueue]`.
 #[derive(Debug, Clone, Default)]
 pub struct HyperQueue {
-    /// How workers are asked for.
+    /// The table `[hyperqueue]`.
     pub options: Options,
 }
 
-/// Its entry in the list of executors.
+/// Entry of the executor in the list of executors.
 #[must_use]
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| {
@@ -43,8 +44,8 @@ pub fn kind() -> Kind {
     }
 }
 
-/// A job of a submission, and its place there.
-struct Handed<'a> {
+/// A job of a submission, and the array that it is.
+struct AcceptedJob<'a> {
     submission: &'a Submission,
     array: usize,
     job: Job,
@@ -103,7 +104,7 @@ impl Queue for HyperQueue {
     }
 
     fn options(&self) -> Value {
-        // Options are numbers, words and lists of words, all of which JSON has.
+        // Options are numbers, words and lists of words, and JSON has all of these.
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 
@@ -111,7 +112,7 @@ impl Queue for HyperQueue {
         Ok(self.options.max_tasks())
     }
 
-    /// One count and one submission.
+    /// Time for one count and one submission.
     fn patience(&self) -> Duration {
         self.options.answer() * 2
     }
@@ -120,7 +121,7 @@ impl Queue for HyperQueue {
         self.options.max_tasks()
     }
 
-    /// All that it is given run as soon as there are machines, and those of lost machines are started again.
+    /// HyperQueue runs every task as soon as there are machines, and starts those of lost machines again.
     fn most_tasks(&self) -> usize {
         self.options.max_tasks()
     }
@@ -155,19 +156,20 @@ impl Queue for HyperQueue {
         Ok(self.client(stop).submit(script)?.text())
     }
 
-    /// Nobody is asked: the tasks read the record of their submission, which says so next.
+    /// Nothing is sent to the server: tasks read the record of their submission, which says next that it is
+    /// cancelled.
     fn cancel(&self, _: &str, _: bool, _: &Stop) -> Result<(), Error> {
         Ok(())
     }
 }
 
 /// The jobs that a server took for these submissions.
-fn handed(submissions: &[Submission]) -> Result<Vec<Handed<'_>>, Error> {
+fn handed(submissions: &[Submission]) -> Result<Vec<AcceptedJob<'_>>, Error> {
     let mut all = Vec::new();
     for submission in submissions {
         for array in 0..submission.arrays.len() {
             let job = request::job(submission, array)?;
-            all.extend(job.map(|job| Handed {
+            all.extend(job.map(|job| AcceptedJob {
                 submission,
                 array,
                 job,
@@ -177,8 +179,8 @@ fn handed(submissions: &[Submission]) -> Result<Vec<Handed<'_>>, Error> {
     Ok(all)
 }
 
-/// The tasks of a job that have not ended; those of another server ended with it.
-fn living(handed: &Handed<'_>, counts: &Counts) -> Vec<Task> {
+/// The living tasks of a job; the tasks of another server ended with it.
+fn living(handed: &AcceptedJob<'_>, counts: &Counts) -> Vec<Task> {
     let known = counts.jobs.get(&handed.job.job);
     let Some(count) = known.filter(|_| handed.job.server == counts.server) else {
         return Vec::new();
@@ -194,7 +196,8 @@ fn living(handed: &Handed<'_>, counts: &Counts) -> Vec<Task> {
     states(*count, begun).map(task).collect()
 }
 
-/// The states of living tasks. The client does not tell which of them run: those that run have begun and not ended.
+/// States of living tasks. The client does not tell which of them run: running tasks have begun and not
+/// ended.
 fn states(count: Count, begun: usize) -> impl Iterator<Item = &'static str> {
     let running = begun.saturating_sub(count.ended());
     (0..count.alive()).map(move |place| if place < running { "RUNNING" } else { "PENDING" })

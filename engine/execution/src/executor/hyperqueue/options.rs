@@ -1,4 +1,4 @@
-//! How workers are asked for: `[hyperqueue]` in `regimen.toml`.
+//! Options of the executor `hyperqueue`: the table `[hyperqueue]` in `regimen.toml`.
 
 use crate::executor::{Error, four_each};
 use schemars::JsonSchema;
@@ -39,7 +39,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// The server's directory; empty for the usual one.
+    /// The server's directory; empty for the default one.
     #[must_use]
     pub fn directory(&self) -> &str {
         self.server_dir.as_deref().unwrap_or_default()
@@ -76,19 +76,19 @@ impl Options {
         self.resubmissions.unwrap_or(20)
     }
 
-    /// Seconds between two questions.
+    /// Seconds between two questions to the server.
     #[must_use]
     pub fn poll_s(&self) -> f64 {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
     }
 
-    /// How long an answer may take.
+    /// Longest time until an answer.
     #[must_use]
     pub fn answer(&self) -> Duration {
         Duration::from_secs(self.answer_s.map_or(60, NonZeroU32::get).into())
     }
 
-    /// Refuses what would mean something else in another folder, or nothing at all.
+    /// Refuses values that would mean something else in another folder, or nothing at all.
     ///
     /// # Errors
     /// [`Error::Option`] with the key.

@@ -1,4 +1,4 @@
-//! What is handed over for an array: the tasks of one job, and where the job is noted.
+//! The request for one array: the tasks of its job, and the file in which the job is recorded.
 
 use super::Options;
 use crate::{
@@ -16,21 +16,21 @@ use std::{
 /// The tasks of one job, which are all alike.
 #[derive(Debug, Serialize)]
 pub struct Request {
-    /// The name that the job carries.
+    /// Name that the job carries.
     name: String,
-    /// How many tasks.
+    /// Number of tasks.
     tasks: usize,
-    /// Cores of each.
+    /// Cores of each task.
     cpus: usize,
-    /// Graphics cards of each.
+    /// Graphics cards of each task.
     gpus: usize,
-    /// What a worker of HyperQueue must still have of its time, seconds.
+    /// Time in seconds that a worker of HyperQueue must still have when it is given a task.
     min_time_s: Option<u32>,
-    /// The folder that tasks run in.
+    /// Folder in which the tasks run.
     folder: PathBuf,
-    /// What each of them runs.
+    /// Command of each task: a shell and its script.
     command: [String; 3],
-    /// The file in which the job is noted once the server has it.
+    /// File in which the job is recorded once the server has it.
     note: PathBuf,
 }
 
@@ -39,12 +39,12 @@ pub struct Request {
 pub struct Job {
     /// The server's own name.
     pub server: String,
-    /// The job's number there.
+    /// The job's number on that server.
     pub job: u64,
 }
 
 impl Job {
-    /// For people.
+    /// Server and number, for people.
     #[must_use]
     pub fn text(&self) -> String {
         format!("{}@{}", self.job, self.server)
@@ -52,7 +52,7 @@ impl Job {
 }
 
 impl Request {
-    /// What is asked for one array of a submission.
+    /// The request for one array of a submission.
     #[must_use]
     pub fn of(submission: &Submission, array: usize, options: &Options) -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Request {
     }
 }
 
-/// What a task does: HyperQueue starts it again where its worker was lost, and its log goes on then.
+/// Shell script of a task. HyperQueue starts it again where its worker was lost; its log is continued then.
 fn script(submission: &Submission, array: usize, options: &Options) -> String {
     let log = submission.folder().join(log_name(array));
     let mut lines = vec![format!(
@@ -93,7 +93,7 @@ fn note(submission: &Submission, array: usize) -> PathBuf {
     submission.folder().join(format!("array-{array}.job"))
 }
 
-/// The job of an array, where a server took it.
+/// The job of an array; `None` where no server took it.
 ///
 /// # Errors
 /// Where the note cannot be read.
@@ -108,7 +108,7 @@ pub fn job(submission: &Submission, array: usize) -> Result<Option<Job>, Error> 
         .transpose()
 }
 
-/// How many tasks of an array have begun: each has a log.
+/// Number of tasks of an array that have begun: each has a log.
 #[must_use]
 pub fn begun(submission: &Submission, array: usize) -> usize {
     let name = log_name(array);

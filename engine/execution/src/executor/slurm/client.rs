@@ -1,4 +1,4 @@
-//! Slurm's commands: what they are asked, and what their answers mean.
+//! Slurm's commands: their arguments, and the meaning of their answers.
 
 use crate::{
     executor::{Error, Stop, Task, answer::ask},
@@ -20,16 +20,16 @@ const ENDED: [&str; 10] = [
     "TIMEOUT",
 ];
 
-/// Reasons of waiting tasks that tell nobody anything: none, and that enough of the same array run.
+/// Reasons of waiting tasks that are not shown: none, and that enough of the same array run.
 const SILENT: [&str; 3] = ["", "None", "JobArrayTaskLimit"];
 
-/// The commands, each with the time that it may take.
+/// The commands of Slurm, with their time limits.
 pub struct Client<'a> {
-    /// What a question may take.
+    /// Longest time until a question is answered.
     pub answer: Duration,
-    /// What a submission may take.
+    /// Longest time until a submission is answered.
     pub submit: Duration,
-    /// Who may end the wait before.
+    /// The wish to stop, which ends a wait before its limit.
     pub stop: &'a Stop,
 }
 
@@ -158,8 +158,8 @@ fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
 fn command<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Command {
     let mut command = Command::new(program);
     command.args(arguments);
-    // These variables stand for options: they would hide jobs from us or take them the name that we find them
-    // by.
+    // These variables stand for options: they would hide our jobs, or replace the name by which they are
+    // found.
     let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
     for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(ours)) {
         command.env_remove(name);
@@ -175,7 +175,7 @@ fn command<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Command {
     command
 }
 
-/// What a command's complaint means for those who want an answer.
+/// The error for the complaint of a command.
 fn complaint(program: &'static str, said: &str) -> Error {
     const PASSING: [&str; 12] = [
         "unexpected message received",

@@ -11,19 +11,19 @@ use client::Client;
 use serde_json::Value;
 use std::{num::NonZeroUsize, path::Path, time::Duration};
 
-/// Its name in the list of executors.
+/// Name of the executor in the list of executors.
 const NAME: &str = "slurm";
-/// `MaxArraySize` where nobody changed it.
+/// Slurm's default of `MaxArraySize`.
 const USUAL_MAX_ARRAY_SIZE: usize = 1001;
 
 /// Slurm, with the options of `[slurm]`.
 #[derive(Debug, Clone, Default)]
 pub struct Slurm {
-    /// How workers are asked for.
+    /// The table `[slurm]`.
     pub options: Options,
 }
 
-/// Its entry in the list of executors.
+/// Entry of the executor in the list of executors.
 #[must_use]
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| {
@@ -88,7 +88,7 @@ impl Queue for Slurm {
     }
 
     fn options(&self) -> Value {
-        // Options are numbers, words and lists of words, all of which JSON has.
+        // Options are numbers, words and lists of words, and JSON has all of these.
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 
@@ -99,7 +99,7 @@ impl Queue for Slurm {
             .unwrap_or(USUAL_MAX_ARRAY_SIZE))
     }
 
-    /// One look at the queue, one at the configuration and one submission.
+    /// Time for one question to the queue, one to the configuration and one submission.
     fn patience(&self) -> Duration {
         self.options.answer() * 2 + self.options.submit()
     }

@@ -1,4 +1,4 @@
-//! How workers are asked for: `[slurm]` in `regimen.toml`.
+//! Options of the executor `slurm`: the table `[slurm]` in `regimen.toml`.
 
 use crate::executor::{Error, four_each};
 use schemars::JsonSchema;
@@ -48,7 +48,7 @@ pub struct Options {
     pub setup: Option<Vec<String>>,
 }
 
-/// What the submission itself says to `sbatch`: identity, size and where logs go.
+/// Arguments of `sbatch` that the submission sets itself: identity, size and where logs go.
 const OURS: [&str; 13] = [
     "--job-name",
     "-J",
@@ -107,19 +107,19 @@ impl Options {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
     }
 
-    /// How long a question may take.
+    /// Longest time until a question is answered.
     #[must_use]
     pub fn answer(&self) -> Duration {
         seconds(self.answer_s, 60)
     }
 
-    /// How long a submission may take.
+    /// Longest time until a submission is answered.
     #[must_use]
     pub fn submit(&self) -> Duration {
         seconds(self.submit_s, 300)
     }
 
-    /// Refuses what Slurm would misread.
+    /// Refuses values that Slurm would misread.
     ///
     /// # Errors
     /// [`Error::Option`] with the key.

@@ -1,4 +1,4 @@
-//! What `sbatch` is given: the script of each array.
+//! The script of each array, which `sbatch` reads.
 
 use super::Options;
 use crate::executor::{Array, Submission, quoted};

@@ -1,10 +1,10 @@
-//! The same with a batch system in between: two programs hand tasks over and wait, the tasks are workers on machines
-//! of their own. The batch system keeps what it took whatever becomes of the others; it may be busy, and may take a
-//! job and give no answer. Beside what holds without it:
+//! The same with a batch system in between: two programs hand tasks over and wait, the tasks are workers on
+//! machines of their own. The batch system keeps its jobs whatever becomes of the others; it may be busy, and
+//! may take a job and give no answer. Two more properties hold:
 //!
-//! 1. No task lives whose job has no record in the store.
-//! 2. Together, those who wait hand over no more tasks than trials are missing, unless one of them sees an old list of
-//!    records or was halted between its look and what it did then.
+//! 1. No task lives without a record of its job in the store.
+//! 2. Together, the waiting programs hand over no more tasks than trials are missing, unless one of them sees
+//!    an old list of records or was halted between its look and its submission.
 //!
 //! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
 
@@ -32,11 +32,11 @@ use std::{
 const HOSTS: [usize; 4] = [0, 1, 2, 3];
 const WAITING: usize = 2;
 
-/// A batch system that nothing happens to.
+/// A batch system without faults of its own.
 #[derive(Default)]
 struct Batch {
     jobs: Mutex<Vec<Job>>,
-    /// The most tasks that may live at a time; `None` where more are no fault.
+    /// Largest number of living tasks; `None` where more are allowed.
     most: Option<usize>,
 }
 
@@ -48,13 +48,13 @@ struct Job {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
     Waits,
-    /// By the process with this id.
+    /// Running in the process with this id.
     Runs(u32),
     Over,
 }
 
 impl State {
-    /// A task whose machine lost it is over.
+    /// Whether the task still lives: a task that its machine lost is over.
     fn is_alive(self) -> bool {
         match self {
             State::Waits => true,
@@ -86,7 +86,7 @@ impl Batch {
         jobs.len().to_string()
     }
 
-    /// A task that waits, by its places; it is this process's then.
+    /// Takes a waiting task for this process, and returns the places of its job and of the task.
     fn begin(&self) -> Option<(usize, usize)> {
         let me = process::id();
         let mut jobs = self.lock();
@@ -99,7 +99,7 @@ impl Batch {
         None
     }
 
-    /// The names of jobs of which a task lives.
+    /// Names of the jobs with a living task.
     fn alive(&self) -> BTreeSet<String> {
         let jobs = self.lock();
         let alive = jobs
@@ -201,7 +201,7 @@ fn busy() -> Error {
     Error::Busy { program, said }
 }
 
-/// Everything that the processes of one seed have.
+/// State that all processes of one seed share.
 struct Site {
     bench: Bench,
     batch: Batch,
@@ -230,7 +230,7 @@ impl Site {
         }
     }
 
-    /// Whatever happened: who lives in the queue is known in the store.
+    /// Asserts that every job with a living task in the queue has its record in the store.
     fn has_records(&self) {
         for name in self.batch.alive() {
             let id = name.trim_start_matches("regimen-");
@@ -243,7 +243,7 @@ impl Site {
         }
     }
 
-    /// A program that hands over what is missing and waits; true where it saw the end.
+    /// Runs a program that hands the missing trials over and waits; true where it saw the end.
     fn wait(&self) -> bool {
         let ids = self.bench.trials.iter().map(|trial| trial.id.clone());
         let work = Work {
@@ -260,7 +260,7 @@ impl Site {
             trials: ids.collect(),
             stop: Stop::default(),
         };
-        let mut watch = Waiting { bench: &self.bench };
+        let mut watch = WaitingProgram { bench: &self.bench };
         let missing = watch.missing();
         if missing.is_empty() {
             return true;
@@ -270,15 +270,15 @@ impl Site {
         matches!(followed, Ok(Outcome::Ended))
     }
 
-    /// A machine that runs one task after the other until nothing is missing.
+    /// Runs one task after the other on a machine until no trial is missing.
     fn serve(&self, place: usize) -> bool {
         let store = Store::at("/store");
-        while !(Waiting { bench: &self.bench }).missing().is_empty() {
+        while !(WaitingProgram { bench: &self.bench }).missing().is_empty() {
             let Some((job, task)) = self.batch.begin() else {
                 clock::sleep(Duration::from_secs(5));
                 continue;
             };
-            // A worker that fails is a task that is over; who waits hands over another one.
+            // A worker that fails is a task that is over; the waiting program hands over another one.
             let _ = self.bench.attempt(place, &store);
             self.batch.lock()[job].tasks[task] = State::Over;
         }
@@ -286,15 +286,15 @@ impl Site {
     }
 }
 
-struct Waiting<'a> {
+struct WaitingProgram<'a> {
     bench: &'a Bench,
 }
 
-impl Watch for Waiting<'_> {
+impl Watch for WaitingProgram<'_> {
     fn missing(&mut self) -> BTreeSet<String> {
         let store = Store::at("/store");
         let ids = self.bench.trials.iter().map(|trial| &trial.id);
-        // What cannot be read in this moment counts as missing.
+        // A trial that cannot be read in this moment counts as missing.
         ids.filter(|id| store.end(id).map_or(true, |end| is_missing(end.as_ref())))
             .cloned()
             .collect()
@@ -323,7 +323,7 @@ fn what_was_handed_over_is_computed_whatever_happens() {
         assert!(outcome.is_ok(), "{trace}\n{outcome:?}");
         return;
     }
-    // Those who wait look again and again: a seed takes some ten times as long as without them.
+    // Waiting programs look again and again: a seed takes some ten times as long as without them.
     let failed = (0..seeds() / 10).into_par_iter().find_map_first(|seed| {
         let (_, outcome) = simulate(seed, |_| ());
         outcome

@@ -1,4 +1,4 @@
-//! What was promised: it has to hold whatever happens.
+//! The ledger of promises: each has to hold whatever happens.
 
 use crate::{store::Store, world::simulated::quietly};
 use contract::{
@@ -24,15 +24,16 @@ pub struct Ledger {
 
 #[derive(Default)]
 struct Promises {
-    /// How trials ended.
+    /// End of each trial, by its id.
     ended: BTreeMap<String, TrialEnd>,
-    /// The steps up to which trials were measured that have paused.
+    /// Steps up to which paused trials were measured, by their ids.
     paused: BTreeMap<String, u64>,
-    /// How many steps of a trial were saved.
+    /// Number of saved steps of each trial.
     saved: BTreeMap<String, u64>,
-    /// Trials that two processes may have run at a time: each of them may go back behind what the other one saved.
+    /// Trials that two processes may have run at a time: each of them may go back behind the other one's
+    /// checkpoint.
     shared: BTreeSet<String>,
-    /// Who runs a trial: the place of the process, its id, and when it last said that it lives.
+    /// Processes that run a trial: the place of each, its id, and the time of its last renewal.
     runs: BTreeMap<String, Vec<Runner>>,
     /// Trials whose run has just begun.
     begun: BTreeSet<String>,
@@ -46,17 +47,17 @@ struct Runner {
     heard: Duration,
 }
 
-/// What is known of the process that asks.
+/// State of the process that asks.
 #[derive(Clone, Copy)]
-pub struct Who {
+pub struct ProcessStatus {
     pub place: usize,
     pub pid: u32,
     pub host: usize,
     /// The date by the clock of the disk.
     pub now: Duration,
-    /// When it renewed its leases last, by that clock.
+    /// Time of the last renewal of its leases, by that clock.
     pub renewed: Duration,
-    /// Whether the lease of the trial that it runs is its own now.
+    /// Whether it holds the lease of its trial now.
     pub has_lease: bool,
 }
 
@@ -67,10 +68,16 @@ impl Ledger {
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// A process begins to run a trial. `lives` says whether a process runs.
-    pub fn begins(self: &Arc<Self>, trial: &str, who: Who, expiry: Duration, lives: impl Fn(u32) -> bool) {
+    /// Records that a process begins to run a trial. `lives` says whether a process runs.
+    pub fn begins(
+        self: &Arc<Self>,
+        trial: &str,
+        who: ProcessStatus,
+        expiry: Duration,
+        lives: impl Fn(u32) -> bool,
+    ) {
         let mut promises = self.lock();
-        // A process that was halted after it took the lease may have lost it, and everything with it.
+        // A process that was halted after it took the lease may have lost the lease and all its state.
         assert!(
             !who.has_lease || !promises.ended.contains_key(trial),
             "{trial} has ended and runs again"
@@ -101,8 +108,9 @@ impl Ledger {
         TRIAL.with(|this| *this.borrow_mut() = Some((Arc::clone(self), trial.into())));
     }
 
-    /// A process has renewed its leases. One that lost the lease while it was halted renews nothing by it.
-    pub fn hears(&self, who: Who) {
+    /// Records that a process has renewed its leases. A process that lost its lease while it was halted
+    /// renews none by it.
+    pub fn hears(&self, who: ProcessStatus) {
         if !who.has_lease {
             return;
         }
@@ -113,7 +121,7 @@ impl Ledger {
             .for_each(|other| other.heard = who.now);
     }
 
-    /// A process says that it runs a trial no more.
+    /// Records that a process runs a trial no more.
     pub fn leaves(&self, trial: &str, pid: u32) {
         if let Some(runs) = self.lock().runs.get_mut(trial) {
             runs.retain(|other| other.pid != pid);
@@ -125,7 +133,7 @@ impl Ledger {
         self.lock().broken.clone()
     }
 
-    /// A process was told that a trial has ended.
+    /// Records that a process was told the end of a trial.
     pub fn ends(&self, trial: &str, end: &TrialEnd) {
         let mut promises = self.lock();
         let known = promises.ended.entry(trial.into()).or_insert_with(|| end.clone());
@@ -136,19 +144,19 @@ impl Ledger {
         );
     }
 
-    /// A process was told that a trial has come to its pause.
+    /// Records that a process was told the pause of a trial.
     pub fn pauses(&self, trial: &str, step: u64) {
         let mut promises = self.lock();
         let known = promises.paused.entry(trial.into()).or_default();
         *known = step.max(*known);
     }
 
-    /// A trial is to run from its beginning again.
+    /// Records that a trial is to run from its beginning again.
     pub fn begins_anew(&self, trial: &str) {
         self.lock().saved.remove(trial);
     }
 
-    /// A trial goes on with so many steps behind it.
+    /// Asserts that a trial continues from a saved step.
     pub fn goes_on(&self, trial: &str, steps: u64) {
         let mut promises = self.lock();
         let saved = promises.saved.get(trial).copied().unwrap_or(0);
@@ -168,7 +176,7 @@ impl Ledger {
         });
     }
 
-    /// Whether all that was promised is in the store, whole.
+    /// Asserts that every promised trial is in the store, whole.
     pub fn holds(&self, store: &Store, trials: &[Trial]) {
         let ended = self.lock().ended.clone();
         for (id, end) in ended {

@@ -1,6 +1,7 @@
-//! The same with a search that pauses its trials: programs on one or several machines take it as far as the store says,
-//! run what it asks for, and try again what failed through no fault of its own. Beside what holds without it,
-//! each of them comes to the choice that a single one comes to where nothing goes wrong.
+//! The same with a search that pauses its trials: programs on one or several machines advance it as far as
+//! the stored trials allow, run the trials that it asks for, and try failed ones again where the failure was
+//! not their own. One more property holds: each program comes to the choice of a single program without
+//! faults.
 //!
 //! `REGIMEN_SIM_SEARCH=<seed>` runs one seed alone.
 
@@ -32,14 +33,14 @@ use std::{
     time::Duration,
 };
 
-/// What is chosen, and where each setting pauses.
+/// The chosen setting, and the step at which each setting pauses.
 type Choice = (Option<usize>, Vec<Option<u64>>);
 
-/// Everything that the processes of one seed have.
+/// State that all processes of one seed share.
 struct Site {
     bench: Bench,
     search: Search,
-    /// What was chosen, by each process that came to an end.
+    /// Choices of the processes that came to an end.
     chosen: Mutex<Vec<Choice>>,
 }
 
@@ -104,7 +105,7 @@ impl Site {
         }
     }
 
-    /// How far the search is by what is stored.
+    /// Progress of the search by the stored trials.
     fn grown(&self, store: &Store) -> Result<Progress, Error> {
         let mut results = Vec::new();
         for trial in &self.bench.trials {
@@ -135,7 +136,7 @@ impl Site {
         }
     }
 
-    /// One program that runs what the search asks for; true where it has chosen.
+    /// Runs the trials that the search asks for; true where it has chosen.
     fn run(&self, place: usize) -> bool {
         let store = Store::at("/store");
         self.bench.ledger.holds(&store, &self.bench.trials);
@@ -173,7 +174,7 @@ impl Site {
         Ok(false)
     }
 
-    /// As the command that runs failed trials again does.
+    /// Tries a failed trial again, as the command does that runs failed trials again.
     fn try_again(&self, id: &str, store: &Store, leases: &Leases) -> Result<(), Error> {
         if leases.claim(id)? != Claim::Mine {
             return Ok(());
@@ -193,7 +194,7 @@ impl Site {
         marked
     }
 
-    /// What is stored alone says what was chosen, and nobody holds anything.
+    /// Asserts that the stored trials alone give the choice, and that no lease is held.
     fn inspect(&self) {
         let store = Store::at("/store");
         self.bench.ledger.holds(&store, &self.bench.trials);
@@ -218,7 +219,7 @@ fn has_paused(store: &Store, id: &str, stop: Option<u64>) -> bool {
     stop.is_some_and(|stop| store.measured_until(id).is_some_and(|step| step >= stop))
 }
 
-/// Runs a seed to its end; what was chosen.
+/// Runs a seed to its end and returns the choices.
 fn simulate(
     faults: Faults,
     seed: u64,

@@ -55,20 +55,20 @@ impl Environment for Throw {
     }
 }
 
-/// Counts how often it learned; it may go on from what another one left.
+/// Counts its learning steps; it may continue from the policy of another one.
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct TallyConfig {
-    /// Where it goes on from.
+    /// Artifact from which it continues.
     from: Option<artifact::Artifact<artifact::Policy>>,
     /// Whether its learning fails in the end.
     fails: bool,
     /// Whether it leaves nothing, so that its trial can be packed.
     leaves_nothing: bool,
-    /// What a search looks for; 0 in other trials.
+    /// The swept value of a search; 0 in other trials.
     #[serde(skip_serializing_if = "is_zero")]
     rate: f64,
-    /// Whether its learning fails now and then, through no fault of its own.
+    /// Whether its learning fails at random, through no fault of its own.
     #[serde(skip_serializing_if = "is_false")]
     falls: bool,
 }
@@ -133,7 +133,7 @@ impl Agent for Tally {
     }
 
     fn learn(&mut self, _: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        // Whatever was saved before this step is promised to stay.
+        // A step that was saved before this one is promised to stay.
         Ledger::of_this_trial(|ledger, trial| ledger.goes_on(trial, self.count));
         self.count += 1;
         if self.fails && self.count == 3 {
@@ -174,7 +174,7 @@ impl Agent for Tally {
         let path = dir.join(Self::POLICY);
         let left = (self.count as f64 + self.began_with).to_string();
         fs::write(&path, &left).map_err(Error::file("write", &path))?;
-        // Datasets lie deeper than anything else that a trial leaves.
+        // Datasets lie deeper than any other artifact of a trial.
         let folder = dir.join("dataset/data");
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let path = folder.join("part.parquet");

@@ -1,13 +1,14 @@
 //! Hosts that are reached with `ssh` and share no folder with this machine.
 //!
-//! Each slot of a run holds a connection to a host. It brings there what a trial takes (the trials that it takes from,
-//! the files that the study names), has it run, brings home what it leaves, holds every file against its hash and
-//! writes it as if it had been computed here, all under the lease that it has in the store of this machine. So a host
-//! keeps nothing that is needed: one that dies costs the trials that it was running, which go back to the others.
+//! Each slot of a run holds a connection to a host. It sends the host the sources of a trial and the files
+//! that the study names, has the trial run, brings its artifacts home, holds every file against its hash and
+//! writes it as if it had been computed here, all under the lease that it has in the store of this machine.
+//! So a host keeps no file that is needed: a host that dies costs the trials that it was running, which go
+//! back to the others.
 //!
-//! | file | what it does |
+//! | file | contents |
 //! |---|---|
-//! | `wire` | what is said over a connection |
+//! | `wire` | the messages of a connection |
 //! | `remote` | the near side: a slot whose trials run on a host |
 //! | `relay` | the far side: the same program, which runs one trial at a time |
 
@@ -39,35 +40,35 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Host {
     name: String,
-    /// Its cores, each with a worker process, and its cards.
+    /// Cores of the host, each with a worker process, and its cards.
     capacity: Capacity,
-    /// The command that runs a line of shell there, without the line.
+    /// Command that runs a line of shell on the host, without the line.
     shell: Vec<OsString>,
-    /// The line that starts the program there.
+    /// Line of shell that starts the program on the host.
     line: String,
-    /// Version and source code of this program.
+    /// Version and source code of this program, which the host's program has to name.
     program: String,
 }
 
 /// The hosts on which a run works; none where it works on this machine.
 #[derive(Debug, Clone, Default)]
 pub struct Hosts {
-    /// They can be worked with.
+    /// The hosts that were reached.
     pub all: Vec<Host>,
-    /// How long one that cannot be reached is looked after again.
+    /// Time for which a host that cannot be reached is tried again.
     pub patience: Duration,
 }
 
-/// The hosts that were found, and those that were not.
+/// The hosts that were reached, and those that were not.
 #[derive(Debug, Clone, Default)]
 pub struct Found {
-    /// They can be worked with.
+    /// The hosts that were reached.
     pub hosts: Hosts,
-    /// Names of the others with the reason.
+    /// Names of the other hosts, each with the reason.
     pub left_out: Vec<(String, String)>,
 }
 
-/// What is always said to `ssh`: nobody is there to answer, and a host that is silent is dead.
+/// Options that every call of `ssh` gets: it may not ask a person, and a silent host counts as dead.
 const ALWAYS: [&str; 4] = [
     "BatchMode=yes",
     "ConnectTimeout=10",
@@ -75,25 +76,25 @@ const ALWAYS: [&str; 4] = [
     "ServerAliveCountMax=3",
 ];
 
-/// How long a host may take to say what it is.
+/// Longest time in which a host answers the first question.
 const LOOKED_AT_WITHIN: Duration = Duration::from_secs(60);
-/// How long the program may be on its way to a host.
+/// Longest time in which the program is copied to a host.
 const BROUGHT_WITHIN: Duration = Duration::from_secs(900);
 
 impl Host {
-    /// Its cores, each with a worker process, and its cards.
+    /// Cores of the host, each with a worker process, and its cards.
     #[must_use]
     pub fn capacity(&self) -> &Capacity {
         &self.capacity
     }
 
-    /// Its name, as `ssh` knows it.
+    /// Name of the host, as `ssh` knows it.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The command that starts the program there.
+    /// Command that starts the program on the host.
     fn relay(&self) -> Command {
         let mut command = Command::new(&self.shell[0]);
         command
@@ -107,11 +108,12 @@ impl Host {
 }
 
 impl Found {
-    /// Reaches every host, brings the program where it is not, and asks how many cores there are. `store` is the store
-    /// of this machine, whose trials have a folder of their own there; `version` says who this program is.
+    /// Reaches every host, copies the program to hosts that lack it, and asks for the number of cores.
+    /// `store` is the store of this machine, whose trials have a folder of their own on each host; `version`
+    /// identifies this program.
     ///
     /// # Errors
-    /// Where this program cannot be read.
+    /// [`Error::File`] where this program cannot be read.
     pub fn reach(
         access: &Access,
         store: &Path,
@@ -122,7 +124,7 @@ impl Found {
         let bytes = File::open(&program).and_then(contract::digest::of_file);
         let digest = bytes.map_err(Error::file("read", &program))?;
         let whose = format!("{} {}", process::place().host, absolute(store).display());
-        let asked = Asked {
+        let asked = HostInquiry {
             access,
             program: &program,
             name: format!("regimen-{}", &digest[..16]),
@@ -154,19 +156,19 @@ impl Found {
     }
 }
 
-/// What every host is asked.
-struct Asked<'a> {
+/// Question that every host is asked.
+struct HostInquiry<'a> {
     access: &'a Access,
     program: &'a Path,
-    /// Name of the program there, by its content.
+    /// File name of the program on a host, by its content.
     name: String,
-    /// Name of the folder there for the trials of this store.
+    /// Folder name on a host for the trials of this store.
     store: String,
     version: &'a str,
     lease_expiry: Duration,
 }
 
-impl Asked<'_> {
+impl HostInquiry<'_> {
     fn host(&self, host: &str) -> Result<Host, String> {
         let folder = quoted(&self.access.folder);
         let look = format!(
@@ -207,7 +209,7 @@ impl Asked<'_> {
         })
     }
 
-    /// Brings this program, which appears there whole or not at all.
+    /// Copies this program to a host, where it appears whole or not at all.
     fn bring(&self, host: &str) -> Result<(), String> {
         let (folder, name) = (quoted(&self.access.folder), &self.name);
         let program = File::open(self.program).map_err(|error| error.to_string())?;
@@ -218,7 +220,8 @@ impl Asked<'_> {
             .map(drop)
     }
 
-    /// The line that starts the far side, in the folder that stands for the one in which the run was started.
+    /// Line of shell that starts the far side, in the folder that stands for the one in which the run was
+    /// started.
     fn line(&self) -> String {
         let (folder, store) = (quoted(&self.access.folder), &self.store);
         let own = format!("\"$here\"/{}", self.name);
@@ -231,7 +234,7 @@ impl Asked<'_> {
         )
     }
 
-    /// Runs a line there within a time; what it said on standard output.
+    /// Runs a line on a host within a time limit; returns its standard output.
     fn run(&self, host: &str, line: &str, input: Stdio, limit: Duration) -> Result<String, String> {
         let shell = self.shell(host);
         let mut command = Command::new(&shell[0]);
@@ -257,12 +260,12 @@ impl Asked<'_> {
     }
 }
 
-/// A line for whatever shell the user has there.
+/// Wraps a line for whatever shell the user has on the host.
 fn in_shell(line: &str) -> String {
     format!("exec sh -c {}", quoted(line))
 }
 
-/// True for a system on which this program runs, as `uname -sm` names it.
+/// Whether this program runs on a system, as `uname -sm` names it.
 fn is_of(system: &str) -> bool {
     let own = format!("{} {}", std::env::consts::OS, std::env::consts::ARCH);
     system.eq_ignore_ascii_case(&own)
@@ -276,7 +279,7 @@ fn absolute(path: &Path) -> PathBuf {
 mod tests {
     use super::*;
 
-    /// A host that is this machine: `ssh` is a shell that passes over its options and the name.
+    /// Access to this machine as a host: `ssh` is a shell that skips its options and the name.
     fn access(folder: &Path, command: &str) -> Access {
         let script = folder.join("ssh");
         std::fs::write(&script, command).unwrap();

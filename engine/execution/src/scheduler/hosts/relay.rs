@@ -1,4 +1,4 @@
-//! The far side: the program on a host that runs trials for one on another machine.
+//! The far side: the program on a host that runs trials for a program on another machine.
 //!
 //! It has a store of its own, in which a trial lies from its beginning until it has arrived at the other side. Other
 //! programs on the host, those of an earlier connection that broke among them, may work in the same store: a trial is
@@ -8,7 +8,7 @@ use super::wire::{ALIVE_EVERY, FromHost, Order, StudyFile, ToHost, broken, hear,
 use crate::{
     limits::Limits,
     scheduler::{
-        process::{Shared, Worker},
+        process::{Worker, WorkerProcess},
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
@@ -26,7 +26,7 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks at the process that runs a trial.
+/// Interval between two checks of the process that runs a trial.
 const PERIOD: Duration = Duration::from_millis(20);
 
 /// The far side: answers one connection, with a store of its own and one process that runs trials.
@@ -35,10 +35,10 @@ pub struct Relay {
     leases: Arc<Leases>,
     lease_expiry: Duration,
     program: PathBuf,
-    process: Arc<Shared>,
+    process: Arc<WorkerProcess>,
 }
 
-/// What is said to the other side. A word and the files behind it are said in one breath.
+/// Output to the other side. A message and its files are written under one lock.
 #[derive(Clone)]
 struct Output(Arc<Mutex<Box<dyn Write + Send>>>);
 
@@ -47,7 +47,7 @@ impl Output {
         self.say_with(word, "", None)
     }
 
-    /// Says how a trial ended, with what it left.
+    /// Sends the end of a trial, with the files that it left.
     fn say_with(&self, word: &FromHost, id: &str, files: Option<&Bundle>) -> io::Result<()> {
         let mut output = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         say(&mut *output, word)?;
@@ -58,8 +58,8 @@ impl Output {
         output.flush()
     }
 
-    /// Says from now on that this process runs. A thread of its own says it: an other side that takes nothing in holds
-    /// up nothing else.
+    /// Sends a sign of life from now on. A thread of its own sends it: a blocked connection blocks no other
+    /// work.
     fn stay_alive(&self) {
         let output = self.clone();
         std::thread::spawn(move || {
@@ -70,8 +70,8 @@ impl Output {
     }
 }
 
-/// A message with the files that followed it.
-enum Heard {
+/// A message with the files that follow it.
+enum Delivery {
     Has(String),
     Trial(String, Vec<(String, Vec<u8>)>),
     File(StudyFile, Vec<u8>),
@@ -83,7 +83,7 @@ impl Relay {
     /// Works in the folder `store`, seen from the current one.
     ///
     /// # Errors
-    /// Where that cannot be written.
+    /// [`Error::File`] where that folder cannot be written.
     pub fn open(store: &Path, lease_expiry: Duration) -> Result<Self, Error> {
         let program = std::env::current_exe().map_err(broken)?;
         let store = Store::at(store);
@@ -100,7 +100,7 @@ impl Relay {
     /// at once.
     ///
     /// # Errors
-    /// Where nobody listens any more.
+    /// [`Error::Worker`] where the other side is gone.
     pub fn serve(
         &self,
         build: Option<&Build>,
@@ -126,7 +126,7 @@ impl Relay {
         Ok(())
     }
 
-    /// Holds the limits of what runs, and renews the leases, as long as this process lives.
+    /// Holds the limits of the running trial, and renews the leases, as long as this process lives.
     fn watch(&self) {
         let (process, leases) = (Arc::clone(&self.process), Arc::clone(&self.leases));
         let heartbeat = self.lease_expiry / 6;
@@ -136,7 +136,7 @@ impl Relay {
                 process.hold_limits();
                 if clock::since(renewed) >= heartbeat {
                     renewed = clock::now();
-                    // A store that cannot be written shows at the next trial.
+                    // The next trial reports a store that cannot be written.
                     let _ = leases.beat();
                 }
                 clock::sleep(PERIOD);
@@ -144,17 +144,17 @@ impl Relay {
         });
     }
 
-    fn answer(&self, message: Heard, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
+    fn answer(&self, message: Delivery, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
         let done = match message {
-            Heard::Has(trial) => {
+            Delivery::Has(trial) => {
                 let end = self.store.sound(&trial).ok().flatten();
                 let has = end.is_some_and(|file| !is_missing(Some(&file.end)));
                 return output.say(&FromHost::Has(has)).map_err(broken);
             }
-            Heard::Run(order) => return self.run(*order, runner, output),
-            Heard::Trial(trial, files) => self.take_in(&trial, &files),
-            Heard::File(file, bytes) => keep(&file, &bytes),
-            Heard::Arrived(trial) => match self.remove(&trial) {
+            Delivery::Run(order) => return self.run(*order, runner, output),
+            Delivery::Trial(trial, files) => self.take_in(&trial, &files),
+            Delivery::File(file, bytes) => keep(&file, &bytes),
+            Delivery::Arrived(trial) => match self.remove(&trial) {
                 Ok(()) => return output.say(&FromHost::Removed).map_err(broken),
                 refused => refused,
             },
@@ -165,7 +165,7 @@ impl Relay {
         }
     }
 
-    /// Another connection may bring the same trial at the same time.
+    /// Takes in a trial. Another connection may send the same trial at the same time.
     fn take_in(&self, trial: &str, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
         let Claim::Mine = self.leases.claim(trial)? else {
             return Ok(());
@@ -178,13 +178,13 @@ impl Relay {
         })
     }
 
-    /// Removes a trial that nobody needs here. Checkpoints and rows of others stay.
+    /// Removes a trial that is needed here no more. Checkpoints and rows of other trials stay.
     fn remove(&self, trial: &str) -> Result<(), Error> {
         let folder = self.store.folder(trial);
         if let Claim::Held(_) = self.leases.claim(trial)? {
             return Ok(());
         }
-        // The lease goes with it.
+        // The lease is removed with the folder.
         let outcome = fs::remove_dir_all(&folder).map_err(Error::file("remove", &folder));
         self.leases.release(trial)?;
         outcome
@@ -207,7 +207,7 @@ impl Relay {
     }
 
     fn under_lease(&self, order: Order, runner: &mut Worker<'_>, output: &Output) -> Result<Answer, Error> {
-        // The connection may have broken before the end could be told. A failure is tried again, as it was asked.
+        // The connection may have broken before the end was sent. A failure is tried again, as requested.
         let stored = self.store.sound(&order.request.trial.id).ok().flatten();
         if let Some(file) = stored.filter(|file| file.end.state == EndState::Ok) {
             return Ok(Answer::Said(Reply::Ended { end: file.end }));
@@ -217,7 +217,7 @@ impl Relay {
             ..order.request
         };
         let mut progress = |done, total| {
-            // The other side hears it, or it is gone, which the end of the input tells.
+            // The other side may be gone, as the end of the input shows then.
             let _ = output.say(&FromHost::Said(Reply::Progress { done, total }));
         };
         runner.run(request, &Arc::<Limits>::new(order.limits), &mut progress)
@@ -253,20 +253,22 @@ impl Relay {
 }
 
 /// Reads messages until the input ends; the word to stop goes to the process that runs at once.
-fn listen(mut input: impl BufRead, process: &Shared, sender: &mpsc::Sender<Heard>) {
+fn listen(mut input: impl BufRead, process: &WorkerProcess, sender: &mpsc::Sender<Delivery>) {
     while let Ok(Some(message)) = hear::<ToHost>(&mut input) {
         let heard = match message {
             ToHost::Stop => {
                 process.ask_to_stop();
                 continue;
             }
-            ToHost::Has(trial) => Ok(Heard::Has(trial)),
-            ToHost::Run(order) => Ok(Heard::Run(order)),
-            ToHost::Arrived(trial) => Ok(Heard::Arrived(trial)),
+            ToHost::Has(trial) => Ok(Delivery::Has(trial)),
+            ToHost::Run(order) => Ok(Delivery::Run(order)),
+            ToHost::Arrived(trial) => Ok(Delivery::Arrived(trial)),
             ToHost::Trial(manifest) => manifest
                 .read(&mut input)
-                .map(|files| Heard::Trial(manifest.trial, files)),
-            ToHost::File(file) => read_bytes(&mut input, file.length).map(|bytes| Heard::File(file, bytes)),
+                .map(|files| Delivery::Trial(manifest.trial, files)),
+            ToHost::File(file) => {
+                read_bytes(&mut input, file.length).map(|bytes| Delivery::File(file, bytes))
+            }
         };
         let Ok(heard) = heard else { return };
         if sender.send(heard).is_err() {

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     limits::Limits,
     scheduler::{
-        process::{Replies, Shared},
+        process::{Replies, WorkerProcess},
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
@@ -17,23 +17,23 @@ use contract::Error;
 use document::input_file;
 use std::{io, path::Path, sync::Arc};
 
-/// Runs the trials of one slot on a host. A connection that breaks is made again when the next trial comes.
+/// Runs the trials of one slot on a host. A broken connection is made again for the next trial.
 pub(in crate::scheduler) struct Remote<'a> {
     host: &'a Host,
     store: &'a Store,
-    process: &'a Shared,
+    process: &'a WorkerProcess,
     replies: Option<Replies>,
 }
 
-/// Why a trial did not run.
-enum Trouble {
-    /// Something is wrong on this side: with the store, or with what the study names.
+/// Reason for which a trial did not run.
+enum Failure {
+    /// This side has failed: the store, or a file that the study names.
     Here(Error),
-    /// Something is wrong with the host, or on the way to it.
+    /// The host has failed, or the connection to it.
     There(String),
 }
 
-impl From<io::Error> for Trouble {
+impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
         Self::There(match error.kind() {
             io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => "the connection broke".into(),
@@ -43,8 +43,8 @@ impl From<io::Error> for Trouble {
 }
 
 impl<'a> Remote<'a> {
-    /// No connection yet. What trials leave is taken into `store`.
-    pub(in crate::scheduler) fn new(host: &'a Host, store: &'a Store, process: &'a Shared) -> Self {
+    /// A slot without a connection yet. Artifacts of trials are written into `store`.
+    pub(in crate::scheduler) fn new(host: &'a Host, store: &'a Store, process: &'a WorkerProcess) -> Self {
         Self {
             host,
             store,
@@ -58,7 +58,7 @@ impl<'a> Remote<'a> {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Trouble> {
+    ) -> Result<Answer, Failure> {
         let id = request.trial.id.clone();
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
@@ -72,12 +72,12 @@ impl<'a> Remote<'a> {
         }
         let limits = Limits::clone(limits);
         let order = ToHost::Run(Box::new(Order { request, limits }));
-        // The limits are held on the host; here only the connection would be measured.
+        // The host holds the limits; here only the connection would be measured.
         self.process.begin(&line(&order)?, &Arc::default());
         let answer = self.listen(&id, &mut replies, progress)?;
         let serves = self.process.end();
         if matches!(answer, Answer::Said(Reply::Ended { .. })) {
-            // The trial is here, whatever becomes of the connection now.
+            // The trial is stored here, whatever becomes of the connection now.
             match serves.then(|| self.clear_away(id, &mut replies)) {
                 Some(Ok(())) => self.replies = Some(replies),
                 _ => drop(self.process.bury()),
@@ -85,13 +85,14 @@ impl<'a> Remote<'a> {
         } else if serves {
             self.replies = Some(replies);
         } else {
-            return Err(Trouble::There("the connection broke".into()));
+            return Err(Failure::There("the connection broke".into()));
         }
         Ok(answer)
     }
 
-    /// Waits until the host has removed what has arrived: a connection that ends before leaves it there.
-    fn clear_away(&self, id: String, replies: &mut Replies) -> Result<(), Trouble> {
+    /// Waits until the host has removed the trial that has arrived: a connection that ends earlier leaves it
+    /// there.
+    fn clear_away(&self, id: String, replies: &mut Replies) -> Result<(), Failure> {
         self.send(&ToHost::Arrived(id))?;
         match heard(replies)? {
             Some(FromHost::Removed) => Ok(()),
@@ -99,31 +100,31 @@ impl<'a> Remote<'a> {
         }
     }
 
-    fn connect(&self) -> Result<Replies, Trouble> {
+    fn connect(&self) -> Result<Replies, Failure> {
         let mut command = self.host.relay();
         let started = self.process.start(&mut command, Some(SILENT_FOR));
-        let mut replies = started.map_err(|error| Trouble::There(error.to_string()))?;
+        let mut replies = started.map_err(|error| Failure::There(error.to_string()))?;
         match heard(&mut replies)? {
             Some(FromHost::Ready(program)) if program == self.host.program => Ok(replies),
-            Some(FromHost::Ready(program)) => Err(Trouble::There(format!(
+            Some(FromHost::Ready(program)) => Err(Failure::There(format!(
                 "it has the program {program}, and this is {}",
                 self.host.program
             ))),
-            _ => Err(Trouble::There(
+            _ => Err(Failure::There(
                 "no connection, or the program does not start".into(),
             )),
         }
     }
 
-    /// Brings a trial to the host, from which the next one takes.
-    fn bring(&self, source: &str, replies: &mut Replies) -> Result<(), Trouble> {
+    /// Sends the host a trial that is a source of the next one.
+    fn bring(&self, source: &str, replies: &mut Replies) -> Result<(), Failure> {
         self.send(&ToHost::Has(source.to_owned()))?;
         match heard(replies)? {
             Some(FromHost::Has(true)) => return Ok(()),
             Some(FromHost::Has(false)) => {}
             other => return Err(unexpected(other)),
         }
-        // What is not there makes the trial unready, which the host says.
+        // An absent source makes the trial unready, as the host reports.
         let Some(files) = self.store.bundle(source).ok().flatten() else {
             return Ok(());
         };
@@ -134,8 +135,9 @@ impl<'a> Remote<'a> {
         Ok(())
     }
 
-    /// Brings a file that the study names. One that cannot be read or has changed fails the trial there as here.
-    fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Trouble> {
+    /// Sends a file that the study names. A file that cannot be read or has changed fails the trial there as
+    /// here.
+    fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Failure> {
         let read = input_file::read(path, input_file::Use::Bytes).ok();
         let Some(bytes) = read.filter(|bytes| contract::digest::of_bytes(bytes) == digest) else {
             return Ok(());
@@ -148,13 +150,13 @@ impl<'a> Remote<'a> {
         Ok(self.process.write(&bytes)?)
     }
 
-    /// Hears what becomes of the trial, and takes it in where it has ended.
+    /// Reads messages about the trial until its last one, and takes the trial in where it has ended.
     fn listen(
         &self,
         id: &str,
         replies: &mut Replies,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Trouble> {
+    ) -> Result<Answer, Failure> {
         loop {
             match heard(replies)? {
                 Some(FromHost::Said(Reply::Progress { done, total })) => progress(done, total),
@@ -184,14 +186,14 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// What arrived damaged is the way's fault; what cannot be written is this side's.
-    fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
+    /// Damage on arrival is the fault of the connection; a failed write is the fault of this side.
+    fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Failure> {
         let taken = self.store.take_in(id, files).map(drop);
         taken.map_err(|error| match error {
             BundleError::Damaged(problem) => {
-                Trouble::There(format!("what arrived is not what was acknowledged: {problem}"))
+                Failure::There(format!("what arrived is not what was acknowledged: {problem}"))
             }
-            BundleError::Here(error) => Trouble::Here(error),
+            BundleError::Here(error) => Failure::Here(error),
         })
     }
 
@@ -216,13 +218,13 @@ impl Runner for Remote<'_> {
                 let fell_silent = self.process.fell_silent();
                 self.process.bury();
                 match trouble {
-                    Trouble::Here(error) => Err(error),
-                    Trouble::There(_) if fell_silent => Ok(Answer::Lost(format!(
+                    Failure::Here(error) => Err(error),
+                    Failure::There(_) if fell_silent => Ok(Answer::Lost(format!(
                         "{}: nothing was heard from it for {} s",
                         self.host.name,
                         SILENT_FOR.as_secs()
                     ))),
-                    Trouble::There(problem) => Ok(Answer::Lost(format!("{}: {problem}", self.host.name))),
+                    Failure::There(problem) => Ok(Answer::Lost(format!("{}: {problem}", self.host.name))),
                 }
             }
         }
@@ -234,7 +236,7 @@ impl Runner for Remote<'_> {
     }
 }
 
-/// The next word that is more than a sign of life.
+/// The next message that is more than a sign of life.
 fn heard(replies: &mut Replies) -> io::Result<Option<FromHost>> {
     loop {
         match hear(replies)? {
@@ -248,8 +250,8 @@ fn line(message: &ToHost) -> io::Result<String> {
     Ok(serde_json::to_string(message)?)
 }
 
-fn unexpected(heard: Option<FromHost>) -> Trouble {
-    Trouble::There(match heard {
+fn unexpected(heard: Option<FromHost>) -> Failure {
+    Failure::There(match heard {
         None => "the connection broke".into(),
         Some(FromHost::Refused(problem)) => problem,
         Some(FromHost::Held(owner)) => format!("the trial is with {owner} there"),

@@ -1,5 +1,5 @@
-//! What is said between this program and the one that it starts on a host: lines of JSON, and behind some of them the
-//! bytes of files.
+//! Messages between this program and the one that it starts on a host: lines of JSON, some of them followed
+//! by the bytes of files.
 
 use crate::{
     limits::Limits,
@@ -13,86 +13,86 @@ use std::{
     time::Duration,
 };
 
-/// A line to a host.
+/// A message to a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum ToHost {
-    /// Is there a trial with this id, which others take from?
+    /// Whether the host has the trial with this id, which is a source of others.
     Has(String),
-    /// A trial follows, which others take from.
+    /// The files of a trial follow, which is a source of others.
     Trial(Manifest),
-    /// A file of the study follows.
+    /// The bytes of a file of the study follow.
     File(StudyFile),
     /// Run a trial.
     Run(Box<Order>),
-    /// The trial has arrived: nobody needs it there any more.
+    /// The trial has arrived and can be removed from the host.
     Arrived(String),
-    /// Save a checkpoint of the running trial and leave it. The word is that of a worker process.
+    /// Save a checkpoint of the running trial and leave it. Worker processes have the same message.
     Stop,
 }
 
-/// A line from a host.
+/// A message from a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum FromHost {
-    /// The program runs: who it is.
+    /// The program runs; its version and source code.
     Ready(String),
-    /// Whether the trial is there.
+    /// Whether the host has the trial.
     Has(bool),
-    /// How far the trial is, or its last word; behind the end of a trial it follows itself.
+    /// Progress of the trial, or its last word; the end of a trial is followed by its files.
     Said(Reply),
-    /// Who ran it is gone without a last word.
+    /// The process that ran the trial is gone without a last word.
     Died {
-        /// How.
+        /// End state of the trial.
         state: EndState,
-        /// In words.
+        /// The reason, in words.
         reason: String,
-        /// Whether it was ended for a limit.
+        /// Whether the process was ended for a limit.
         by_limit: bool,
     },
-    /// Another program has the trial there.
+    /// Another program on the host has the trial.
     Held(String),
-    /// A trial that has ended follows.
+    /// The files of a trial that has ended follow.
     Trial(Manifest),
-    /// What has arrived at the other side is not there any more.
+    /// The trial that has arrived at the other side is removed from the host.
     Removed,
-    /// What was asked cannot be done there.
+    /// The request cannot be carried out on the host, for this reason.
     Refused(String),
-    /// Nothing new: the program there runs.
+    /// Sign of life without news.
     Alive,
 }
 
-/// Time between two words of a program on a host that has nothing to say.
+/// Interval between two signs of life of a program on a host.
 pub(super) const ALIVE_EVERY: Duration = Duration::from_secs(2);
-/// A host that says nothing for so long while something is waited for is lost, as `ssh` counts it.
+/// Silence after which a host counts as lost while an answer is waited for; `ssh` has the same limit.
 pub(super) const SILENT_FOR: Duration = Duration::from_secs(30);
 
-/// What is to be run.
+/// Order to run a trial.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Order {
     /// The trial; its store is the host's own.
     pub(super) request: Request,
-    /// What it may use.
+    /// Limits of the trial.
     pub(super) limits: Limits,
 }
 
 /// A file that a study names, whose bytes follow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct StudyFile {
-    /// Its path, seen from the folder in which the run was started.
+    /// Path of the file, seen from the folder in which the run was started.
     pub(super) path: String,
-    /// Hash of what it holds.
+    /// Hash of its content.
     pub(super) digest: String,
-    /// Its length in bytes.
+    /// Length of the file in bytes.
     pub(super) length: u64,
 }
 
-/// Writes a line.
+/// Writes a message as one line.
 pub(super) fn say(output: &mut impl Write, line: &impl Serialize) -> io::Result<()> {
     writeln!(output, "{}", serde_json::to_string(line)?)
 }
 
-/// The next line that is one of ours; `None` at the end. Whatever else a host prints on standard output is passed over.
+/// The next line that is a message; `None` at the end. Other output of the host is skipped.
 pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<Option<T>> {
     loop {
         let mut line = Vec::new();
@@ -105,7 +105,7 @@ pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<
     }
 }
 
-/// An error of the conversation.
+/// The error for a broken conversation.
 pub(super) fn broken(problem: impl ToString) -> Error {
     Error::Worker {
         problem: problem.to_string(),

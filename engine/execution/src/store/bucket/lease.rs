@@ -1,12 +1,12 @@
-//! Leases in a bucket: which machine computes a trial now.
+//! Leases in a bucket: each names the machine that computes a trial now.
 //!
-//! A lease is an object that is written only where there is none (`If-None-Match: *`), so that of several who ask one
-//! gets it. A living process counts up an object of its own; who has seen its tag unchanged for as long as its
-//! owner said that leases hold writes his own lease over it, only if it is still the same one (`If-Match`). No
-//! clock but the watcher's own is read. As in folders, a lease saves work and is not needed for correctness: two
-//! processes that compute one trial bring the same numbers.
+//! A lease is an object that is written only where there is none (`If-None-Match: *`), so that one of several
+//! claimants gets it. A living process counts up an object of its own. A process that has seen this object's
+//! tag unchanged for as long as its owner said that leases hold writes its own lease over the old one, only
+//! if that is still the same (`If-Match`). No clock but the watcher's own is read. As in folders, a lease
+//! saves work and is not needed for correctness: two processes that compute one trial bring the same numbers.
 
-use super::{Announcement, Bucket, When};
+use super::{Announcement, Bucket, WriteCondition};
 use crate::{
     store::{Claim, Owner},
     world::clock,
@@ -23,15 +23,16 @@ use std::{
 pub(crate) struct BucketLeases {
     bucket: Bucket,
     announcement: Announcement,
-    /// How often this process has counted up its object.
+    /// Number of times that this process has counted up its object.
     beats: Mutex<u64>,
     held: Mutex<BTreeSet<String>>,
-    /// The tags of others' objects, by token, and since when they are unchanged.
+    /// Tags of other processes' objects, by token, and the moment since which each is unchanged.
     seen: Mutex<BTreeMap<String, (String, Instant)>>,
 }
 
 impl BucketLeases {
-    /// Announces this process to a bucket. Its leases count as dead when it did not count up its object for `expiry`.
+    /// Announces this process to a bucket. Its leases count as dead after it has not counted up its object
+    /// for `expiry`.
     pub(crate) fn open(bucket: &Bucket, expiry: Duration) -> Result<Self, Error> {
         Self::of(bucket, Owner::this_process(), expiry)
     }
@@ -48,7 +49,7 @@ impl BucketLeases {
         Ok(leases)
     }
 
-    /// Asks for a trial.
+    /// Claims a trial.
     pub(crate) fn claim(&self, id: &str) -> Result<Claim, Error> {
         let said = serde_json::to_vec(&self.announcement)
             .map_err(|error| self.error("claim", id, error.to_string()))?;
@@ -63,17 +64,17 @@ impl BucketLeases {
     fn taken(&self, key: &str, said: &[u8]) -> Result<Claim, String> {
         let objects = &self.bucket.objects;
         loop {
-            if objects.put(key, said, When::New)? {
+            if objects.put(key, said, WriteCondition::New)? {
                 return Ok(Claim::Mine);
             }
             let Some(lease) = objects.get(key)? else { continue };
             let found: Option<Announcement> = serde_json::from_slice(&lease.bytes).ok();
             match found {
-                // A request that was sent again met what its first attempt had written.
+                // A request that was sent again met the object of its first attempt.
                 Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
                 Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
-                // What nobody can read nobody has.
-                found if objects.put(key, said, When::Unchanged(&lease.tag))? => {
+                // A lease that cannot be read belongs to no process.
+                found if objects.put(key, said, WriteCondition::Unchanged(&lease.tag))? => {
                     found.map_or(Ok(()), |dead| objects.delete(&of_owner(&dead.owner)))?;
                     return Ok(Claim::Mine);
                 }
@@ -89,8 +90,8 @@ impl BucketLeases {
         }
     }
 
-    /// For how long this process has seen the object of another one unchanged; for ever where it has none, since who
-    /// lives has one.
+    /// Time for which this process has seen the object of another one unchanged; the longest one where that
+    /// has no object, since every living process has one.
     fn silence(&self, owner: &Owner) -> Result<Duration, String> {
         let Some(object) = self.bucket.objects.get(&of_owner(owner))? else {
             return Ok(Duration::MAX);
@@ -105,7 +106,8 @@ impl BucketLeases {
         Ok(clock::since(last.1))
     }
 
-    /// Gives a trial back. A lease that was taken over while this process was suspended belongs to another one.
+    /// Gives a trial back. A lease that was taken over while this process was suspended belongs to another
+    /// process.
     pub(crate) fn release(&self, id: &str) -> Result<(), Error> {
         lock(&self.held).remove(id);
         let key = key(id);
@@ -119,7 +121,7 @@ impl BucketLeases {
         released.map_err(|problem| self.error("give back", id, problem))
     }
 
-    /// Shows that this process lives.
+    /// Shows that this process lives, by counting up its object.
     pub(crate) fn beat(&self) -> Result<(), Error> {
         let mut beats = lock(&self.beats);
         *beats += 1;
@@ -127,7 +129,7 @@ impl BucketLeases {
         let put = self
             .bucket
             .objects
-            .put(&key, beats.to_string().as_bytes(), When::Always);
+            .put(&key, beats.to_string().as_bytes(), WriteCondition::Always);
         put.map(drop)
             .map_err(|problem| self.bucket.error("renew the leases in", problem))
     }
@@ -139,7 +141,7 @@ impl BucketLeases {
 
 impl Drop for BucketLeases {
     fn drop(&mut self) {
-        // What stays behind counts as dead when it has been silent for long.
+        // A lease that stays behind counts as dead after a long silence.
         let held = std::mem::take(&mut *lock(&self.held));
         for id in held {
             let _ = self.release(&id);
@@ -148,7 +150,7 @@ impl Drop for BucketLeases {
     }
 }
 
-/// The object that a living process counts up.
+/// Key of the object that a living process counts up.
 fn of_owner(owner: &Owner) -> String {
     format!("owners/{}", owner.token())
 }
@@ -158,7 +160,7 @@ fn key(id: &str) -> String {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What is held is replaced as a whole, so that it is whole after a panic elsewhere.
+    // The locked value is replaced as a whole, so that it is whole after a panic elsewhere.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -185,7 +187,7 @@ mod tests {
         assert_eq!(one.claim("ab").unwrap(), Claim::Mine);
         assert!(matches!(two.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "one"));
         assert_eq!(two.claim("cd").unwrap(), Claim::Mine);
-        // What two does not have it cannot give back.
+        // The second process cannot give back a lease that it does not have.
         two.release("ab").unwrap();
         assert!(matches!(two.claim("ab").unwrap(), Claim::Held(_)));
         one.release("ab").unwrap();
@@ -211,7 +213,7 @@ mod tests {
         assert!(clock::since(begun) >= EXPIRY);
         // Its other leases count no more.
         assert_eq!(living.claim("ef").unwrap(), Claim::Mine);
-        // The dead one was only suspended: it does not remove what is the heir's now.
+        // The dead process was only suspended: it does not remove the heir's lease.
         dead.release("ab").unwrap();
         assert!(matches!(living.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "heir"));
     }
@@ -219,7 +221,10 @@ mod tests {
     #[test]
     fn a_lease_that_nobody_can_read_is_nobodys() {
         let bucket = bucket();
-        bucket.objects.put("leases/ab", b"{", When::New).unwrap();
+        bucket
+            .objects
+            .put("leases/ab", b"{", WriteCondition::New)
+            .unwrap();
         assert_eq!(on(&bucket, "one").claim("ab").unwrap(), Claim::Mine);
     }
 

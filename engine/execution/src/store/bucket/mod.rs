@@ -3,16 +3,16 @@
 //! ```text
 //! <prefix>/trials/<id>       a trial that has ended or paused: one line of JSON with the names and lengths of its files,
 //!                            and their bytes, the acknowledgement last
-//!          leases/<id>       who computes a trial now
+//!          leases/<id>       the owner that computes a trial now
 //!          owners/<token>    a number that a living process counts up
 //!          aside/<id>-<hash> an object that was to be a trial and is damaged
 //! ```
 //!
-//! Every machine works in a store of its own, in an ordinary folder, and brings each trial that has ended into the
-//! bucket; what is in the bucket and not in the folder is fetched and held against its acknowledgement before it is
-//! believed. An object appears whole or not at all, so that a trial in the bucket has ended, or has come to a pause. An
-//! object that is damaged concerns its trial alone: the trial counts as missing, and who computes it sets the
-//! object aside first.
+//! Every machine works in a store of its own, in an ordinary folder, and copies each ended trial into the
+//! bucket; a trial that is in the bucket and not in the folder is fetched and held against its
+//! acknowledgement before it is believed. An object appears whole or not at all, so that a trial in the
+//! bucket has ended, or has come to a pause. A damaged object concerns its trial alone: the trial counts as
+//! missing, and the machine that computes it sets the object aside first.
 
 mod lease;
 mod objects;
@@ -28,27 +28,27 @@ use contract::{
     Error, digest,
     trial_end::{TrialEnd, is_missing},
 };
-use objects::{Object, Objects, When};
+use objects::{Object, Objects, WriteCondition};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
-/// Whoever fetches a trial for longer than this counts as gone, where nobody can see it.
+/// Time after which a process that fetches a trial counts as gone, where no process can see it.
 const FETCHED_WITHIN: Duration = Duration::from_secs(300);
 
 /// Part of a bucket that one or several studies share.
 #[derive(Debug, Clone)]
 pub struct Bucket {
-    /// As the user names it, `s3://bucket/prefix`.
+    /// Address as the user writes it, `s3://bucket/prefix`.
     address: String,
     objects: Arc<dyn Objects>,
 }
 
 impl Bucket {
-    /// The bucket at an address such as `s3://name/prefix`. Nothing is asked yet. `variable` says what the
-    /// environment holds: keys, region and endpoint have the names that other programs use (`AWS_ACCESS_KEY_ID`,
-    /// `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`).
+    /// The bucket at an address such as `s3://name/prefix`. No request is made yet. `variable` reads
+    /// environment variables: keys, region and endpoint have the names that other programs use
+    /// (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`).
     ///
     /// # Errors
-    /// [`Error::Bucket`] for an address that is none, and where keys are missing.
+    /// [`Error::Bucket`] for a text that is no address, and where keys are missing.
     pub fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, Error> {
         let objects = objects_at(address, variable).map_err(|problem| Error::Bucket {
             doing: "use".into(),
@@ -59,7 +59,7 @@ impl Bucket {
         Ok(Self { address, objects })
     }
 
-    /// Ids of the trials in it.
+    /// Ids of the trials in the bucket.
     fn trials(&self) -> Result<BTreeSet<String>, Error> {
         let listed = self.objects.list("trials/");
         let keys = listed.map_err(|problem| self.error("list the trials in", problem))?;
@@ -67,52 +67,52 @@ impl Bucket {
         Ok(ids.map(str::to_owned).collect())
     }
 
-    /// Takes a trial that is in the bucket into a store.
-    fn fetch(&self, store: &Store, id: &str) -> Result<Fetch, Error> {
+    /// Copies a trial from the bucket into a store.
+    fn fetch(&self, store: &Store, id: &str) -> Result<FetchOutcome, Error> {
         let found = self.objects.get(&key(id));
         let found = found.map_err(|problem| self.error(&format!("fetch trial {id} from"), problem))?;
         let Some(object) = found else {
-            return Ok(Fetch::Nothing);
+            return Ok(FetchOutcome::Nothing);
         };
         let files = match bundle::from_bytes(id, &object.bytes) {
             Ok(files) => files,
-            Err(problem) => return Ok(Fetch::Damaged { object, problem }),
+            Err(problem) => return Ok(FetchOutcome::Damaged { object, problem }),
         };
         let earlier = store.earlier(id);
         if earlier.is_some() && end_in(&files) == earlier {
-            return Ok(Fetch::Nothing);
+            return Ok(FetchOutcome::Nothing);
         }
         match store.take_in(id, &files) {
-            Ok(true) => Ok(Fetch::Taken),
-            // A pause that is known here already.
-            Ok(false) => Ok(Fetch::Nothing),
-            Err(BundleError::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
+            Ok(true) => Ok(FetchOutcome::Taken),
+            // The pause is known in the store already.
+            Ok(false) => Ok(FetchOutcome::Nothing),
+            Err(BundleError::Damaged(problem)) => Ok(FetchOutcome::Damaged { object, problem }),
             Err(BundleError::Here(error)) => Err(error),
         }
     }
 
-    /// Fetches a trial that is to be computed here, unless it has ended here already. The caller holds its lease in the
-    /// bucket: a damaged object is set aside there.
+    /// Fetches a trial that is to be computed here, unless it has ended here already. The caller holds its
+    /// lease in the bucket: a damaged object is set aside there.
     pub(crate) fn fetch_missing(&self, store: &Store, id: &str) -> Result<(), Error> {
         if !store.lacks(id) {
             return Ok(());
         }
-        let Fetch::Damaged { object, .. } = self.fetch(store, id)? else {
+        let FetchOutcome::Damaged { object, .. } = self.fetch(store, id)? else {
             return Ok(());
         };
         let aside = format!("aside/{id}-{}", &digest::of_bytes(&object.bytes)[..16]);
-        let moved = self.objects.put(&aside, &object.bytes, When::Always);
+        let moved = self.objects.put(&aside, &object.bytes, WriteCondition::Always);
         let moved = moved.and_then(|_| self.objects.delete(&key(id)));
         moved.map_err(|problem| self.error(&format!("set trial {id} aside in"), problem))
     }
 
-    /// Brings a trial of a store into the bucket; nothing where it has neither ended nor paused.
+    /// Copies a trial of a store into the bucket, if it has ended or paused.
     pub(crate) fn bring(&self, store: &Store, id: &str) -> Result<(), Error> {
         let Some(files) = store.bundle(id)? else {
             return Ok(());
         };
         let bytes = bundle::to_bytes(id, &files);
-        let put = self.objects.put(&key(id), &bytes, When::Always);
+        let put = self.objects.put(&key(id), &bytes, WriteCondition::Always);
         put.map(drop)
             .map_err(|problem| self.error(&format!("bring trial {id} into"), problem))
     }
@@ -126,54 +126,54 @@ impl Bucket {
     }
 }
 
-/// The outcome of fetching a trial.
-enum Fetch {
-    /// It is in the store now.
+/// Result of fetching a trial.
+enum FetchOutcome {
+    /// The trial is in the store now.
     Taken,
-    /// It is not in the bucket, or is there with the end after which it is to be tried again here.
+    /// The trial is not in the bucket, or has the end there after which it is to be tried again here.
     Nothing,
-    /// The object of its name is something else, for this reason.
+    /// The object of its name is not the trial, for this reason.
     Damaged { object: Object, problem: String },
 }
 
-/// What fetching came to.
+/// Result of fetching trials from the bucket.
 #[derive(Debug, Default)]
-pub struct Fetched {
-    /// How many trials are in the store now that were not there before.
+pub struct FetchReport {
+    /// Number of trials that are new in the store.
     pub taken: usize,
-    /// What cannot be used of the bucket, in sentences; the trials of these objects are missing.
+    /// Damaged objects of the bucket, in sentences; their trials are missing.
     pub damaged: Vec<String>,
 }
 
-/// The object of a trial.
+/// Key of the object of a trial.
 fn key(id: &str) -> String {
     format!("trials/{id}")
 }
 
-/// How the trial of a bundle ended; `None` where that cannot be read.
+/// The end of the trial of a bundle; `None` where it cannot be read.
 fn end_in(bundle: &Bundle) -> Option<TrialEnd> {
     let (_, acknowledgement) = bundle.iter().find(|(name, _)| name == "trial.json")?;
     Some(index::parse(acknowledgement).ok()?.end)
 }
 
 impl Store {
-    /// The same store, which shares its trials by a bucket.
+    /// The same store, with its trials shared by a bucket.
     #[must_use]
     pub fn sharing(self, bucket: Option<Bucket>) -> Self {
         Self { bucket, ..self }
     }
 
-    /// The bucket by which its trials are shared.
+    /// The bucket by which the trials of the store are shared.
     pub fn bucket(&self) -> Option<&Bucket> {
         self.bucket.as_ref()
     }
 
-    /// Fetches those of the trials that are shared and not here. Nothing without a bucket.
+    /// Fetches those of the trials that are shared and not here. Does nothing without a bucket.
     ///
     /// # Errors
-    /// [`Error::Bucket`] where the bucket cannot be read, and what leases and taking a trial in say.
-    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<Fetched, Error> {
-        let mut fetched = Fetched::default();
+    /// [`Error::Bucket`] where the bucket cannot be read, and the errors of leases and of writing a trial.
+    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<FetchReport, Error> {
+        let mut fetched = FetchReport::default();
         let Some(bucket) = &self.bucket else {
             return Ok(fetched);
         };
@@ -187,14 +187,14 @@ impl Store {
         }
         let leases = Leases::open(self, FETCHED_WITHIN)?;
         for id in wanted {
-            // What another program here computes will be here without it.
+            // A trial that another program here computes will be here without the bucket.
             if leases.claim(id)? == Claim::Mine {
                 let outcome = bucket.fetch(self, id);
                 leases.release(id)?;
                 match outcome? {
-                    Fetch::Taken => fetched.taken += 1,
-                    Fetch::Nothing => {}
-                    Fetch::Damaged { problem, .. } => {
+                    FetchOutcome::Taken => fetched.taken += 1,
+                    FetchOutcome::Nothing => {}
+                    FetchOutcome::Damaged { problem, .. } => {
                         let object = format!("{}/{}", bucket.address.trim_end_matches('/'), key(id));
                         fetched.damaged.push(format!("`{object}` is damaged: {problem}"));
                     }
@@ -204,8 +204,8 @@ impl Store {
         Ok(fetched)
     }
 
-    /// Brings those of the trials that have ended or paused here and are not shared yet; how many. Nothing
-    /// without a bucket.
+    /// Copies those of the trials into the bucket that have ended or paused here and are not shared yet;
+    /// returns their number. Does nothing without a bucket.
     ///
     /// # Errors
     /// As [`fetch`](Self::fetch).
@@ -223,7 +223,8 @@ impl Store {
         Ok(brought)
     }
 
-    /// Whether a trial has not ended here. One that cannot be read is not lacking: it is said, and mended, here.
+    /// Whether a trial has not ended here. A trial that cannot be read is not lacking: it is reported and
+    /// mended here.
     fn lacks(&self, id: &str) -> bool {
         self.end(id).is_ok_and(|end| is_missing(end.as_ref()))
     }
@@ -283,7 +284,7 @@ mod tests {
         let mut bytes = bucket.objects.get(&key).unwrap().unwrap().bytes;
         let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 9;
         bytes[place] ^= 1;
-        bucket.objects.put(&key, &bytes, When::Always).unwrap();
+        bucket.objects.put(&key, &bytes, WriteCondition::Always).unwrap();
         // A trial beside it is fetched all the same.
         let beside = crate::store::stub::trial(4, 1);
         one.finish(&beside, &Recorder::default(), 1.0).unwrap();
@@ -298,14 +299,17 @@ mod tests {
             "{:?}",
             fetched.damaged
         );
-        bucket.objects.put(&key, &bytes[..place], When::Always).unwrap();
+        bucket
+            .objects
+            .put(&key, &bytes[..place], WriteCondition::Always)
+            .unwrap();
         let cut_off = two.fetch(ids()).unwrap();
         assert!(
             cut_off.taken == 0 && cut_off.damaged[0].contains(&key),
             "{cut_off:?}"
         );
         assert!(two.end(&trial.id).unwrap().is_none());
-        // Who computes it keeps what was there, and brings it anew.
+        // The machine that computes the trial keeps the earlier object, and stores the trial anew.
         bucket.fetch_missing(&two, &trial.id).unwrap();
         assert_eq!(bucket.objects.list("aside/").unwrap().len(), 1);
         assert!(bucket.objects.get(&key).unwrap().is_none());

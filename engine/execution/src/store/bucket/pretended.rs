@@ -2,7 +2,7 @@
 
 use super::{
     Bucket,
-    objects::{Object, Objects, When},
+    objects::{Object, Objects, WriteCondition},
 };
 use std::{
     collections::BTreeMap,
@@ -10,13 +10,13 @@ use std::{
 };
 
 #[derive(Debug, Default)]
-struct Pretended(Mutex<BTreeMap<String, Vec<u8>>>);
+struct MemoryObjects(Mutex<BTreeMap<String, Vec<u8>>>);
 
 fn tag(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
-impl Objects for Pretended {
+impl Objects for MemoryObjects {
     fn get(&self, key: &str) -> Result<Option<Object>, String> {
         let found = self.0.lock().unwrap().get(key).cloned();
         Ok(found.map(|bytes| Object {
@@ -25,13 +25,13 @@ impl Objects for Pretended {
         }))
     }
 
-    fn put(&self, key: &str, bytes: &[u8], when: When<'_>) -> Result<bool, String> {
+    fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String> {
         let mut all = self.0.lock().unwrap();
         let there = all.get(key).map(|bytes| tag(bytes));
         let holds = match when {
-            When::Always => true,
-            When::New => there.is_none(),
-            When::Unchanged(tag) => there.as_deref() == Some(tag),
+            WriteCondition::Always => true,
+            WriteCondition::New => there.is_none(),
+            WriteCondition::Unchanged(tag) => there.as_deref() == Some(tag),
         };
         if holds {
             all.insert(key.to_owned(), bytes.to_vec());
@@ -58,6 +58,6 @@ impl Objects for Pretended {
 pub(super) fn bucket() -> Bucket {
     Bucket {
         address: "s3://pretended".into(),
-        objects: Arc::new(Pretended::default()),
+        objects: Arc::new(MemoryObjects::default()),
     }
 }

@@ -1,6 +1,6 @@
-//! Object storage over HTTP: Amazon's S3, and every service that speaks like it.
+//! Object storage over HTTP: Amazon's S3, and every service with the same protocol.
 
-use super::objects::{Object, Objects, When};
+use super::objects::{Object, Objects, WriteCondition};
 use crate::world::clock;
 use rusty_s3::{
     Credentials, UrlStyle,
@@ -12,13 +12,13 @@ use ureq::{
     http::{Response, StatusCode},
 };
 
-/// How long the signature of a request holds.
+/// Time for which the signature of a request holds.
 const SIGNED_FOR: Duration = Duration::from_secs(900);
-/// How long a connection may take to be made, and an answer to begin.
+/// Longest time until a connection is made, and until an answer begins.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// How long an object may take on its way.
+/// Longest time of the transfer of an object.
 const LONGEST_WAY: Duration = Duration::from_secs(600);
-/// How often a request is made that gets no answer or one that says `later`.
+/// Number of attempts at a request that gets no answer or one that says `later`.
 const ATTEMPTS: u32 = 6;
 /// The wait before the second attempt; it doubles.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -30,13 +30,13 @@ pub(super) struct Service {
     agent: Agent,
     bucket: rusty_s3::Bucket,
     credentials: Credentials,
-    /// Empty, or with a slash at its end.
+    /// Prefix of keys: empty, or with a slash at its end.
     prefix: String,
 }
 
 impl std::fmt::Debug for Service {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        // Keys are nobody's business.
+        // Keys are not shown.
         write!(f, "s3://{}/{}", self.bucket.name(), self.prefix)
     }
 }
@@ -108,7 +108,7 @@ impl Service {
     }
 }
 
-/// An answer: its status, its tag and what it holds.
+/// An answer: its status, its tag and its content.
 struct Answer {
     status: StatusCode,
     tag: String,
@@ -125,7 +125,7 @@ impl Answer {
         })
     }
 
-    /// Another attempt may have another answer.
+    /// Whether another attempt may have another answer.
     fn is_passing(&self) -> bool {
         // 409 is the answer to a conditional write that met another one.
         self.status.is_server_error() || matches!(self.status.as_u16(), 408 | 409 | 429)
@@ -176,23 +176,25 @@ impl Objects for Service {
         }
     }
 
-    fn put(&self, key: &str, bytes: &[u8], when: When<'_>) -> Result<bool, String> {
+    fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String> {
         let key = self.key(key);
         let answer = answered(|| {
             let action = PutObject::new(&self.bucket, Some(&self.credentials), &key);
             let request = self.agent.put(action.sign(SIGNED_FOR).as_str());
             match when {
-                When::Always => request,
-                When::New => request.header("if-none-match", "*"),
-                When::Unchanged(tag) => request.header("if-match", tag),
+                WriteCondition::Always => request,
+                WriteCondition::New => request.header("if-none-match", "*"),
+                WriteCondition::Unchanged(tag) => request.header("if-match", tag),
             }
             .send(bytes)
         })?;
         match answer.status {
             StatusCode::OK | StatusCode::CREATED | StatusCode::NO_CONTENT => Ok(true),
-            StatusCode::PRECONDITION_FAILED if when != When::Always => Ok(false),
+            StatusCode::PRECONDITION_FAILED if when != WriteCondition::Always => Ok(false),
             // The version that was to be replaced is gone.
-            StatusCode::NOT_FOUND if matches!(when, When::Unchanged(_)) && !says(&answer, "NoSuchBucket") => {
+            StatusCode::NOT_FOUND
+                if matches!(when, WriteCondition::Unchanged(_)) && !says(&answer, "NoSuchBucket") =>
+            {
                 Ok(false)
             }
             _ => answer.refused(),

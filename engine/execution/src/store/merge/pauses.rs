@@ -1,4 +1,4 @@
-//! Trials that have paused, on their way into another store: what is taken of them, and what is held against it.
+//! Merge of trials that have paused: their copies, and the comparison with those of the destination.
 
 use super::{
     super::{Claim, Fingerprint, Partial, Store, TrialFile},
@@ -7,8 +7,8 @@ use super::{
 use contract::{Error, trial_end::EndState};
 
 impl Merge<'_> {
-    /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it
-    /// went on in another way than it had begun here.
+    /// Fate of a trial that has ended in the source and has paused in the destination: a conflict where the
+    /// values up to the pause differ.
     pub(super) fn held_against_pause(
         &self,
         id: &str,
@@ -29,7 +29,7 @@ impl Merge<'_> {
         Ok((!here.begins(&there)).then(conflict))
     }
 
-    /// What becomes of a trial that has not ended in the source: what it had recorded at a pause is taken.
+    /// Fate of a trial that has not ended in the source: its record at a pause is copied.
     pub(super) fn paused(&self, id: &str, source: &Store) -> Result<Fate, Error> {
         let Some((bytes, there)) = source.partial_bytes(id)? else {
             return Ok(Fate::Unfinished);
@@ -45,7 +45,7 @@ impl Merge<'_> {
             let side = Side::Destination;
             return Ok(Fate::Running { side, owner });
         }
-        // Another program may have gone on with it before the lease was taken.
+        // Another program may have continued it before the lease was taken.
         let fate = match self.known_of(id, &there, source) {
             Ok(None) => self.into.write_partial(id, &bytes, &there).map(|()| Fate::Taken),
             Ok(Some(fate)) => Ok(fate),
@@ -55,8 +55,8 @@ impl Merge<'_> {
         fate
     }
 
-    /// The fate of a trial that has paused in the source, of which the destination knows as much or more, or something
-    /// else; `None` where it knows less.
+    /// Fate of a trial that has paused in the source, where the destination knows as much or more, or other
+    /// values; `None` where it knows less.
     pub(super) fn known_of(&self, id: &str, there: &Partial, source: &Store) -> Result<Option<Fate>, Error> {
         let here = match look(self.into, id)? {
             Err(findings) => {
@@ -80,18 +80,18 @@ impl Merge<'_> {
         Ok((!here.begins(there)).then(conflict))
     }
 
-    /// Takes what one trial had recorded at a pause, whose lease the caller holds already; false where that is
-    /// known here.
+    /// Copies the record of one trial at a pause, under its lease, which the caller holds already; false
+    /// where it is known here.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the destination has something else, and where it cannot be read or written.
+    /// [`Error::Damaged`] where the destination has other values, and where it cannot be read or written.
     pub(in crate::store) fn pause_under_own_lease(
         &self,
         id: &str,
         bytes: &[u8],
         there: &Partial,
     ) -> Result<bool, Error> {
-        // The store is asked for the words of a conflict alone, which are not used here.
+        // Only the wording of a conflict asks the store, and it is not used here.
         match self.known_of(id, there, self.into)? {
             None => self.into.write_partial(id, bytes, there).map(|()| true),
             Some(Fate::Same) => Ok(false),

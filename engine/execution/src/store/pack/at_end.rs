@@ -1,8 +1,8 @@
-//! Packs what a run has finished, at its end.
+//! Packing at the end of a run.
 //!
-//! Who packs by hand waits until the pack has settled, since other machines may show old names for a while. A run does
-//! not wait: it packs where the store lies on a file system of this machine alone, nobody else is at work in it, and so
-//! many trials are short that their files are a burden.
+//! A packing by hand waits until the pack has settled, since other machines may show old names for a while. A
+//! run does not wait: it packs where the store lies on a file system of this machine alone, no other process
+//! is at work in it, and so many trials are short that their files are a burden.
 
 use super::{Packing, packing::FILES};
 use crate::{
@@ -13,11 +13,12 @@ use contract::Error;
 use std::{collections::HashSet, time::Duration};
 
 impl Store {
-    /// Packs those of the trials that ended `ok` and left nothing but metrics, where they are `many` or more, and ends
-    /// what an interrupted packing of them left; `None` where nothing is to be done, or nothing may be.
+    /// Packs those of the trials that ended `ok` and left nothing but metrics, where they are `many` or more,
+    /// and completes an interrupted packing of them; `None` where there are too few, or packing is not
+    /// allowed.
     ///
     /// # Errors
-    /// Where the store cannot be read or written.
+    /// [`Error::File`] where the store cannot be read or written.
     pub fn pack_at_end<'a>(
         &self,
         trials: impl Iterator<Item = &'a str>,
@@ -48,13 +49,13 @@ impl Store {
         Ok((done.removed > 0).then_some(done))
     }
 
-    /// True where nothing lies in a trial's folder but what can be packed.
+    /// Whether a trial's folder holds only files that can be packed.
     fn has_metrics_alone(&self, id: &str) -> bool {
         let is_packed = |name: &String| FILES.contains(&name.as_str()) || is_lease(name);
         inside::files_of(&self.folder(id)).is_ok_and(|files| files.iter().all(is_packed))
     }
 
-    /// True where no other process works in the store, and none of another machine can look into it.
+    /// Whether no other process works in the store, and none of another machine can see it.
     fn is_left_to_this_process(&self) -> bool {
         let this = Owner::this_process();
         self.bucket().is_none()

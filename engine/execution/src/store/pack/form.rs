@@ -1,4 +1,4 @@
-//! The bytes of a pack.
+//! Form of a pack, in bytes.
 //!
 //! ```text
 //! regimen pack 1\n
@@ -10,12 +10,13 @@
 //! index <its place> <number of trials> <hash of the index>\n  the end, of fixed length
 //! ```
 //!
-//! Lengths, places and the check (CRC-32C) are hexadecimal digits. The index only saves time: what stands before it
-//! says the same, so that a pack whose end is damaged still gives every trial that is whole.
+//! Lengths, places and the check (CRC-32C) are hexadecimal digits. The index only saves time: the bytes
+//! before it hold the same information, so that a pack whose end is damaged still gives every trial that is
+//! whole.
 
 use super::{
     super::index::parse,
-    outline::{Gathered, Outlines},
+    outline::{OutlineWriter, Outlines},
 };
 use contract::digest::of_bytes as hash;
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
@@ -25,19 +26,19 @@ const HEAD_LENGTH: usize = "trial ".len() + 32 + 3 * " 01234567".len() + 1;
 const END_LENGTH: usize = "index ".len() + 2 * 17 + 32 + 1;
 const ENTRY_LENGTH: usize = 32;
 
-/// Where a trial lies in a pack.
+/// Place of a trial in a pack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Entry {
-    /// The trial's id, as a number.
+    /// Id of the trial, as a number.
     pub(super) id: u128,
-    /// Where its `trial.json` begins; its metrics follow.
+    /// Offset of its `trial.json`, in bytes; its metrics follow.
     pub(super) at: u64,
     pub(super) acknowledgement: u32,
     pub(super) metrics: u32,
 }
 
 impl Entry {
-    /// Bytes of both files.
+    /// Length of both files in bytes.
     pub(super) fn length(&self) -> u64 {
         u64::from(self.acknowledgement) + u64::from(self.metrics)
     }
@@ -67,7 +68,7 @@ pub(super) fn number(id: &str) -> Option<u128> {
     digits.then(|| u128::from_str_radix(id, 16).ok()).flatten()
 }
 
-/// The id that [`number`] came from.
+/// Id of a trial from its [`number`].
 pub(super) fn id_of(number: u128) -> String {
     format!("{number:032x}")
 }
@@ -77,7 +78,7 @@ pub(super) struct Writer<W: Write> {
     to: W,
     at: u64,
     entries: Vec<Entry>,
-    outlines: Gathered,
+    outlines: OutlineWriter,
 }
 
 impl<W: Write> Writer<W> {
@@ -87,14 +88,14 @@ impl<W: Write> Writer<W> {
             to,
             at: BEGIN.len() as u64,
             entries: Vec::new(),
-            outlines: Gathered::default(),
+            outlines: OutlineWriter::default(),
         })
     }
 
     /// Adds a trial.
     ///
     /// # Errors
-    /// Where it cannot be written, or a file of it has 4 GiB or more.
+    /// The error of the output, and one for a file of 4 GiB or more.
     pub(super) fn add(&mut self, id: u128, acknowledgement: &[u8], metrics: &[u8]) -> io::Result<()> {
         let length = |bytes: &[u8]| u32::try_from(bytes.len()).map_err(io::Error::other);
         let entry = Entry {
@@ -112,7 +113,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the index and answers what was written to.
+    /// Writes the index; returns the output and the entries.
     pub(super) fn end(mut self) -> io::Result<(W, Vec<Entry>)> {
         let at = self.outlines.write(&mut self.to, self.at)?;
         let index: Vec<u8> = self.entries.iter().flat_map(|entry| entry.to_bytes()).collect();
@@ -134,7 +135,7 @@ fn head(entry: &Entry) -> String {
     format!("{said} {check:08x}\n")
 }
 
-/// The trial that a line announces whose payload begins at `at`.
+/// The trial that a line announces, with its payload at `at`.
 fn announced(line: &[u8], at: u64) -> Option<Entry> {
     let line = std::str::from_utf8(line).ok()?;
     let words: Vec<&str> = line
@@ -154,19 +155,19 @@ fn announced(line: &[u8], at: u64) -> Option<Entry> {
     (head(&entry) == line).then_some(entry)
 }
 
-/// What a pack says of its trials, in the order of ids.
+/// Index of a pack, in the order of ids.
 #[derive(Debug)]
 pub(super) struct Index {
     pub(super) entries: Vec<Entry>,
     pub(super) outlines: Outlines,
-    /// False where the end of the pack is not what was written, so that the trials were looked for one by one.
+    /// Whether the end of the pack is intact: false where the trials were looked for one by one.
     pub(super) is_whole: bool,
 }
 
 /// Reads the index of a pack; where it is damaged, looks for every trial.
 ///
 /// # Errors
-/// Where the file cannot be read.
+/// The error of a file that cannot be read.
 pub(super) fn index(file: &mut (impl BufRead + Seek)) -> io::Result<Index> {
     let length = file.seek(SeekFrom::End(0))?;
     if let Some((entries, at)) = written_index(file, length)? {
@@ -185,7 +186,7 @@ pub(super) fn index(file: &mut (impl BufRead + Seek)) -> io::Result<Index> {
     })
 }
 
-/// The entries of an index that is as it was written, and where it begins.
+/// Entries of an intact index, and the offset at which it begins.
 fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Option<(Vec<Entry>, u64)>> {
     let Some(end_at) = length.checked_sub(END_LENGTH as u64) else {
         return Ok(None);
@@ -209,7 +210,7 @@ fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Optio
     Ok(entries.map(|entries| (entries, at)))
 }
 
-/// Where the index begins and its hash, from the end of a pack; `None` where they do not fit the file.
+/// Offset and hash of the index, from the end of a pack; `None` where they do not fit the file.
 fn place_of_index(end: &[u8], end_at: u64) -> Option<(u64, String)> {
     let end = std::str::from_utf8(end).ok()?;
     let words: Vec<&str> = end
@@ -238,7 +239,7 @@ fn found(file: &mut (impl BufRead + Seek), length: u64) -> io::Result<Vec<Entry>
             return Ok(entries);
         }
         at += read;
-        // What stands before a line that announces a trial need not end as a line does.
+        // Bytes before a line that announces a trial need not end as a line does.
         let last = line.len().saturating_sub(HEAD_LENGTH);
         let Some(entry) = announced(&line[last..], at) else {
             continue;

@@ -1,10 +1,10 @@
 //! Packs: files that hold many short trials, so that a store of very many has few files.
 //!
-//! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left nothing
-//! else, bit by bit, and is named by the hash of all that it holds. The same of a trial that has paused, of which
-//! nothing else is left, may lie there too; it counts as long as the trial has not ended. A pack is written once
-//! and never changed. Whatever has a folder of its own is read from there: packs come second, so that a trial may
-//! be in both, and one whose place in a pack is damaged runs again as one that is missing.
+//! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left
+//! no artifact, bit by bit, and is named by the hash of its content. The record of a paused trial without
+//! other files may lie there too; it counts as long as the trial has not ended. A pack is written once and
+//! never changed. A trial with a folder of its own is read from there: packs come second, so that a trial may
+//! be in both, and a trial whose place in a pack is damaged runs again as a missing one.
 
 mod at_end;
 mod form;
@@ -16,7 +16,7 @@ mod tests;
 
 pub use packing::Packing;
 
-use super::{Loaded, Store, StoredTrial, index::parse, inside, names};
+use super::{EndWithMetrics, Store, StoredTrial, index::parse, inside, names};
 use crate::world::fs::File;
 use contract::{Error, digest, trial_end::EndState};
 use form::{Entry, id_of, number};
@@ -33,11 +33,11 @@ use std::{
 pub(super) const FOLDER: &str = "packs";
 const ENDING: &str = ".pack";
 
-/// The packs of a store as they were last seen, by name.
+/// The packs of a store as they were last seen, by file name.
 #[derive(Debug, Default)]
 pub(super) struct Packs(Mutex<BTreeMap<String, Arc<Pack>>>);
 
-/// A pack that was opened.
+/// An opened pack.
 #[derive(Debug)]
 pub(super) struct Pack {
     path: PathBuf,
@@ -46,20 +46,21 @@ pub(super) struct Pack {
 
 /// A short trial, as packs hold it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Short {
-    /// `trial.json`.
+pub(super) struct ShortTrial {
+    /// Bytes of `trial.json`.
     pub(super) acknowledgement: Vec<u8>,
-    /// `metrics.parquet`.
+    /// Bytes of `metrics.parquet`.
     pub(super) metrics: Vec<u8>,
 }
 
-impl Short {
-    /// True where it is this trial as it was acknowledged.
+impl ShortTrial {
+    /// Whether these are the acknowledged bytes of this trial.
     fn is_whole(&self, id: &str) -> bool {
         self.state(id).is_some()
     }
 
-    /// Whether this trial ended `ok` or has paused; `None` where it is not as it was acknowledged.
+    /// End state of this trial, which ended `ok` or has paused; `None` where it differs from its
+    /// acknowledgement.
     fn state(&self, id: &str) -> Option<EndState> {
         let trial = parse(&self.acknowledgement)
             .ok()
@@ -70,10 +71,10 @@ impl Short {
 }
 
 impl Store {
-    /// The packs that are there now.
+    /// The packs that the store has now.
     ///
     /// # Errors
-    /// Where one cannot be read.
+    /// [`Error::File`] where a pack cannot be read.
     pub(super) fn packs(&self) -> Result<Vec<Arc<Pack>>, Error> {
         let folder = self.root.join(FOLDER);
         let there = names(&folder)?;
@@ -89,13 +90,13 @@ impl Store {
         Ok(known.values().cloned().collect())
     }
 
-    /// Reads a pack anew when it is next asked for.
+    /// Drops a pack from memory, so that its next use reads it anew.
     fn forget_pack(&self, path: &Path) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         lock(&self.packs.0).remove(&*name);
     }
 
-    /// The packs that have a place for a trial, whatever lies there, inside the store.
+    /// Paths, inside the store, of the packs that have a place for a trial, whatever lies there.
     pub(super) fn packs_with(&self, id: &str) -> Vec<PathBuf> {
         let packs = self.packs().unwrap_or_default();
         let with = packs.iter().filter(|pack| pack.entry(id).is_some());
@@ -108,12 +109,12 @@ impl Store {
         .collect()
     }
 
-    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None`
-    /// where no pack has it.
+    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None` where
+    /// no pack has it.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
-    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
+    /// [`Error::File`] where a pack cannot be read.
+    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<AcknowledgedTrial>, Error> {
         let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
     }
@@ -121,14 +122,13 @@ impl Store {
     /// The metrics of a trial that a pack has with the hash that was acknowledged.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
+    /// [`Error::File`] where a pack cannot be read.
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
         let packs = self.packs_of(id)?;
         metrics_in(&mut readers(&packs)?, id, digest)
     }
 
-    /// The error of a trial whose metrics are in none of the places where they belong; it names the pack that has
-    /// others.
+    /// The error for a trial whose metrics are in none of their places; it names a pack with other metrics.
     pub(super) fn without_metrics(&self, id: &str, path: PathBuf) -> Error {
         match self.packs_with(id).into_iter().next() {
             Some(pack) => Error::Damaged {
@@ -142,11 +142,11 @@ impl Store {
         }
     }
 
-    /// What packs hold, whole, of a trial that had paused.
+    /// Whole records of a paused trial in packs.
     ///
     /// # Errors
-    /// Where a pack cannot be read.
-    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<Short>, Error> {
+    /// [`Error::File`] where a pack cannot be read.
+    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<ShortTrial>, Error> {
         let mut found = Vec::new();
         for pack in self.packs_of(id)? {
             let held = pack.trial(id)?;
@@ -163,14 +163,17 @@ impl Store {
     }
 }
 
-/// The text of a `trial.json`, and what it says.
-pub(super) type Acknowledged = (Vec<u8>, StoredTrial);
+/// Text of a `trial.json`, and the trial that it describes.
+pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 
 /// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
 ///
 /// # Errors
-/// Where a pack cannot be read.
-pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<Acknowledged>, Error> {
+/// [`Error::File`] where a pack cannot be read.
+pub(super) fn acknowledged_in(
+    packs: &mut [Reader<'_>],
+    id: &str,
+) -> Result<Option<AcknowledgedTrial>, Error> {
     for pack in packs {
         let Some(text) = pack.acknowledgement(id)? else {
             continue;
@@ -183,11 +186,11 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
-/// The end of a trial by the first of these packs that has it, without a look at the trial itself where the
-/// pack has an outline of it: its bytes may be damaged, as its metrics may.
+/// End of a trial from the first of these packs that has it. Where the pack has an outline of the trial, its
+/// own bytes are not read: they may be damaged, as its metrics may.
 ///
 /// # Errors
-/// Where a pack cannot be read.
+/// [`Error::File`] where a pack cannot be read.
 pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
     for pack in &mut *packs {
         let told = pack.outline(id)?.filter(|trial| trial.id() == id);
@@ -201,7 +204,7 @@ pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<S
 /// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
 ///
 /// # Errors
-/// Where a pack cannot be read.
+/// [`Error::File`] where a pack cannot be read.
 fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
@@ -212,11 +215,16 @@ fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option
     Ok(None)
 }
 
-/// How a trial ended and what it recorded, from the first of these packs that have it; `None` where none has.
+/// End and metrics of a trial, from the first of these packs that have it; `None` where none has.
 ///
 /// # Errors
-/// Where a pack cannot be read, and [`Error::Damaged`] where nothing in the store is what was acknowledged.
-pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Result<Option<Loaded>, Error> {
+/// [`Error::File`] where a pack cannot be read, [`Error::Damaged`] where no copy in the store matches its
+/// acknowledgement.
+pub(super) fn loaded_in(
+    packs: &mut [Reader<'_>],
+    store: &Store,
+    id: &str,
+) -> Result<Option<EndWithMetrics>, Error> {
     let Some((_, trial)) = acknowledged_in(packs, id)? else {
         return Ok(None);
     };
@@ -232,20 +240,20 @@ pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Re
 pub(super) struct Reader<'a> {
     pack: &'a Pack,
     file: File,
-    /// Outlines that were read, and their places in the index.
+    /// Outlines that were read, and their range of places in the index.
     outlines: (Range<usize>, Vec<u8>),
 }
 
 /// Opens these packs.
 ///
 /// # Errors
-/// Where one cannot be read.
+/// [`Error::File`] where one cannot be read.
 pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
     packs.iter().map(|pack| pack.reader()).collect()
 }
 
 impl Reader<'_> {
-    /// What the pack says of a trial's end; `None` where it has no outline of it.
+    /// Outline of a trial; `None` where the pack has none.
     fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
         let Some(place) = self.pack.place(id) else {
             return Ok(None);
@@ -258,7 +266,7 @@ impl Reader<'_> {
         Ok(bytes.and_then(|bytes| self.pack.index.outlines.trial(bytes)))
     }
 
-    /// Reads the outlines of all trials whose ids begin as that at `place`: they are asked for together.
+    /// Reads the outlines of all trials whose ids begin as the one at `place`: they are asked for together.
     fn read_outlines(&mut self, place: usize) -> Result<(), Error> {
         let places = self.pack.neighbours(place);
         let bytes = match self.pack.index.outlines.bytes_of(&places) {
@@ -285,17 +293,17 @@ impl Reader<'_> {
         entry.map(bytes).transpose()
     }
 
-    fn trial_at(&mut self, entry: &Entry) -> Result<Short, Error> {
+    fn trial_at(&mut self, entry: &Entry) -> Result<ShortTrial, Error> {
         let mut bytes = self.bytes(entry.at, entry.length())?;
         let metrics = bytes.split_off((entry.acknowledgement as usize).min(bytes.len()));
-        Ok(Short {
+        Ok(ShortTrial {
             acknowledgement: bytes,
             metrics,
         })
     }
 
     fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
-        // What a pack says of its lengths lies inside it, so that no more is asked for than there is.
+        // The lengths in an index lie inside the pack, so that no more memory is reserved than the file has.
         let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or_default());
         let read = self
             .file
@@ -306,7 +314,7 @@ impl Reader<'_> {
 }
 
 impl Pack {
-    /// `None` where it is gone.
+    /// Opens a pack; `None` where it is gone.
     fn open(path: &Path) -> Result<Option<Self>, Error> {
         if !inside::is_file(path) {
             return Ok(None);
@@ -323,7 +331,7 @@ impl Pack {
         }))
     }
 
-    /// The ids of all trials in it, in order.
+    /// Ids of all trials in the pack, in order.
     pub(super) fn ids(&self) -> impl Iterator<Item = String> {
         self.index.entries.iter().map(|entry| id_of(entry.id))
     }
@@ -332,7 +340,7 @@ impl Pack {
         self.place(id).map(|place| &self.index.entries[place])
     }
 
-    /// Where a trial stands in the index.
+    /// Place of a trial in the index.
     fn place(&self, id: &str) -> Option<usize> {
         let id = number(id)?;
         self.index
@@ -341,7 +349,7 @@ impl Pack {
             .ok()
     }
 
-    /// The places of the trials that are of one group of folders with that at `place`.
+    /// Places of the trials in the group of folders of the one at `place`.
     fn neighbours(&self, place: usize) -> Range<usize> {
         let entries = &self.index.entries;
         let group = |entry: &Entry| entry.id >> (u128::BITS - 8);
@@ -359,23 +367,23 @@ impl Pack {
         })
     }
 
-    /// What it holds of a trial, whatever that is worth.
-    pub(super) fn trial(&self, id: &str) -> Result<Option<Short>, Error> {
+    /// The bytes that the pack has for a trial, damaged or not.
+    pub(super) fn trial(&self, id: &str) -> Result<Option<ShortTrial>, Error> {
         self.entry(id).map(|entry| self.trial_at(entry)).transpose()
     }
 
-    fn trial_at(&self, entry: &Entry) -> Result<Short, Error> {
+    fn trial_at(&self, entry: &Entry) -> Result<ShortTrial, Error> {
         self.reader()?.trial_at(entry)
     }
 }
 
-/// True for the path of a pack inside a store.
+/// Whether the path, inside a store, is that of a pack.
 pub(super) fn is_path(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.parent() == Some(Path::new(FOLDER)) && is_pack(&name)
 }
 
-/// True for the name of a pack.
+/// Whether the file name is that of a pack.
 fn is_pack(name: &str) -> bool {
     name.strip_suffix(ENDING)
         .is_some_and(|digest| number(digest).is_some())

@@ -1,13 +1,14 @@
-//! What a pack says of how its trials ended, so that very many ends are told without a look at any `trial.json`.
+//! Outlines: the part of a pack from which very many ends are read without a look at any `trial.json`.
 //!
 //! ```text
 //! <outline>                                                     56 bytes per trial, in the order of the index
-//! <origins>                                                     what trials share, as JSON
+//! <origins>                                                     the parts that trials share, as JSON
 //! outlines <their place> <length of origins> <hash of both>\n   of fixed length, before the index
 //! ```
 //!
-//! Outlines save time alone, since `trial.json` says the same. A pack that an earlier program wrote has none;
-//! where they are not what was written, and where a trial says what an outline cannot hold, its `trial.json` is read.
+//! Outlines only save time, since `trial.json` has the same information. A pack of an earlier program has
+//! none; where they are damaged, and where an outline cannot hold the end of a trial, its `trial.json` is
+//! read.
 
 use super::{
     super::date::{rfc_3339_of, seconds_of},
@@ -32,23 +33,23 @@ const LINE_LENGTH: usize = "outlines ".len() + 2 * 17 + 32 + 1;
 /// The origin of a trial that has no outline.
 const NO_ORIGIN: u32 = u32::MAX;
 
-/// What trials of one setting share.
+/// The part that the trials of one setting share.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 struct Origin {
     parts: [String; 3],
     numerics: u32,
     device: String,
     build: Option<Build>,
-    /// Whether its trials noted when they ended.
+    /// Whether the ends of its trials have a date.
     dated: bool,
 }
 
-/// What an outline says beside its origin.
+/// The part of an outline besides its origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Outline {
     seed: u64,
     wall_s: f64,
-    /// Not a number where no decision was timed.
+    /// Seconds per decision; NaN where no decision was timed.
     decision_s: f64,
     digest: u128,
     ended_at_s: u64,
@@ -88,14 +89,14 @@ impl Outline {
     }
 }
 
-/// Gathers the outlines of a pack while it is written.
+/// Outlines of a pack that is being written.
 #[derive(Debug, Default)]
-pub(super) struct Gathered {
+pub(super) struct OutlineWriter {
     outlines: Vec<u8>,
     origins: BTreeMap<Origin, u32>,
 }
 
-impl Gathered {
+impl OutlineWriter {
     /// Adds the next trial.
     pub(super) fn add(&mut self, trial: Option<StoredTrial>) {
         let outline = trial
@@ -104,7 +105,7 @@ impl Gathered {
         self.outlines.extend(outline.to_bytes());
     }
 
-    /// `None` where an outline would not give the trial back to the bit.
+    /// Outline of a trial; `None` where it would not give the trial back to the bit.
     fn outline(&mut self, trial: StoredTrial) -> Option<Outline> {
         if trial.end.state != EndState::Ok {
             return None;
@@ -134,7 +135,7 @@ impl Gathered {
         Some(outline)
     }
 
-    /// Writes the outlines, which begin at `at`; answers where they end.
+    /// Writes the outlines from the offset `at` on; returns the offset of their end.
     pub(super) fn write(self, to: &mut impl Write, at: u64) -> io::Result<u64> {
         let mut origins: Vec<(u32, Origin)> = self
             .origins
@@ -152,7 +153,7 @@ impl Gathered {
     }
 }
 
-/// What a trial with this outline is.
+/// The trial of an outline.
 fn told(origin: &Origin, outline: &Outline) -> StoredTrial {
     StoredTrial {
         parts: origin.parts.clone(),
@@ -171,7 +172,7 @@ fn told(origin: &Origin, outline: &Outline) -> StoredTrial {
     }
 }
 
-/// Where the outlines of an opened pack lie, and what their trials share.
+/// Place of the outlines in an opened pack, and the origins.
 #[derive(Debug, Default)]
 pub(super) struct Outlines {
     at: u64,
@@ -180,11 +181,11 @@ pub(super) struct Outlines {
 }
 
 impl Outlines {
-    /// The outlines of a pack of `count` trials whose index begins at `index_at`; none where they are not what was
-    /// written.
+    /// The outlines of a pack of `count` trials whose index begins at `index_at`; empty where they are
+    /// damaged.
     ///
     /// # Errors
-    /// Where the file cannot be read.
+    /// The error of a file that cannot be read.
     pub(super) fn open(file: &mut (impl Read + Seek), index_at: u64, count: usize) -> io::Result<Self> {
         let Some(line_at) = index_at.checked_sub(LINE_LENGTH as u64) else {
             return Ok(Self::default());
@@ -205,13 +206,13 @@ impl Outlines {
         }
     }
 
-    /// Where the bytes of some outlines lie; `None` where there are none.
+    /// Offset and length of some outlines in bytes; `None` where there are none.
     pub(super) fn bytes_of(&self, places: &Range<usize>) -> Option<(u64, u64)> {
         let length = (places.len() * OUTLINE_LENGTH) as u64;
         (places.end <= self.count).then(|| (self.at + (places.start * OUTLINE_LENGTH) as u64, length))
     }
 
-    /// The trial that an outline is of; `None` where it has none.
+    /// The trial of an outline; `None` for an empty one.
     pub(super) fn trial(&self, bytes: &[u8]) -> Option<StoredTrial> {
         let outline = Outline::from_bytes(bytes)?;
         let origin = self.origins.get(usize::try_from(outline.origin).ok()?)?;
@@ -219,7 +220,7 @@ impl Outlines {
     }
 }
 
-/// Where the outlines begin and their hash, from the line that ends them; `None` where they do not fit the pack.
+/// Offset and hash of the outlines, from the line that ends them; `None` where they do not fit the pack.
 fn place(line: &[u8], line_at: u64, count: usize) -> Option<(u64, String)> {
     let line = std::str::from_utf8(line).ok()?;
     let words: Vec<&str> = line
@@ -291,7 +292,7 @@ mod tests {
     }
 
     fn written(trials: &[StoredTrial]) -> Vec<u8> {
-        let mut gathered = Gathered::default();
+        let mut gathered = OutlineWriter::default();
         trials.iter().for_each(|trial| gathered.add(Some(trial.clone())));
         let mut bytes = b"before".to_vec();
         let at = bytes.len() as u64;

@@ -1,13 +1,13 @@
 //! Moves short trials from folders of their own into a pack.
 //!
-//! The pack is written beside its place, read back, flushed and renamed, with the folders that lead to it, before the
-//! first folder is touched. Other machines may go on to see a folder's old names for a while, so that what was packed
-//! stays in both places until the pack has settled. Then each trial's files go, its acknowledgement first, under its
-//! lease and only where they are the bytes that the pack has. Whenever this is interrupted, every trial is whole in one
-//! of the two places, and the next packing ends it.
+//! The pack is written beside its place, read back, flushed and renamed, with the folders that lead to it,
+//! before the first folder is touched. Other machines may see a folder's old names for a while, so that
+//! packed trials stay in both places until the pack has settled. Then each trial's files go, its
+//! acknowledgement first, under its lease and only where they are the bytes of the pack. Whenever this is
+//! interrupted, every trial is whole in one of the two places, and the next packing completes it.
 
 use super::{
-    ENDING, FOLDER, Pack, Short,
+    ENDING, FOLDER, Pack, ShortTrial,
     form::{Writer, id_of, number},
 };
 use crate::{
@@ -28,24 +28,24 @@ use std::{
     time::Duration,
 };
 
-/// Trials with more bytes than this stay in folders: packing saves files, not bytes.
+/// Most bytes of a packed trial; larger ones stay in folders: packing saves files, not bytes.
 const MOST_BYTES: usize = 1 << 20;
 
 /// The files of a trial that can be packed.
 pub(super) const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
 
-/// What a packing did.
+/// Result of a packing.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Packing {
     /// The pack that was written, inside the store; `None` where no trial was new.
     pub pack: Option<PathBuf>,
-    /// Trials in it.
+    /// Number of trials in the pack.
     pub packed: usize,
-    /// Its size.
+    /// Size of the pack in bytes.
     pub bytes: u64,
-    /// Folders that were removed, of this packing and of earlier ones that were interrupted.
+    /// Number of removed folders, of this packing and of earlier ones that were interrupted.
     pub removed: usize,
-    /// Trials that keep their folders: they left more than metrics, did not end well, or are large.
+    /// Number of trials that keep their folders: they left more than metrics, did not end well, or are large.
     pub kept: usize,
 }
 
@@ -53,7 +53,7 @@ impl Store {
     /// Packs every trial that ended `ok` and left nothing but metrics. Folders go when the pack is `settle` old.
     ///
     /// # Errors
-    /// Where the store cannot be read or written.
+    /// [`Error::File`] where the store cannot be read or written.
     pub fn pack(&self, leases: &Leases, settle: Duration) -> Result<Packing, Error> {
         refuse_links(self)?;
         let ids = self.ids_with_folders();
@@ -65,7 +65,7 @@ impl Store {
         Ok(done)
     }
 
-    /// Removes the folders of trials that packs have, until it is to stop.
+    /// Removes the folders of trials that packs have, until it is told to stop.
     pub(super) fn leave_all_to_packs(
         &self,
         ids: &[String],
@@ -84,10 +84,10 @@ impl Store {
         Ok(())
     }
 
-    /// Writes those of the trials that no pack has yet into a new one.
+    /// Writes a new pack of those trials that no pack has yet.
     pub(super) fn write_pack(&self, ids: &[String]) -> Result<Packing, Error> {
         let packs = self.packs()?;
-        let is_new = |id: &String, trial: &Short| {
+        let is_new = |id: &String, trial: &ShortTrial| {
             let has = |pack: &Arc<Pack>| pack.trial(id).is_ok_and(|held| held.as_ref() == Some(trial));
             !packs.iter().any(has)
         };
@@ -100,10 +100,13 @@ impl Store {
     }
 
     /// Writes a pack of these trials, which come in the order of their ids.
-    pub(super) fn new_pack(&self, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<Packing, Error> {
+    pub(super) fn new_pack(
+        &self,
+        trials: &mut dyn Iterator<Item = (u128, ShortTrial)>,
+    ) -> Result<Packing, Error> {
         let folder = self.root.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        // Processes of several machines may share their numbers.
+        // Processes of several machines may have the same process id.
         let temporary = folder.join(format!(".{}.tmp", Owner::this_process().token()));
         let written = write(&temporary, trials).and_then(|(packed, bytes)| {
             let digest = File::open(&temporary).and_then(digest::of_file);
@@ -120,14 +123,14 @@ impl Store {
             })
         });
         if written.is_err() {
-            // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
+            // A full disk gets its space back; `fsck` finds a file that cannot be removed.
             let _ = fs::remove_file(&temporary);
         }
         written
     }
 
-    /// A trial that can be packed, whole. What cannot be read is none; `fsck` says why.
-    fn short(&self, id: &str) -> Option<Short> {
+    /// A whole trial that can be packed. A trial that cannot be read is left out; `fsck` reports it.
+    fn short(&self, id: &str) -> Option<ShortTrial> {
         let folder = self.folder(id);
         let mut files = inside::files_of(&folder).ok()?;
         files.retain(|name| !is_lease(name));
@@ -135,11 +138,11 @@ impl Store {
         let trial = if let [name] = files.as_slice()
             && partial::step_of(name).is_some()
         {
-            // A trial that goes on from a checkpoint here keeps it.
+            // A trial that continues from a checkpoint here keeps it.
             paused(id, &read(name)?)?
         } else if files == ["metrics.parquet", "trial.json"] {
             let [acknowledgement, metrics] = FILES.map(read);
-            Short {
+            ShortTrial {
                 acknowledgement: acknowledgement?,
                 metrics: metrics?,
             }
@@ -153,7 +156,7 @@ impl Store {
         (is_short && trial.is_whole(id)).then_some(trial)
     }
 
-    /// Removes the folder of a trial that packs have; true where it is gone.
+    /// Removes the folder of a packed trial; true where it is gone.
     fn leave_to_packs(&self, id: &str, packs: &[Arc<Pack>], leases: &Leases) -> Result<bool, Error> {
         let mut held = Vec::new();
         for pack in packs {
@@ -169,7 +172,7 @@ impl Store {
         }
         let folder = self.folder(id);
         match fs::remove_dir(&folder) {
-            // Somebody has asked for the trial meanwhile.
+            // Another process has asked for the trial meanwhile.
             Err(source) if source.kind() == ErrorKind::DirectoryNotEmpty => Ok(false),
             outcome => absent_is_fine(outcome)
                 .map(|()| true)
@@ -178,12 +181,12 @@ impl Store {
     }
 
     /// Removes the files of a trial that are the same bytes as those of one of `held`; true where they were.
-    fn remove_files(&self, id: &str, held: &[Short]) -> Result<bool, Error> {
+    fn remove_files(&self, id: &str, held: &[ShortTrial]) -> Result<bool, Error> {
         let folder = self.folder(id);
         let own = FILES.map(|name| inside::read(&folder.join(name)));
         let [acknowledgement, metrics] = own;
         let (acknowledgement, metrics) = (acknowledgement?, metrics?);
-        let is_same = |held: &Short| {
+        let is_same = |held: &ShortTrial| {
             acknowledgement
                 .as_ref()
                 .is_none_or(|own| *own == held.acknowledgement)
@@ -205,16 +208,16 @@ impl Store {
 }
 
 /// A trial at its pause, from the bytes of its file.
-fn paused(id: &str, bytes: &[u8]) -> Option<Short> {
+fn paused(id: &str, bytes: &[u8]) -> Option<ShortTrial> {
     let [metrics, acknowledgement] = partial::parts(id, bytes).ok()?;
-    Some(Short {
+    Some(ShortTrial {
         acknowledgement,
         metrics,
     })
 }
 
-/// Writes a pack, flushes it and reads it back; answers how many trials it has and how large it is.
-fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<(usize, u64), Error> {
+/// Writes a pack, flushes it and reads it back; returns its number of trials and its size in bytes.
+fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, ShortTrial)>) -> Result<(usize, u64), Error> {
     let wrong = || Error::file("write", path);
     let file = File::create(path).map_err(Error::file("create", path))?;
     let mut writer = Writer::begin(BufWriter::new(file)).map_err(wrong())?;
@@ -231,7 +234,7 @@ fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result
     Ok((entries.len(), bytes))
 }
 
-/// Holds a pack that was written against what was meant to be in it.
+/// Reads a pack back and compares it with the intended content.
 fn read_back(path: &Path, count: usize) -> Result<(), Error> {
     let pack = Pack::open(path)?;
     let is_whole = pack.is_some_and(|pack| {

@@ -1,6 +1,6 @@
-//! What becomes of a damaged pack: whole trials go into a new one, and the old one is set aside.
+//! Salvage of a damaged pack: whole trials go into a new one, and the old one is set aside.
 
-use super::{ENDING, FOLDER, Pack, Short, form::id_of, is_pack};
+use super::{ENDING, FOLDER, Pack, ShortTrial, form::id_of, is_pack};
 use crate::{
     store::{
         Store,
@@ -16,11 +16,11 @@ use std::{
 };
 
 impl Store {
-    /// Sets a damaged pack aside as `to` and writes the trials in it that are whole into a new one, which has the name
-    /// of the old one where all are. A pack that is gone is passed over.
+    /// Sets a damaged pack aside as `to` and writes its whole trials into a new one, which has the name of
+    /// the old one where all are whole. A pack that is gone is skipped.
     ///
     /// # Errors
-    /// Where a pack cannot be read or written.
+    /// [`Error::File`] where a pack cannot be read or written.
     pub(in crate::store) fn salvage(&self, path: &Path, to: &Path) -> Result<(), Error> {
         let old = self.root.join(path);
         let Some(pack) = Pack::open(&old)? else {
@@ -37,7 +37,7 @@ impl Store {
             Some(_) => self.new_pack(&mut whole)?.pack,
             None => None,
         };
-        // An opened pack is known by its name.
+        // Opened packs are cached by their names.
         self.forget_pack(path);
         if new.as_deref() == Some(path) {
             Ok(())
@@ -48,8 +48,8 @@ impl Store {
 }
 
 impl Pack {
-    /// The trials in it that are whole, in the order of their ids, each once.
-    fn whole(&self) -> impl Iterator<Item = (u128, Short)> {
+    /// The whole trials of the pack, in the order of their ids, each once.
+    fn whole(&self) -> impl Iterator<Item = (u128, ShortTrial)> {
         let mut last = None;
         self.index.entries.iter().filter_map(move |entry| {
             let trial = self.trial_at(entry).ok()?;
@@ -71,7 +71,7 @@ impl Pack {
 }
 
 impl Check<'_> {
-    /// Looks at every pack.
+    /// Checks every pack.
     pub(in crate::store) fn packs(&mut self) {
         for name in self.names(Path::new(FOLDER)) {
             let path = Path::new(FOLDER).join(&name);
@@ -98,7 +98,7 @@ impl Check<'_> {
             self.found.whole += packed;
             return Ok(());
         }
-        // Another pack, or a folder, may have what is lost here.
+        // Another pack, or a folder, may have the trial that is lost here.
         let is_lost = |id: &String| !matches!(self.store.sound(id), Ok(Some(_)));
         let lost: Vec<String> = pack.lost().filter(is_lost).collect();
         self.found.whole += packed.saturating_sub(lost.len());

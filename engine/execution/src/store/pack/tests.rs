@@ -11,7 +11,7 @@ fn trial(seed: u64) -> Trial {
     stub::trial(4, seed)
 }
 
-/// A store.
+/// A store in a temporary folder.
 pub(super) struct Bench {
     folder: tempfile::TempDir,
     pub(super) store: Store,
@@ -54,7 +54,7 @@ impl Bench {
         self.store.root.join(FOLDER).join(&all[0])
     }
 
-    /// The value that a trial recorded, by a store that was opened anew.
+    /// The value that a trial recorded, read through a newly opened store.
     fn value(&self, seed: u64) -> Option<f64> {
         let result = Store::at(&self.store.root).load(&trial(seed).into()).unwrap();
         result.rows.first().map(|row| row.value)
@@ -119,7 +119,7 @@ fn a_pack_that_was_interrupted_is_ended_by_the_next_one() {
     let folder = bench.store.folder(&trial(1).id);
     let left = fs::read(folder.join("metrics.parquet")).unwrap();
     bench.pack();
-    // Killed before the second file of a trial went.
+    // As if killed before the second file of a trial went.
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("metrics.parquet"), left).unwrap();
     fs::write(bench.store.root.join(FOLDER).join(".host-1-ab.tmp"), "half").unwrap();

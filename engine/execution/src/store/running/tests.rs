@@ -56,7 +56,7 @@ impl Bench {
             .unwrap();
     }
 
-    /// What a fresh process continues from: the protocol's state, the agent and the number of rows.
+    /// State from which a fresh process continues: the protocol's state, the agent and the number of rows.
     fn load(&self) -> Option<(Value, u64, usize)> {
         let (mut agent, mut record) = (Counter(0), Recorder::default());
         let state = self.keeper().load(&mut agent, &mut record).unwrap();
@@ -171,8 +171,8 @@ fn what_an_agent_does_not_take_is_not_offered_again() {
     let mut keeper = bench.keeper();
     bench.save(&mut keeper, 1);
     let older = bench.set_aside("checkpoint-1");
-    struct Odd;
-    impl Agent for Odd {
+    struct UnreadableAgent;
+    impl Agent for UnreadableAgent {
         fn act(&mut self, _: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
             Ok(Vec::new())
         }
@@ -180,7 +180,9 @@ fn what_an_agent_does_not_take_is_not_offered_again() {
             fs::write(dir.join("count"), "no number").map_err(Error::file("write", dir))
         }
     }
-    keeper.save(json!(2), &Odd, &mut bench.record).unwrap();
+    keeper
+        .save(json!(2), &UnreadableAgent, &mut bench.record)
+        .unwrap();
     fs::rename(older, bench.path("checkpoint-1")).unwrap();
     let (mut agent, mut record) = (Counter(0), Recorder::default());
     let mut keeper = bench.keeper();

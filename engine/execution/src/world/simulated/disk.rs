@@ -1,10 +1,10 @@
-//! A disk that keeps what was flushed, and of the rest what chance leaves.
+//! A disk that keeps flushed changes, and a random part of the others.
 //!
-//! Everybody sees every change at once. A change is durable when what it changed was flushed: bytes with their file,
-//! names with their folder. When the power goes, a file keeps a random beginning of its unflushed writes, the last of
-//! them maybe in part; a folder keeps a random beginning of its unflushed changes. What renames between two folders
-//! happens in both or in neither. This is less than journalling file systems promise, and all that the store may
-//! rely on.
+//! Every process sees every change at once. A change is durable when the changed object was flushed: bytes
+//! with their file, names with their folder. When the power goes, a file keeps a random beginning of its
+//! unflushed writes, the last of them maybe in part; a folder keeps a random beginning of its unflushed
+//! changes. A rename between two folders happens in both or in neither. This is less than journalling file
+//! systems promise, and all that the store may rely on.
 
 use super::dice::Dice;
 use std::{
@@ -18,20 +18,20 @@ use std::{
 /// Number of a file or folder.
 pub type Node = usize;
 
-/// The folder above all.
+/// The root folder.
 pub const ROOT: Node = 0;
 
 pub struct Disk {
     nodes: Vec<Inode>,
-    /// Changes of names so far.
+    /// Number of changes of names so far.
     changes: u64,
-    /// Those that changed two folders and are durable in one of them.
+    /// Changes of two folders that are durable in one of them.
     durable: BTreeSet<u64>,
 }
 
 pub struct Inode {
     pub body: Body,
-    /// When it was changed, by the clock of the disk.
+    /// Time of the last change, by the clock of the disk.
     pub changed: Duration,
 }
 
@@ -44,11 +44,11 @@ pub enum Body {
 pub struct Content {
     pub bytes: Vec<u8>,
     durable: Vec<u8>,
-    unflushed: Vec<Written>,
+    unflushed: Vec<UnflushedWrite>,
 }
 
 /// A change of a file, and the machine whose memory holds it until it is flushed.
-struct Written {
+struct UnflushedWrite {
     host: usize,
     change: Change,
 }
@@ -62,11 +62,11 @@ enum Change {
 pub struct Names {
     pub now: BTreeMap<OsString, Node>,
     durable: BTreeMap<OsString, Node>,
-    unflushed: Vec<Renamed>,
+    unflushed: Vec<NameChange>,
 }
 
-/// Names that one change gave and took in one folder.
-struct Renamed {
+/// Names that one change gave and removed in one folder.
+struct NameChange {
     number: u64,
     names: Vec<(OsString, Option<Node>)>,
 }
@@ -117,7 +117,7 @@ impl Disk {
         }
     }
 
-    /// What a path leads to.
+    /// The file or folder to which a path leads.
     pub fn find(&self, path: &Path) -> io::Result<Node> {
         let mut node = ROOT;
         for name in parts(path) {
@@ -126,7 +126,7 @@ impl Disk {
         Ok(node)
     }
 
-    /// The folder in which a path's last name stands, and that name.
+    /// The folder of a path's last name, and that name.
     pub fn place<'a>(&self, path: &'a Path) -> io::Result<(Node, &'a OsStr)> {
         let name = path.file_name().ok_or(ErrorKind::InvalidInput)?;
         let folder = self.find(path.parent().unwrap_or(Path::new("")))?;
@@ -134,7 +134,7 @@ impl Disk {
         Ok((folder, name))
     }
 
-    /// A new file or folder that no name leads to yet.
+    /// A new file or folder without a name.
     pub fn make(&mut self, folder: bool, at: Duration) -> Node {
         let body = if folder {
             Body::Folder(Names::default())
@@ -145,13 +145,13 @@ impl Disk {
         self.nodes.len() - 1
     }
 
-    /// Gives and takes names, all at once; of one or two folders.
+    /// Gives and removes names in one or two folders, all at once.
     pub fn change(&mut self, names: Vec<(Node, OsString, Option<Node>)>, at: Duration) {
         self.changes += 1;
         let folders: BTreeSet<Node> = names.iter().map(|(folder, ..)| *folder).collect();
         for folder in folders {
             let of = names.iter().filter(|(of, ..)| *of == folder);
-            let renamed = Renamed {
+            let renamed = NameChange {
                 number: self.changes,
                 names: of.map(|(_, name, to)| (name.clone(), *to)).collect(),
             };
@@ -170,22 +170,22 @@ impl Disk {
             at,
             bytes: bytes.to_vec(),
         };
-        self.alter(node, Written { host, change })
+        self.alter(node, UnflushedWrite { host, change })
     }
 
     pub fn cut(&mut self, node: Node, length: usize, host: usize) -> io::Result<()> {
         let change = Change::Cut(length);
-        self.alter(node, Written { host, change })
+        self.alter(node, UnflushedWrite { host, change })
     }
 
-    fn alter(&mut self, node: Node, written: Written) -> io::Result<()> {
+    fn alter(&mut self, node: Node, written: UnflushedWrite) -> io::Result<()> {
         let content = self.content_of(node)?;
         written.change.apply(&mut content.bytes);
         content.unflushed.push(written);
         Ok(())
     }
 
-    /// What a file holds, or the names in a folder, are durable from now on.
+    /// Makes the content of a file, or the names in a folder, durable.
     pub fn flush(&mut self, node: Node) {
         match &mut self.nodes[node].body {
             Body::File(content) => {
@@ -200,7 +200,7 @@ impl Disk {
         }
     }
 
-    /// The power of the disk and of all machines goes.
+    /// Takes the power from the disk and all machines.
     pub fn lose_power(&mut self, dice: &mut Dice) {
         let mut kept = self.kept(dice);
         for (node, inode) in self.nodes.iter_mut().enumerate() {
@@ -215,7 +215,7 @@ impl Disk {
         }
     }
 
-    /// The power of one machine goes: what only its memory held of files is lost.
+    /// Takes the power from one machine: unflushed writes in its memory are lost.
     pub fn lose_host(&mut self, host: usize, dice: &mut Dice) {
         for inode in &mut self.nodes {
             if let Body::File(content) = &mut inode.body {
@@ -224,7 +224,7 @@ impl Disk {
         }
     }
 
-    /// How many of its unflushed changes each folder keeps.
+    /// Number of unflushed changes that each folder keeps.
     fn kept(&self, dice: &mut Dice) -> BTreeMap<Node, usize> {
         let mut kept = BTreeMap::new();
         let mut happened = self.durable.clone();
@@ -235,7 +235,7 @@ impl Disk {
                 kept.insert(node, count);
             }
         }
-        // What happened in one folder happened in the other, and so did what came before it there.
+        // A change of two folders is kept in both, and so are the earlier changes there.
         loop {
             let mut more = false;
             for (node, count) in &mut kept {
@@ -263,7 +263,7 @@ impl Disk {
 }
 
 impl Content {
-    /// Loses unflushed changes of the machines that are meant: a random beginning of them stays.
+    /// Loses unflushed changes of the machines that `meant` selects: a random beginning of them stays.
     fn lose(&mut self, dice: &mut Dice, meant: impl Fn(usize) -> bool) {
         let count = self
             .unflushed
@@ -301,7 +301,7 @@ impl Names {
     }
 }
 
-impl Renamed {
+impl NameChange {
     fn apply(&self, names: &mut BTreeMap<OsString, Node>) {
         for (name, to) in &self.names {
             match to {
@@ -313,7 +313,7 @@ impl Renamed {
 }
 
 impl Change {
-    /// Leaves a beginning of what is written.
+    /// Leaves a random beginning of the write.
     fn tear(&mut self, dice: &mut Dice) {
         if let Self::Write { bytes, .. } = self {
             bytes.truncate(dice.up_to(bytes.len()));

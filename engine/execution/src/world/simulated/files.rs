@@ -11,7 +11,7 @@ use super::{
     disk::Node,
     machine::Machine,
     this,
-    turns::{Me, Process},
+    turns::{Caller, Process},
 };
 use std::{
     ffi::{OsStr, OsString},
@@ -23,14 +23,14 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-/// A file that is open.
+/// An open file, simulated or real.
 #[derive(Debug)]
 pub enum File {
     Real(real::File),
     Simulated(Open),
 }
 
-/// A file of the simulated disk that is open.
+/// An open file of the simulated disk.
 pub struct Open {
     by: Rc<Process>,
     node: Node,
@@ -39,7 +39,7 @@ pub struct Open {
     path: PathBuf,
 }
 
-/// How to open a file.
+/// Options for opening a file.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
     read: bool,
@@ -50,7 +50,7 @@ pub struct OpenOptions {
     create_new: bool,
 }
 
-/// What is known of a file or folder.
+/// Metadata of a file or folder.
 #[derive(Debug, Clone)]
 pub enum Metadata {
     Real(real::Metadata),
@@ -72,7 +72,7 @@ pub struct DirEntry {
 fn either<T>(
     what: &str,
     path: &Path,
-    simulated: impl FnOnce(&mut Machine, &Me) -> io::Result<T>,
+    simulated: impl FnOnce(&mut Machine, &Caller) -> io::Result<T>,
     on_real: impl FnOnce() -> io::Result<T>,
 ) -> io::Result<T> {
     match this() {
@@ -83,7 +83,7 @@ fn either<T>(
 
 pub fn read(path: impl AsRef<Path>) -> io::Result<Vec<u8>> {
     let path = path.as_ref();
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let node = fresh(machine, me, path)?;
         machine.disk.content(node).map(|content| content.bytes.clone())
     };
@@ -111,7 +111,7 @@ pub fn copy(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<u64> {
 
 pub fn create_dir(path: impl AsRef<Path>) -> io::Result<()> {
     let path = path.as_ref();
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let (folder, name) = free(machine, path)?;
         room(machine, me)?;
         let at = machine.disk_date();
@@ -143,7 +143,7 @@ pub fn create_dir_all(path: impl AsRef<Path>) -> io::Result<()> {
 
 pub fn remove_file(path: impl AsRef<Path>) -> io::Result<()> {
     let path = path.as_ref();
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let node = fresh(machine, me, path)?;
         if machine.disk.is_folder(node) {
             return Err(ErrorKind::IsADirectory.into());
@@ -157,7 +157,7 @@ pub fn remove_file(path: impl AsRef<Path>) -> io::Result<()> {
 
 pub fn remove_dir(path: impl AsRef<Path>) -> io::Result<()> {
     let path = path.as_ref();
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let node = fresh(machine, me, path)?;
         if !machine.disk.names(node)?.now.is_empty() {
             return Err(ErrorKind::DirectoryNotEmpty.into());
@@ -181,7 +181,7 @@ pub fn remove_dir_all(path: impl AsRef<Path>) -> io::Result<()> {
         } else {
             remove_file(entry.path())
         };
-        // Somebody else may have removed it meanwhile.
+        // Another process may have removed it meanwhile.
         removed.or_else(|error| {
             if error.kind() == ErrorKind::NotFound {
                 Ok(())
@@ -195,7 +195,7 @@ pub fn remove_dir_all(path: impl AsRef<Path>) -> io::Result<()> {
 
 pub fn rename(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<()> {
     let (from, to) = (from.as_ref(), to.as_ref());
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let node = fresh(machine, me, from)?;
         let ((source, old), (target, new)) = (machine.disk.place(from)?, machine.disk.place(to)?);
         if let Some(there) = machine.disk.names(target)?.now.get(new).copied() {
@@ -217,7 +217,7 @@ pub fn rename(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<()> {
 
 pub fn hard_link(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<()> {
     let (from, to) = (from.as_ref(), to.as_ref());
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let node = fresh(machine, me, from)?;
         let (folder, name) = free(machine, to)?;
         machine.change(me.host, vec![(folder, name, Some(node))]);
@@ -246,7 +246,7 @@ pub fn symlink_metadata(path: impl AsRef<Path>) -> io::Result<Metadata> {
     )
 }
 
-fn look(machine: &mut Machine, me: &Me, path: &Path) -> io::Result<Metadata> {
+fn look(machine: &mut Machine, me: &Caller, path: &Path) -> io::Result<Metadata> {
     let node = machine.find(me.host, path, me.quiet)?;
     Ok(known(machine, node))
 }
@@ -284,7 +284,7 @@ pub fn canonicalize(path: impl AsRef<Path>) -> io::Result<PathBuf> {
 
 pub fn read_dir(path: impl AsRef<Path>) -> io::Result<std::vec::IntoIter<io::Result<DirEntry>>> {
     let path = path.as_ref();
-    let simulated = |machine: &mut Machine, me: &Me| {
+    let simulated = |machine: &mut Machine, me: &Caller| {
         let folder = machine.disk.find(path)?;
         let names = machine.seen(me.host, folder, me.quiet)?;
         let entry = |(name, node): (OsString, Node)| {
@@ -306,13 +306,14 @@ pub fn read_dir(path: impl AsRef<Path>) -> io::Result<std::vec::IntoIter<io::Res
     Ok(either("list", path, simulated, on_real)?.into_iter())
 }
 
-/// What a path leads to for a call that asks the disk itself: names that a machine remembers as missing stay so.
-fn fresh(machine: &mut Machine, me: &Me, path: &Path) -> io::Result<Node> {
+/// The object of a path for a call that asks the disk itself: names that a machine remembers as missing stay
+/// missing.
+fn fresh(machine: &mut Machine, me: &Caller, path: &Path) -> io::Result<Node> {
     machine.find(me.host, path, me.quiet)?;
     machine.disk.find(path)
 }
 
-/// Where a name is to be given that nothing may have yet.
+/// The folder and name for a new entry that may not exist yet.
 fn free<'a>(machine: &Machine, path: &'a Path) -> io::Result<(Node, &'a OsStr)> {
     let (folder, name) = machine.disk.place(path)?;
     if machine.disk.names(folder)?.now.contains_key(name) {
@@ -321,7 +322,7 @@ fn free<'a>(machine: &Machine, path: &'a Path) -> io::Result<(Node, &'a OsStr)> 
     Ok((folder, name))
 }
 
-fn room(machine: &Machine, me: &Me) -> io::Result<()> {
+fn room(machine: &Machine, me: &Caller) -> io::Result<()> {
     if machine.is_full() && !me.quiet {
         return Err(ErrorKind::StorageFull.into());
     }
@@ -430,7 +431,7 @@ impl OpenOptions {
             .open(path)
     }
 
-    fn open_simulated(&self, machine: &mut Machine, me: &Me, path: &Path) -> io::Result<Node> {
+    fn open_simulated(&self, machine: &mut Machine, me: &Caller, path: &Path) -> io::Result<Node> {
         if !self.create && !self.create_new {
             return fresh(machine, me, path);
         }
@@ -528,7 +529,7 @@ impl File {
 }
 
 impl Open {
-    fn call<T>(&self, what: &str, act: impl FnOnce(&mut Machine, &Me) -> io::Result<T>) -> io::Result<T> {
+    fn call<T>(&self, what: &str, act: impl FnOnce(&mut Machine, &Caller) -> io::Result<T>) -> io::Result<T> {
         self.by.call(|| format!("{what} {}", self.path.display()), act)
     }
 

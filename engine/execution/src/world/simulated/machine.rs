@@ -1,10 +1,10 @@
-//! What is simulated: machines, the processes on them, the disk that they share, time, and faults.
+//! The simulated world: machines, the processes on them, the disk that they share, time, and faults.
 
 use super::{
     dice::Dice,
     disk::{Disk, Node},
 };
-use crate::world::process::{Look, Place};
+use crate::world::process::{Place, ProcessState};
 use std::{
     collections::{BTreeMap, BTreeSet},
     ffi::{OsStr, OsString},
@@ -13,47 +13,47 @@ use std::{
     time::Duration,
 };
 
-/// What may go wrong, each with its probability at a call; nothing does after so many calls.
+/// Possible faults, each with its probability at a call; none strikes after so many calls.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Faults {
-    /// Calls during which faults strike.
+    /// Number of calls during which faults strike.
     pub calls: u64,
     /// A process is killed.
     pub kill: f64,
     /// A process halts for up to two minutes, as one that was suspended does.
     pub halt: f64,
-    /// The power of everything goes.
+    /// The power of all machines goes.
     pub power: f64,
     /// The power of one machine goes.
     pub host_power: f64,
     /// The clock of a machine jumps by up to two hours, either way.
     pub clock: f64,
-    /// A call for a file fails, before or after it did what was asked.
+    /// A call for a file fails, before or after it took effect.
     pub fail: f64,
     /// The disk is full for a while.
     pub full: f64,
-    /// For so long a machine may see the names in a folder as they were, unless it changed them itself.
+    /// Longest time for which a machine may see the old names in a folder, unless it changed them itself.
     pub stale: Duration,
 }
 
-/// Everything that the processes share.
+/// State that the processes share.
 pub struct Machine {
     pub dice: Dice,
     /// Time since the beginning; no process can set it.
     pub time: Duration,
     pub disk: Disk,
     pub processes: Vec<Entry>,
-    /// Whose turn it is; `None` where no process is left.
+    /// Place of the process that has the turn; `None` where no process is left.
     pub turn: Option<usize>,
-    /// What went wrong, which ends the simulation.
+    /// The failure that ends the simulation.
     pub failed: Option<String>,
-    /// Files that are locked, with the place in `processes` of who holds them.
+    /// Locked files, each with the holder's place in `processes`.
     pub locks: BTreeMap<Node, usize>,
-    /// Where flushing does nothing, as a line of the program.
+    /// Line of the program whose flushes have no effect.
     pub without_flush: Option<String>,
-    /// The lines of the program that flushed.
+    /// Lines of the program that flushed.
     pub flushed: BTreeSet<String>,
-    /// What was called, where it is wanted.
+    /// Calls so far, where a trace is wanted.
     pub trace: Option<Vec<String>>,
     faults: Faults,
     calls: u64,
@@ -65,17 +65,17 @@ pub struct Machine {
 #[derive(Default)]
 struct Host {
     boot: u64,
-    /// How far its clock is ahead, in seconds.
+    /// Difference of its clock to the true time, in seconds.
     ahead_s: i64,
-    /// Names in folders, and when it asked for them.
+    /// Names in folders as it saw them, and the time of each look.
     seen: BTreeMap<Node, (Duration, BTreeMap<OsString, Node>)>,
 }
 
-/// The process at one place of the simulation; another one takes its place when it is gone.
+/// The process at one place of the simulation; a new one replaces it when it is gone.
 pub struct Entry {
     pub host: usize,
     pub pid: u32,
-    /// Raised with every process at this place.
+    /// Number that grows with every process at this place.
     pub generation: u64,
     pub state: State,
 }
@@ -84,17 +84,17 @@ pub struct Entry {
 pub enum State {
     /// Runs, or begins, from this time on.
     From(Duration),
-    /// It is over, and none takes its place.
+    /// The process is over, and none replaces it.
     Over,
 }
 
-/// Calls after which a simulation counts as one that makes no progress.
+/// Number of calls after which a simulation counts as one without progress.
 const MOST_CALLS: u64 = 400_000;
-/// What the clocks of the machines stand at around the beginning.
+/// Date of the machines' clocks near the beginning.
 const EPOCH: Duration = Duration::from_secs(1_800_000_000);
 
 impl Machine {
-    /// Processes at places on machines, by number.
+    /// A world with a process at each place; `hosts_of` gives the machine of each.
     pub fn new(seed: u64, faults: Faults, hosts_of: &[usize]) -> Self {
         let mut dice = Dice::new(seed);
         let count = hosts_of.iter().max().map_or(0, |most| most + 1);
@@ -139,7 +139,7 @@ impl Machine {
         if ahead_s < 0 { time - by } else { time + by }
     }
 
-    /// The clock that dates what is on the disk.
+    /// Date by the clock of the disk.
     pub fn disk_date(&self) -> Duration {
         EPOCH + self.time
     }
@@ -151,20 +151,20 @@ impl Machine {
         }
     }
 
-    pub fn look(&self, host: usize, pid: u32) -> Look {
+    pub fn look(&self, host: usize, pid: u32) -> ProcessState {
         let runs = |entry: &&Entry| entry.host == host && entry.pid == pid && entry.state != State::Over;
         match self.processes.iter().find(runs) {
-            Some(entry) => Look::Started(u64::from(entry.pid)),
-            None => Look::Gone,
+            Some(entry) => ProcessState::Started(u64::from(entry.pid)),
+            None => ProcessState::Gone,
         }
     }
 
-    /// True while faults strike.
+    /// Whether faults strike now.
     pub fn is_troubled(&self) -> bool {
         self.calls < self.faults.calls
     }
 
-    /// Time goes on, a fault may strike, and the turn may pass to another process.
+    /// Lets time go on; a fault may strike, and the turn may pass to another process.
     pub fn pass(&mut self, from: usize) {
         self.calls += 1;
         self.time += Duration::from_micros(self.dice.up_to(2000) as u64);
@@ -243,7 +243,7 @@ impl Machine {
         }
     }
 
-    /// The power of everything goes.
+    /// Takes the power from all machines.
     pub fn lose_power(&mut self) {
         self.note(|| "-- the power goes".into());
         for host in 0..self.hosts.len() {
@@ -252,7 +252,7 @@ impl Machine {
         self.disk.lose_power(&mut self.dice);
     }
 
-    /// All processes of a machine are gone, and it starts again.
+    /// Ends all processes of a machine, which starts again.
     fn fall(&mut self, host: usize) {
         for at in 0..self.processes.len() {
             if self.processes[at].host == host {
@@ -280,7 +280,7 @@ impl Machine {
         entry.state = State::From(self.time + pause);
     }
 
-    /// A new process begins at every place, clocks are right, and nothing goes wrong any more.
+    /// Starts a new process at every place, sets the clocks right, and ends all faults.
     pub fn again(&mut self) {
         self.faults = Faults::default();
         self.calls = 0;
@@ -297,7 +297,7 @@ impl Machine {
         }
     }
 
-    /// Whether a call for a file fails, and then whether it does its work before.
+    /// Decides whether a call for a file fails, and whether it takes effect before.
     pub fn fails(&mut self) -> Option<bool> {
         let fails = self.is_troubled() && self.dice.chance(self.faults.fail);
         fails.then(|| self.dice.chance(0.5))
@@ -322,7 +322,7 @@ impl Machine {
         }
     }
 
-    /// What a path leads to, as a machine sees it.
+    /// The object of a path, as a machine sees it.
     pub fn find(&mut self, host: usize, path: &Path, quiet: bool) -> io::Result<Node> {
         let Ok((folder, name)) = self.disk.place(path) else {
             return self.disk.find(path);
@@ -333,7 +333,7 @@ impl Machine {
             .ok_or(ErrorKind::NotFound.into())
     }
 
-    /// Changes names of folders; the machine that does it sees them as they are from now on.
+    /// Changes names of folders; the machine that does it sees the present names from now on.
     pub fn change(&mut self, host: usize, names: Vec<(Node, &OsStr, Option<Node>)>) {
         for (folder, ..) in &names {
             self.hosts[host].seen.remove(folder);

@@ -6,7 +6,7 @@
 //! sees the names in a folder as they were a moment ago. All of it follows from one seed, so that a seed that fails
 //! fails again.
 //!
-//! A thread that is no process of a simulation sees the real machine: most tests are such.
+//! A thread outside a simulation sees the real machine, as in most tests.
 
 mod dice;
 mod disk;
@@ -17,7 +17,7 @@ mod turns;
 pub use machine::{Faults, Machine};
 pub use turns::{quietly, start};
 
-use super::process::{Look, Place};
+use super::process::{Place, ProcessState};
 use std::{
     cell::RefCell,
     rc::Rc,
@@ -29,7 +29,7 @@ thread_local! {
     static THIS: RefCell<Option<Rc<Process>>> = const { RefCell::new(None) };
 }
 
-/// The process that this thread is, where it is one of a simulation.
+/// The simulated process of this thread, if it is one.
 fn this() -> Option<Rc<Process>> {
     THIS.with(|this| this.borrow().clone())
 }
@@ -44,7 +44,7 @@ pub fn date() -> Option<SystemTime> {
     Some(UNIX_EPOCH + seen)
 }
 
-/// True where the thread is a process of a simulation; it has slept then.
+/// Sleeps in simulated time; false where the thread is no simulated process.
 pub fn sleep(wait: Duration) -> bool {
     this().is_some_and(|this| {
         this.sleep(wait);
@@ -60,7 +60,7 @@ pub fn place() -> Option<Place> {
     Some(this()?.see(|machine, me| machine.place(me.host)))
 }
 
-pub fn look(pid: u32) -> Option<Look> {
+pub fn look(pid: u32) -> Option<ProcessState> {
     Some(this()?.see(|machine, me| machine.look(me.host, pid)))
 }
 
@@ -69,9 +69,10 @@ pub fn disk_date() -> Duration {
     this().map_or(Duration::ZERO, |this| this.see(|machine, _| machine.disk_date()))
 }
 
-/// Whether a process of the simulation runs, whoever asks.
+/// Whether a process of the simulation runs, as any process may ask.
 pub fn lives(pid: u32) -> bool {
-    let runs = |machine: &mut Machine, _: &turns::Me| machine.processes.iter().any(|entry| entry.pid == pid);
+    let runs =
+        |machine: &mut Machine, _: &turns::Caller| machine.processes.iter().any(|entry| entry.pid == pid);
     this().is_some_and(|this| quietly(|| this.see(runs)))
 }
 

@@ -14,34 +14,34 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What the threads share.
-struct Shared {
+/// State that the threads share.
+struct SharedMachine {
     machine: Mutex<Machine>,
-    /// One for each place: it is told when it has the turn, or is gone.
+    /// A condition for each place: it is signalled when its process gets the turn, or is gone.
     told: Vec<Condvar>,
     began: Instant,
 }
 
-/// The process that a thread is.
+/// The simulated process of a thread.
 pub struct Process {
-    shared: Arc<Shared>,
+    shared: Arc<SharedMachine>,
     at: usize,
     generation: u64,
     quiet: Cell<bool>,
 }
 
-/// What a thread unwinds with whose process is gone.
-struct Gone;
+/// Payload of the unwinding of a thread whose process is gone.
+struct ProcessLoss;
 
-/// Runs `body` in a process at each place until each has said that it is done; it begins again in a new process
-/// where it was killed or is not done. Gives the machine back.
+/// Runs `body` in a process at each place until each has said that it is done; a process that was killed or
+/// is not done is replaced by a new one. Returns the machine.
 ///
 /// # Errors
-/// What a process panicked with, and that there is no progress; with the machine.
+/// The panic of a process, or the lack of progress; with the machine.
 pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
     contract::clock::simulate(super::now);
     let places = machine.processes.len();
-    let shared = Arc::new(Shared {
+    let shared = Arc::new(SharedMachine {
         machine: Mutex::new(machine),
         told: (0..places).map(|_| Condvar::new()).collect(),
         began: crate::world::clock::now(),
@@ -61,7 +61,7 @@ pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine,
     (machine, outcome)
 }
 
-/// Does something without passing the turn on, without faults, and sees everything as it is.
+/// Runs `act` without passing the turn on and without faults; it sees everything as it is.
 pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
     let this = super::this();
     this.iter().for_each(|this| this.quiet.set(true));
@@ -70,8 +70,8 @@ pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
     outcome
 }
 
-/// One process after the other at a place.
-fn live(shared: &Arc<Shared>, at: usize, body: &(impl Fn(usize) -> bool + Sync)) {
+/// Runs one process after the other at a place.
+fn live(shared: &Arc<SharedMachine>, at: usize, body: &(impl Fn(usize) -> bool + Sync)) {
     loop {
         let Some(generation) = shared.begin(at) else {
             return;
@@ -91,13 +91,13 @@ fn live(shared: &Arc<Shared>, at: usize, body: &(impl Fn(usize) -> bool + Sync))
     }
 }
 
-impl Shared {
+impl SharedMachine {
     fn lock(&self) -> MutexGuard<'_, Machine> {
         // A panic of a process ends the simulation, which only reads the machine then.
         self.machine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the process of a place begins; `None` where none does any more.
+    /// Waits until the process of a place begins; `None` where no further one does.
     fn begin(&self, at: usize) -> Option<u64> {
         let mut machine = self.lock();
         loop {
@@ -114,12 +114,12 @@ impl Shared {
         }
     }
 
-    /// Takes in how a process ended; true where the place is left.
+    /// Records the end of a process; true where its place is left.
     fn end(&self, at: usize, generation: u64, outcome: Result<bool, Box<dyn Any + Send>>) -> bool {
         let mut machine = self.lock();
         let killed = machine.processes[at].generation != generation;
         match outcome {
-            Err(panic) if !panic.is::<Gone>() => {
+            Err(panic) if !panic.is::<ProcessLoss>() => {
                 let text = panic.downcast_ref::<String>().cloned();
                 let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
                 machine
@@ -138,7 +138,7 @@ impl Shared {
         machine.failed.is_some() || machine.processes[at].state == State::Over
     }
 
-    /// Tells whose turn it is; where the simulation has failed, everybody.
+    /// Wakes the process that has the turn; where the simulation has failed, every one.
     fn tell(&self, machine: &Machine) {
         match machine.turn.filter(|_| machine.failed.is_none()) {
             Some(at) => self.told[at].notify_one(),
@@ -152,18 +152,18 @@ impl Process {
         self.shared.began
     }
 
-    /// A look at the machine that cannot fail.
-    pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Me) -> T) -> T {
+    /// Accesses the machine without a fault.
+    pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Caller) -> T) -> T {
         let mut machine = self.turn();
         let me = self.me(&machine);
         look(&mut machine, &me)
     }
 
-    /// A call for a file, which may fail.
+    /// Makes a call for a file, which may fail.
     pub fn call<T>(
         &self,
         what: impl FnOnce() -> String,
-        act: impl FnOnce(&mut Machine, &Me) -> io::Result<T>,
+        act: impl FnOnce(&mut Machine, &Caller) -> io::Result<T>,
     ) -> io::Result<T> {
         if std::thread::panicking() {
             return Err(io::Error::other("the process is gone"));
@@ -220,13 +220,13 @@ impl Process {
     fn hold(&self, machine: &Machine) {
         let gone = machine.processes[self.at].generation != self.generation || machine.failed.is_some();
         if gone && !std::thread::panicking() {
-            resume_unwind(Box::new(Gone));
+            resume_unwind(Box::new(ProcessLoss));
         }
     }
 
-    fn me(&self, machine: &Machine) -> Me {
+    fn me(&self, machine: &Machine) -> Caller {
         let Entry { host, pid, .. } = machine.processes[self.at];
-        Me {
+        Caller {
             at: self.at,
             host,
             pid,
@@ -235,8 +235,8 @@ impl Process {
     }
 }
 
-/// Who calls.
-pub struct Me {
+/// Identity of the calling process.
+pub struct Caller {
     pub at: usize,
     pub host: usize,
     pub pid: u32,

@@ -1,15 +1,15 @@
-//! Packs of which any bit was changed, and packs that were cut anywhere: what is read is true, or nothing is.
+//! Packs with any bit changed, and packs cut anywhere: a trial that is read is true, or it is not read.
 
 use super::{super::form, Bench, trial};
-use crate::store::{Store, StoredTrial, pack::Short};
+use crate::store::{Store, StoredTrial, pack::ShortTrial};
 use contract::Error;
 use std::{fs, io::Cursor, path::Path};
 
-/// How many trials the packs hold.
+/// Number of trials in the packs.
 const COUNT: u64 = 3;
 
-/// What the bytes of a pack give of each trial, where it is whole.
-fn held(bytes: &[u8]) -> Vec<Option<Short>> {
+/// The whole trials in the bytes of a pack, by place.
+fn held(bytes: &[u8]) -> Vec<Option<ShortTrial>> {
     let index = form::index(&mut Cursor::new(bytes)).unwrap();
     let slice = |at: u64, length: u32| {
         let at = usize::try_from(at).unwrap();
@@ -17,7 +17,7 @@ fn held(bytes: &[u8]) -> Vec<Option<Short>> {
     };
     let mut found = vec![None; usize::try_from(COUNT).unwrap()];
     for entry in &index.entries {
-        let short = Short {
+        let short = ShortTrial {
             acknowledgement: slice(entry.at, entry.acknowledgement),
             metrics: slice(entry.at + u64::from(entry.acknowledgement), entry.metrics),
         };
@@ -30,8 +30,8 @@ fn held(bytes: &[u8]) -> Vec<Option<Short>> {
     found
 }
 
-/// What is found is true; how many trials are.
-fn n_true(found: &[Option<Short>], whole: &[Option<Short>], place: usize) -> usize {
+/// Asserts that every trial that is found is true, and returns their number.
+fn n_true(found: &[Option<ShortTrial>], whole: &[Option<ShortTrial>], place: usize) -> usize {
     for (one, other) in found.iter().zip(whole) {
         assert!(one.is_none() || one == other, "other content at byte {place}");
     }
@@ -69,7 +69,7 @@ fn a_changed_bit_costs_one_trial_at_most_and_a_cut_those_that_it_takes_away() {
     }
 }
 
-/// A store with a pack of these bytes says of each trial the truth, that it is missing, or that the pack is damaged.
+/// Asserts that a store with a pack of these bytes reports each trial truly, as missing, or as damaged.
 fn holds(root: &Path, pack: &Path, bytes: &[u8], truth: &[StoredTrial]) {
     fs::write(pack, bytes).unwrap();
     let store = Store::at(root);
@@ -103,7 +103,7 @@ fn a_store_with_a_damaged_pack_says_nothing_that_is_not_true_and_names_the_pack(
     let truth: Vec<StoredTrial> = (0..COUNT)
         .map(|seed| bench.store.stored(&trial(seed).id).unwrap().unwrap())
         .collect();
-    // A step that shares no factor with what the parts of a pack are long.
+    // The step shares no factor with the lengths of a pack's parts.
     for place in (0..bytes.len()).step_by(23) {
         let mut changed = bytes.clone();
         changed[place] ^= 1 << (place % 8);
