@@ -7,8 +7,8 @@ use statistics::estimators::mean;
 /// The share of the range from floor to bound that matters, in every study that gives no reason for another.
 const SHARE: f64 = 0.05;
 
-/// Which difference matters for claims that do not say it: a share of the range between an agent that learned nothing
-/// and the best that is possible or known.
+/// Rule for the smallest difference that matters, for claims that state none: a share of the range between an agent
+/// that learned nothing and the best that is possible or known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relevance {
@@ -32,14 +32,15 @@ fn share() -> f64 {
 }
 
 impl Relevance {
-    /// True where the share is another one without a reason.
+    /// Whether the share differs from the usual one without a reason.
     pub(super) fn lacks_reason(&self) -> bool {
         #[allow(clippy::float_cmp, reason = "a constant, or another number")]
         let is_another = self.share != SHARE;
         is_another && self.why.trim().is_empty()
     }
 
-    /// The smallest difference that matters, from the values of floor and bound; `None` where one has none.
+    /// The smallest difference that matters, from the values of floor and bound; `None` where one of them has no
+    /// value.
     #[must_use]
     pub fn margin(&self, values: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<f64> {
         let of = |agent: &str| {

@@ -36,7 +36,7 @@ pub enum Piece {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Slot {
     /// What it asks for.
-    pub asks: Asks,
+    pub asks: PlaceholderTarget,
     /// Where it begins, in bytes from the start of the text.
     pub start: usize,
     /// Its bytes, braces included.
@@ -45,7 +45,7 @@ pub struct Slot {
 
 /// What a placeholder asks for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Asks {
+pub enum PlaceholderTarget {
     /// Something of a cell of a table.
     Cell {
         /// The table's name.
@@ -53,7 +53,7 @@ pub enum Asks {
         /// Row, or row and column with a comma between; see [`locate`].
         place: String,
         /// What of the cell.
-        of: OfCell,
+        of: CellField,
     },
     /// The verdict on a claim, by its number in the study, from 1.
     Claim(usize),
@@ -61,7 +61,7 @@ pub enum Asks {
 
 /// What of a cell is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OfCell {
+pub enum CellField {
     /// The reproduced value.
     Value,
     /// The published value.
@@ -103,7 +103,7 @@ impl Summary {
     ///
     /// # Errors
     /// A sentence on what it is instead.
-    pub fn asks(text: &str) -> Result<Asks, String> {
+    pub fn asks(text: &str) -> Result<PlaceholderTarget, String> {
         asks(text.trim())
     }
 
@@ -158,27 +158,27 @@ fn piece(text: &str, at: usize) -> Result<(Piece, usize), SummaryError> {
     }
 }
 
-fn asks(text: &str) -> Result<Asks, String> {
+fn asks(text: &str) -> Result<PlaceholderTarget, String> {
     let Some((table, place)) = text.split_once(':') else {
         return claim(text);
     };
     let (table, place) = (table.trim(), place.trim());
     let (place, of) = match place.rsplit_once(char::is_whitespace) {
-        Some((place, "published")) => (place.trim_end(), OfCell::Published),
-        Some((place, "verdict")) => (place.trim_end(), OfCell::Verdict),
-        _ => (place, OfCell::Value),
+        Some((place, "published")) => (place.trim_end(), CellField::Published),
+        Some((place, "verdict")) => (place.trim_end(), CellField::Verdict),
+        _ => (place, CellField::Value),
     };
     if table.is_empty() || place.is_empty() {
         return Err(format!("`{{{text}}}` names no cell of a table"));
     }
-    Ok(Asks::Cell {
+    Ok(PlaceholderTarget::Cell {
         table: table.into(),
         place: place.into(),
         of,
     })
 }
 
-fn claim(text: &str) -> Result<Asks, String> {
+fn claim(text: &str) -> Result<PlaceholderTarget, String> {
     let number = text
         .strip_prefix("claim")
         .filter(|rest| rest.starts_with(char::is_whitespace));
@@ -186,14 +186,14 @@ fn claim(text: &str) -> Result<Asks, String> {
         return Err(format!("`{{{text}}}` is no placeholder"));
     };
     match number.trim().parse() {
-        Ok(number) if number > 0 => Ok(Asks::Claim(number)),
+        Ok(number) if number > 0 => Ok(PlaceholderTarget::Claim(number)),
         _ => Err(format!("`{}` is no number of a claim", number.trim())),
     }
 }
 
 /// Why a place is in no table.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Lost {
+pub enum LookupError {
     /// No row has this name.
     Row(String),
     /// The row is there, but no column has this name.
@@ -207,11 +207,11 @@ pub enum Lost {
 ///
 /// # Errors
 /// Which of the names is not there.
-pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), Lost> {
+pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), LookupError> {
     let row_of = |name: &str| rows.iter().position(|known| *known == name);
     if let Some(row) = row_of(place) {
         return if columns.len() > 1 {
-            Err(Lost::WhichColumn)
+            Err(LookupError::WhichColumn)
         } else {
             Ok((row, 0))
         };
@@ -222,11 +222,11 @@ pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, us
         let Some(row) = row_of(row) else { continue };
         match columns.iter().position(|known| *known == column) {
             Some(column) => return Ok((row, column)),
-            None => lost = Some(Lost::Column(row, column.into())),
+            None => lost = Some(LookupError::Column(row, column.into())),
         }
     }
     let first = place.split(',').next().unwrap_or(place).trim();
-    Err(lost.unwrap_or_else(|| Lost::Row(first.into())))
+    Err(lost.unwrap_or_else(|| LookupError::Row(first.into())))
 }
 
 #[cfg(test)]
@@ -234,8 +234,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cell(table: &str, place: &str, of: OfCell) -> Asks {
-        Asks::Cell {
+    fn cell(table: &str, place: &str, of: CellField) -> PlaceholderTarget {
+        PlaceholderTarget::Cell {
             table: table.into(),
             place: place.into(),
             of,
@@ -246,12 +246,12 @@ mod tests {
     fn every_placeholder_of_the_grammar_is_read() {
         let text = "Ours {t: a} against {t: a published}: { t:a,b  verdict }, {claim 12}; {{x}}.";
         let summary = Summary::parse(text).unwrap();
-        let asked: Vec<Asks> = summary.slots().map(|slot| slot.asks.clone()).collect();
+        let asked: Vec<PlaceholderTarget> = summary.slots().map(|slot| slot.asks.clone()).collect();
         let expected = [
-            cell("t", "a", OfCell::Value),
-            cell("t", "a", OfCell::Published),
-            cell("t", "a,b", OfCell::Verdict),
-            Asks::Claim(12),
+            cell("t", "a", CellField::Value),
+            cell("t", "a", CellField::Published),
+            cell("t", "a,b", CellField::Verdict),
+            PlaceholderTarget::Claim(12),
         ];
         assert_eq!(asked, expected);
         let written = |slot: &Slot| text[slot.start..slot.start + slot.length].to_owned();
@@ -266,8 +266,8 @@ mod tests {
     #[test]
     fn a_row_may_be_called_like_what_is_asked_for() {
         let asked = |text: &str| Summary::parse(text).unwrap().slots().next().unwrap().asks.clone();
-        assert_eq!(asked("{t: published}"), cell("t", "published", OfCell::Value));
-        assert_eq!(asked("{claim: 2}"), cell("claim", "2", OfCell::Value));
+        assert_eq!(asked("{t: published}"), cell("t", "published", CellField::Value));
+        assert_eq!(asked("{claim: 2}"), cell("claim", "2", CellField::Value));
     }
 
     #[test]
@@ -293,9 +293,9 @@ mod tests {
         assert_eq!(found("a,b"), Ok((0, 0)));
         assert_eq!(found("a, b, b"), Ok((1, 0)));
         assert_eq!(found("c, x, y"), Ok((2, 1)));
-        assert_eq!(found("a, b"), Err(Lost::WhichColumn));
-        assert_eq!(found("c, z"), Err(Lost::Column(2, "z".into())));
-        assert_eq!(found("z, b"), Err(Lost::Row("z".into())));
+        assert_eq!(found("a, b"), Err(LookupError::WhichColumn));
+        assert_eq!(found("c, z"), Err(LookupError::Column(2, "z".into())));
+        assert_eq!(found("z, b"), Err(LookupError::Row("z".into())));
         assert_eq!(locate("c", &rows, &[]), Ok((2, 0)));
     }
 

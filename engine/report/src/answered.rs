@@ -3,7 +3,7 @@
 
 use super::{
     sheet::{Entry, NONE, Sheet, Tone},
-    verdicts::{Answered, Verdicts, Word},
+    verdicts::{AnswerLine, Verdicts, Word},
 };
 use presentation::table::{escape_markdown, markdown_row};
 use std::collections::BTreeMap;
@@ -89,7 +89,7 @@ pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
 struct Line<'a> {
     way: &'a str,
     study: &'a Verdicts,
-    answered: &'a Answered,
+    answered: &'a AnswerLine,
 }
 
 /// The answers of one study; `None` where it has none.
@@ -194,12 +194,12 @@ mod tests {
 
     #[test]
     fn items_stand_in_the_order_of_their_numbers_and_questions_have_fewer_columns() {
-        let line = |item: &str| Answered {
+        let line = |item: &str| AnswerLine {
             item: item.into(),
             printed: "a > b".into(),
             here: "`a` 2, b 1".into(),
             lines: vec![0],
-            ..Answered::default()
+            ..AnswerLine::default()
         };
         let study = |family: &str, answers| Verdicts {
             study: "one".into(),
@@ -208,7 +208,7 @@ mod tests {
             verdicts: vec![passed("claim 1: a.x > b.x", "SUPPORTED")],
             ..Verdicts::default()
         };
-        let drawn = Answered {
+        let drawn = AnswerLine {
             lines: Vec::new(),
             ..line("figure 1.1")
         };

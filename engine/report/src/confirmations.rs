@@ -8,7 +8,7 @@ use super::{
     budgets,
     contents::{ClaimLine, Contents, claim_lines, make_table},
     passed::words,
-    rounds::{Alone, Confirmed},
+    rounds::{RoundVerdict, ConfirmedVerdict},
     sheet::{Entry, NONE, Sheet, Tone},
     study_info::StudyInfo,
 };
@@ -82,7 +82,7 @@ impl Contents {
         let mut lines = claim_lines(number, &spec, study, &pooled);
         for line in &mut lines {
             line.rounds = alone(line);
-            self.confirmed.push(Confirmed {
+            self.confirmed.push(ConfirmedVerdict {
                 about: format!("{} {}", spec.claim, place_in_words(&line.place)),
                 rounds: line.rounds.clone(),
                 all: self::alone(line, &pooled),
@@ -125,7 +125,7 @@ impl Contents {
                 let (_, cell) = grid.places().find(|(known, _)| *known == place)?;
                 Some(value_alone(grid, cell, results))
             });
-            let confirmed = Confirmed {
+            let confirmed = ConfirmedVerdict {
                 about: format!("{name}: {place}"),
                 rounds: here.filter(|round| !round.seeds.is_empty()).collect(),
                 all: value_alone(&grid, cell, &pooled),
@@ -173,18 +173,18 @@ fn place_in_words(place: &str) -> String {
     }
 }
 
-fn alone(line: &ClaimLine, results: &Results) -> Alone {
-    Alone {
+fn alone(line: &ClaimLine, results: &Results) -> RoundVerdict {
+    RoundVerdict {
         seeds: seeds(&line.rests_on, results),
         verdict: line.word().into(),
         value: line.difference().unwrap_or_default(),
     }
 }
 
-fn value_alone(grid: &Grid, cell: &Cell, results: &Results) -> Alone {
+fn value_alone(grid: &Grid, cell: &Cell, results: &Results) -> RoundVerdict {
     let verdict = cell.verdict().map_or(NONE, |verdict| verdict.word());
     let value = cell.estimate.map(|value| grid.format.write(value));
-    Alone {
+    RoundVerdict {
         seeds: seeds(&cell.rests_on, results),
         verdict: verdict.into(),
         value: value.unwrap_or_default(),
@@ -203,8 +203,8 @@ fn seeds(cells: &BTreeSet<CellName>, results: &Results) -> String {
 
 /// A row for each round and one for all of them; `None` where nothing was confirmed.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
-    let rows = |it: &Confirmed| {
-        let row = |about: Entry, round: &Alone, seeds: String| {
+    let rows = |it: &ConfirmedVerdict| {
+        let row = |about: Entry, round: &RoundVerdict, seeds: String| {
             let verdict = Entry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone());
             vec![
                 about,

@@ -2,9 +2,9 @@
 
 use super::{
     collapses, files, floors,
-    kept::{FigureFacts, Kept},
+    kept::{FigureFacts, KeptFigure},
     manifest::Manifest,
-    rounds::{Alone, Confirmed},
+    rounds::{RoundVerdict, ConfirmedVerdict},
     study_info::StudyInfo,
 };
 use analysis::{
@@ -64,13 +64,13 @@ pub struct Contents {
     /// True where the study is one of a family, whose verdicts are taken together elsewhere.
     pub(super) has_family: bool,
     /// Claims and values with several rounds of seeds.
-    pub(super) confirmed: Vec<Confirmed>,
+    pub(super) confirmed: Vec<ConfirmedVerdict>,
     /// Number and time of the trials of each confirmation.
     pub(super) rounds: Vec<Cost>,
     /// When the rounds of its confirmations were fixed, a sentence each.
     pub(super) fixed: Vec<String>,
     /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
-    pub kept: BTreeMap<String, Kept>,
+    pub kept: BTreeMap<String, KeptFigure>,
 }
 
 /// A claim in one environment.
@@ -97,7 +97,7 @@ pub struct ClaimLine {
     /// The combinations whose seeds are behind it.
     pub rests_on: BTreeSet<CellName>,
     /// The verdict of each round alone, where there are several; `verdict` is that of all.
-    pub rounds: Vec<Alone>,
+    pub rounds: Vec<RoundVerdict>,
 }
 
 /// How many there are of each word; words that nothing has are left out.
@@ -214,7 +214,7 @@ impl Contents {
     ) -> Result<(), contract::Error> {
         for (name, _) in self.figures.iter().filter(|(_, chart)| chart.is_err()) {
             let Some(facts) = facts.get(name) else { continue };
-            let kept = Kept::read(folder, earlier, name, facts)?;
+            let kept = KeptFigure::read(folder, earlier, name, facts)?;
             self.kept.extend(kept.map(|kept| (name.clone(), kept)));
         }
         Ok(())
@@ -749,7 +749,7 @@ fn plays_of(claim: &Claim) -> Option<String> {
 }
 
 /// A claim that was held against what the seeds say.
-struct Held<'r> {
+struct JudgedClaim<'r> {
     verdict: ClaimVerdict,
     /// The smallest difference that matters; `None` where any does.
     min_effect: Option<f64>,
@@ -758,7 +758,7 @@ struct Held<'r> {
     looks: Seeds,
 }
 
-impl Held<'_> {
+impl JudgedClaim<'_> {
     fn line(self, number: usize, spec: &ClaimSpec, place: String, results: &Results) -> ClaimLine {
         let training = training_share::behind(&self.trials, results);
         let verdict = ClaimVerdict {
@@ -783,7 +783,7 @@ fn held_in<'r>(
     results: &'r Results,
     scope: &Scope<'r>,
     setting: Option<&str>,
-) -> Held<'r> {
+) -> JudgedClaim<'r> {
     let operands = claim.operands().into_iter();
     let trials: Vec<&TrialResult> = operands
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
@@ -811,7 +811,7 @@ fn held_in<'r>(
         is_there.then(|| name.to_owned())
     };
     verdict.notes = with_agents(notes, results, Programs::OnlyLacking, named);
-    Held {
+    JudgedClaim {
         verdict,
         min_effect,
         trials,

@@ -31,7 +31,7 @@ struct Variant<'a> {
 }
 
 /// An agent or environment of the study with all its configs of one plugin.
-struct User<'a> {
+struct PluginUser<'a> {
     name: &'a str,
     variants: Vec<Variant<'a>>,
 }
@@ -39,7 +39,7 @@ struct User<'a> {
 /// A plugin with all that use it, in the order of the plan.
 struct Plugin<'a> {
     name: &'a str,
-    users: Vec<User<'a>>,
+    users: Vec<PluginUser<'a>>,
 }
 
 /// A table for every plugin whose configs differ from each other or from its default: agents, protocols,
@@ -139,7 +139,7 @@ fn note<'a>(plugins: &mut Vec<Plugin<'a>>, plugin: &'a str, user: &'a str, varia
     let users = &mut plugins[at].users;
     match users.iter_mut().find(|known| known.name == user) {
         Some(known) => known.variants.push(variant),
-        None => users.push(User {
+        None => users.push(PluginUser {
             name: user,
             variants: vec![variant],
         }),
@@ -253,7 +253,7 @@ fn at<'a>(config: &'a Value, path: &[&str]) -> Option<&'a Value> {
     path.iter().try_fold(config, |value, key| value.get(key))
 }
 
-impl User<'_> {
+impl PluginUser<'_> {
     /// The value of a key; where it has several, all of them with the environments that they belong to, or in
     /// the order of settings.
     fn text(&self, path: &[&str]) -> String {

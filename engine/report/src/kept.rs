@@ -42,7 +42,7 @@ impl FigureFacts {
 
 /// A figure that stays.
 #[derive(Debug, Clone)]
-pub struct Kept {
+pub struct KeptFigure {
     /// The facts on it.
     pub facts: FigureFacts,
     /// Its drawing.
@@ -51,7 +51,7 @@ pub struct Kept {
     pub endings: Vec<&'static str>,
 }
 
-impl Kept {
+impl KeptFigure {
     /// The figure of a name in a folder; `None` where its report drew none.
     ///
     /// # Errors

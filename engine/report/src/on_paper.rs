@@ -63,14 +63,14 @@ pub(super) fn columns(grid: &Grid) -> Vec<Column> {
 
 /// How a table lies on paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct OnPaper {
+pub(super) struct PaperFit {
     turned: bool,
     /// Values are broken at spaces.
     tight: bool,
     size: f64,
 }
 
-impl OnPaper {
+impl PaperFit {
     /// Upright where it fits; else turned, then smaller, then with broken values, and then as small as it must be.
     pub(super) fn of(columns: &[Column]) -> Self {
         let width = |of: fn(&Column) -> usize| {
@@ -110,13 +110,13 @@ impl OnPaper {
 mod tests {
     use super::*;
 
-    fn table(columns: usize, text: &str) -> OnPaper {
-        OnPaper::of(&vec![Column::of("a", std::iter::once(text), false); columns])
+    fn table(columns: usize, text: &str) -> PaperFit {
+        PaperFit::of(&vec![Column::of("a", std::iter::once(text), false); columns])
     }
 
     #[test]
     fn tables_are_turned_before_they_are_made_smaller() {
-        let open = |paper: OnPaper| paper.around(&Markup::default()).into_string();
+        let open = |paper: PaperFit| paper.around(&Markup::default()).into_string();
         let small = table(4, "11.62 [11.4, 11.8]");
         assert_eq!(
             (small.class(), open(small).as_str()),

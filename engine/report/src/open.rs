@@ -14,7 +14,7 @@ use std::cmp::Ordering;
 
 /// A verdict that is judged and open, with its study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StillOpen {
+pub struct OpenVerdict {
     /// Name of the study.
     pub study: String,
     /// What it is about, as in `claim 2: dsac.success >= 0.8 in four_cells`.
@@ -25,7 +25,7 @@ pub struct StillOpen {
     pub would_decide: Option<Effort>,
 }
 
-impl StillOpen {
+impl OpenVerdict {
     fn of(study: &Verdicts, passed: &Passed) -> Self {
         Self {
             study: study.study.clone(),
@@ -38,15 +38,15 @@ impl StillOpen {
 
 /// Everything that is judged and open in these studies, what is cheapest to decide first.
 #[must_use]
-pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<StillOpen> {
+pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<OpenVerdict> {
     let of_study = |study: &'a Verdicts| {
         let open = study
             .verdicts
             .iter()
             .filter(|it| it.is_judged() && !it.is_decided());
-        open.map(|passed| StillOpen::of(study, passed))
+        open.map(|passed| OpenVerdict::of(study, passed))
     };
-    let mut open: Vec<StillOpen> = studies.into_iter().flat_map(of_study).collect();
+    let mut open: Vec<OpenVerdict> = studies.into_iter().flat_map(of_study).collect();
     open.sort_by(|one, other| cheaper(one.would_decide, other.would_decide));
     open
 }
@@ -116,8 +116,8 @@ impl Decided {
 }
 
 /// The same for people, as a table; `None` where nothing is open.
-pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
-    let row = |it: &StillOpen| {
+pub(super) fn sheet(open: &[OpenVerdict]) -> Option<Sheet> {
+    let row = |it: &OpenVerdict| {
         let effort = it.would_decide;
         let [seeds, time] = match effort {
             Some(effort) => [effort.seeds.to_string(), duration(effort.trial_time_s)],
@@ -149,14 +149,14 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
 
 /// What is open as a table in Markdown, with what would decide it; empty where nothing is.
 #[must_use]
-pub fn open_as_markdown(open: &[StillOpen]) -> String {
+pub fn open_as_markdown(open: &[OpenVerdict]) -> String {
     sheet(open).map_or_else(String::new, |sheet| sheet.markdown())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rounds::Alone;
+    use crate::rounds::RoundVerdict;
 
     fn passed(about: &str, verdict: &str, effort: Option<(u32, f64)>) -> Passed {
         Passed {
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn verdicts_of_several_rounds_are_told() {
-        let rounds = vec![Alone::default(), Alone::default()];
+        let rounds = vec![RoundVerdict::default(), RoundVerdict::default()];
         let both = Passed {
             rounds,
             ..passed("claim 1: a > b", "SUPPORTED", None)

@@ -6,7 +6,7 @@ use super::{
     kept::ENDINGS,
     legend,
     markdown::{NO_SETTINGS, SETTINGS, provenance, title},
-    on_paper::{self, OnPaper},
+    on_paper::{self, PaperFit},
     sheet::Sheet,
     stages,
 };
@@ -198,7 +198,7 @@ fn first_deviations(all: &[String]) -> Markup {
 fn tables(parts: &Parts<'_>) -> Markup {
     html! {
         @for (name, grid) in &parts.contents.tables {
-            @let grid = grid.as_ref().map(|grid| (grid, OnPaper::of(&on_paper::columns(grid))));
+            @let grid = grid.as_ref().map(|grid| (grid, PaperFit::of(&on_paper::columns(grid))));
             article id=(files::slug(name)) class=[grid.ok().and_then(|(_, paper)| paper.class())] {
                 h3 { (name) }
                 @match grid {

@@ -3,7 +3,7 @@
 use super::{
     contents::{ClaimLine, UNREAD},
     effort::Effort,
-    rounds::Alone,
+    rounds::RoundVerdict,
 };
 use analysis::{claim::ClaimOutcome, results::Results};
 use presentation::table::{Grid, TableSpec};
@@ -41,7 +41,7 @@ pub struct Passed {
     pub would_decide: Option<Effort>,
     /// The verdict of each round of seeds alone, where there are several.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rounds: Vec<Alone>,
+    pub rounds: Vec<RoundVerdict>,
 }
 
 impl Passed {

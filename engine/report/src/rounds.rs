@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// The verdict of one round of seeds alone.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Alone {
+pub struct RoundVerdict {
     /// The seeds, as in `100-115`.
     pub seeds: String,
     /// The verdict.
@@ -16,11 +16,11 @@ pub struct Alone {
 
 /// Something that was put to several rounds of seeds.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Confirmed {
+pub(super) struct ConfirmedVerdict {
     /// The claim with its place, or the table with its cell.
     pub(super) about: String,
     /// The verdict of each round alone.
-    pub(super) rounds: Vec<Alone>,
+    pub(super) rounds: Vec<RoundVerdict>,
     /// The verdict of all rounds together.
-    pub(super) all: Alone,
+    pub(super) all: RoundVerdict,
 }

@@ -2,7 +2,7 @@
 
 use super::{Contents, StudyInfo};
 use presentation::{
-    summary::{Asks, Lost, OfCell, Piece, Summary, locate},
+    summary::{PlaceholderTarget, LookupError, CellField, Piece, Summary, locate},
     table::Heading,
 };
 
@@ -27,14 +27,14 @@ pub(super) fn filled(sentence: &Summary, contents: &Contents) -> String {
 }
 
 /// What a placeholder stands for; `None` where it is missing.
-fn answer(asks: &Asks, contents: &Contents) -> Option<String> {
+fn answer(asks: &PlaceholderTarget, contents: &Contents) -> Option<String> {
     match asks {
-        Asks::Claim(number) => claim(*number, contents),
-        Asks::Cell { table, place, of } => cell(table, place, *of, contents),
+        PlaceholderTarget::Claim(number) => claim(*number, contents),
+        PlaceholderTarget::Cell { table, place, of } => cell(table, place, *of, contents),
     }
 }
 
-fn cell(table: &str, place: &str, of: OfCell, contents: &Contents) -> Option<String> {
+fn cell(table: &str, place: &str, of: CellField, contents: &Contents) -> Option<String> {
     let (_, grid) = contents.tables.iter().find(|(name, _)| name == table)?;
     let grid = grid.as_ref().ok()?;
     let names = |headings: &[Heading]| headings.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
@@ -43,14 +43,14 @@ fn cell(table: &str, place: &str, of: OfCell, contents: &Contents) -> Option<Str
     let (row, column) = match locate(place, &rows, &columns) {
         Ok(found) => found,
         // One of several agents that are compared with each other may leave one column, of another name.
-        Err(Lost::Column(row, _)) if columns.len() == 1 => (row, 0),
+        Err(LookupError::Column(row, _)) if columns.len() == 1 => (row, 0),
         Err(_) => return None,
     };
     let cell = &grid.cells[row][column];
     match of {
-        OfCell::Value => cell.estimate.map(|value| grid.format.write(value)),
-        OfCell::Published => cell.published().map(|value| grid.format.published(value)),
-        OfCell::Verdict => cell.judgement.is_some().then(|| cell.verdict_in_words()),
+        CellField::Value => cell.estimate.map(|value| grid.format.write(value)),
+        CellField::Published => cell.published().map(|value| grid.format.published(value)),
+        CellField::Verdict => cell.judgement.is_some().then(|| cell.verdict_in_words()),
     }
 }
 

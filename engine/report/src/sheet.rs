@@ -1,7 +1,7 @@
 //! A table about the study itself, of words and numbers that are written already; one renderer each for
 //! Markdown and the page.
 
-use super::on_paper::{Column, OnPaper};
+use super::on_paper::{Column, PaperFit};
 use maud::{Markup, html};
 use presentation::table::{escape_markdown, markdown_row, prose, verdict_word};
 
@@ -108,10 +108,10 @@ impl Sheet {
             .iter()
             .flatten()
             .any(|entry| entry.tone == Tone::Sentence);
-        let paper = (!is_text).then(|| OnPaper::of(&self.columns()));
+        let paper = (!is_text).then(|| PaperFit::of(&self.columns()));
         let lines = self.lines(is_text);
         html! {
-            article class=[paper.and_then(OnPaper::class)] {
+            article class=[paper.and_then(PaperFit::class)] {
                 @if !self.title.is_empty() { h3 { (prose::html(&self.title)) } }
                 @match paper {
                     Some(paper) => (paper.around(&html! { table { (lines) } })),

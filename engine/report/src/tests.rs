@@ -18,7 +18,7 @@ use presentation::{
     claim_spec::ClaimSpec,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     summary::Summary,
-    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, PublishedRow, TableSpec},
 };
 use serde_json::{Value, json};
 use statistics::Design;
@@ -117,7 +117,7 @@ fn profiles() -> Vec<ProfileState> {
 
 fn improvement() -> TableSpec {
     let published = [("four_cells", 15.2), ("eight_cells", 15.9)]
-        .map(|(row, value)| (row.to_owned(), Published::Value(value)));
+        .map(|(row, value)| (row.to_owned(), PublishedRow::Value(value)));
     let of = Improvement(Comparison {
         rows: Axis::Environment.into(),
         value: "cycle_length".into(),
@@ -543,7 +543,7 @@ fn published(value: f64) -> TableSpec {
         agents: vec!["dsac".into()],
         ..Comparison::default()
     };
-    let published = BTreeMap::from([("dsac".into(), Published::Value(value))]);
+    let published = BTreeMap::from([("dsac".into(), PublishedRow::Value(value))]);
     TableSpec {
         published,
         margin: Some(Margin::Absolute(1.0)),
@@ -683,8 +683,8 @@ fn an_agent_beside_itself_is_not_judged() {
         ..Comparison::default()
     };
     let values = [
-        ("equal".into(), Published::Value(1.0)),
-        ("dsac".into(), Published::Value(1.1)),
+        ("equal".into(), PublishedRow::Value(1.0)),
+        ("dsac".into(), PublishedRow::Value(1.1)),
     ];
     let table = TableSpec {
         published: BTreeMap::from(values),

@@ -10,7 +10,7 @@ use super::{
 };
 use analysis::{claim::ClaimOutcome, results::Results, training_share};
 use contract::trial_result::TrialResult;
-use presentation::{answers::Answer, summary::Asks};
+use presentation::{answers::Answer, summary::PlaceholderTarget};
 use serde::{Deserialize, Serialize};
 use statistics::TrainingShare;
 
@@ -27,7 +27,7 @@ pub struct Verdicts {
     pub summary: Option<String>,
     /// Its lines in the answers of all studies.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub answers: Vec<Answered>,
+    pub answers: Vec<AnswerLine>,
     /// The smallest share of the source's training behind its trials, as in `3.2 %`, where it says how long that was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_share: Option<String>,
@@ -80,7 +80,7 @@ impl Verdicts {
             title: study.title.clone(),
             family: study.family.clone(),
             summary: sentence(study, contents),
-            answers: Answered::of(study, contents, &verdicts),
+            answers: AnswerLine::of(study, contents, &verdicts),
             training_share: training_share::behind(&all, results).map(TrainingShare::percent),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
@@ -98,7 +98,7 @@ impl Verdicts {
 
 /// A line of the answers.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Answered {
+pub struct AnswerLine {
     /// The item of the source; empty for a question that none prints.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub item: String,
@@ -115,7 +115,7 @@ pub struct Answered {
     pub system: String,
 }
 
-impl Answered {
+impl AnswerLine {
     /// The lines of a study; none where it is only tried out.
     fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
         let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
@@ -138,10 +138,10 @@ impl Answered {
 }
 
 /// The places of the verdicts on a claim, or on a value of a table.
-fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
+fn places(asks: &PlaceholderTarget, verdicts: &[Passed]) -> Vec<usize> {
     let is_meant = |passed: &Passed| match asks {
-        Asks::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
-        Asks::Cell { table, place, .. } => {
+        PlaceholderTarget::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
+        PlaceholderTarget::Cell { table, place, .. } => {
             let name = format!("{table}: {place}");
             passed.about == name || passed.in_full.as_ref() == Some(&name)
         }
@@ -236,9 +236,9 @@ mod tests {
             training_share: Some("1.3 %".into()),
             ..Verdicts::default()
         };
-        let answered = Answered {
+        let answered = AnswerLine {
             lines: (0..verdicts.len()).collect(),
-            ..Answered::default()
+            ..AnswerLine::default()
         };
         answered.word(&study).map(|word| word.written().0)
     }

@@ -10,8 +10,8 @@ pub const INK: Rgb = (0x22, 0x22, 0x22);
 /// Grid lines.
 pub const FAINT: Rgb = (0xe2, 0xe2, 0xe2);
 
-/// Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow is
-/// too light for a line on white paper and stands last.
+/// Palette by Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow
+/// is too light for a line on white paper and stands last.
 const PALETTE: [Rgb; 8] = [
     (0x00, 0x72, 0xb2),
     (0xd5, 0x5e, 0x00),
@@ -49,7 +49,7 @@ pub enum Marker {
 }
 
 impl Style {
-    /// The look of the n-th agent of a study. Where colours begin anew their dashes are others.
+    /// The look of the n-th agent of a study. Agents that share a colour differ in dashes.
     #[must_use]
     pub fn of_agent(index: usize) -> Self {
         Self {
@@ -102,7 +102,7 @@ impl Style {
         }
     }
 
-    /// Dots, for what others published.
+    /// Dots, for published curves.
     #[must_use]
     pub fn dots(self) -> &'static [f64] {
         match self.variant % 4 {
@@ -113,7 +113,7 @@ impl Style {
         }
     }
 
-    /// The colour of thin lines: equally light for all agents, so that the seeds of none stand out.
+    /// The colour of thin lines: equally light for all agents, so that no agent's seeds stand out.
     #[must_use]
     pub fn light(self) -> Rgb {
         const LIGHT: f64 = 0.74;

@@ -1,4 +1,4 @@
-//! Places of a study that names are looked for at.
+//! Places of a study at which names are checked.
 
 use document::{Entry, Kind, Node, diagnostic::Span};
 
@@ -11,7 +11,7 @@ pub struct Picked {
 }
 
 impl Picked {
-    /// The same where one environment is shown: the one that is named, else the first.
+    /// The same for one environment: the named one, else the first.
     pub fn of_one_environment(mut self) -> Self {
         self.environments.truncate(1);
         self
@@ -23,7 +23,7 @@ impl Picked {
 pub struct Place<'a> {
     /// The mapping.
     pub node: &'a Node,
-    /// Where its key stands.
+    /// Position of its key in the file.
     pub key: Span,
     /// Its dotted path.
     pub at: String,

@@ -4,7 +4,7 @@ use super::claims::Text;
 use crate::{
     answers::{Answer, AnswerText},
     names::Names,
-    summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
+    summary::{PlaceholderTarget, LookupError, PLACEHOLDERS, Summary, SummaryError, locate},
 };
 use document::{
     Node,
@@ -60,17 +60,17 @@ impl Names<'_> {
         }
     }
 
-    fn asked(&mut self, asks: &Asks, claims: usize, place: (Span, String)) {
+    fn asked(&mut self, asks: &PlaceholderTarget, claims: usize, place: (Span, String)) {
         match asks {
-            Asks::Claim(number) if *number > claims => {
+            PlaceholderTarget::Claim(number) if *number > claims => {
                 let help = match claims {
                     0 => "write them under `claims`".to_owned(),
                     _ => format!("it has {claims}, numbered from 1"),
                 };
                 self.say(place, format!("the study has no claim {number}"), help);
             }
-            Asks::Claim(_) => {}
-            Asks::Cell {
+            PlaceholderTarget::Claim(_) => {}
+            PlaceholderTarget::Cell {
                 table, place: cell, ..
             } => self.cell(table, cell, place),
         }
@@ -89,19 +89,19 @@ impl Names<'_> {
         }
         let (message, help) = match locate(cell, &rows, &columns) {
             Ok(_) => return,
-            Err(Lost::Row(row)) => (
+            Err(LookupError::Row(row)) => (
                 format!("the table `{table}` has no row `{row}`"),
                 suggest(&row, rows),
             ),
-            Err(Lost::Column(row, _)) if columns.len() < 2 => (
+            Err(LookupError::Column(row, _)) if columns.len() < 2 => (
                 format!("the table `{table}` has one column"),
                 format!("write `{{{table}: {}}}`", rows[row]),
             ),
-            Err(Lost::Column(_, column)) => (
+            Err(LookupError::Column(_, column)) => (
                 format!("the table `{table}` has no column `{column}`"),
                 suggest(&column, columns),
             ),
-            Err(Lost::WhichColumn) => (
+            Err(LookupError::WhichColumn) => (
                 format!("the table `{table}` has several columns"),
                 format!("write `{{{table}: {cell}, COLUMN}}`, {}", suggest("", columns)),
             ),

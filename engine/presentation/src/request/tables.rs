@@ -2,7 +2,7 @@
 
 use crate::{
     names::{Names, Place},
-    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, PublishedRow, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use document::{
     Entry,
@@ -74,7 +74,7 @@ impl Names<'_> {
     fn published(
         &mut self,
         row: &str,
-        published: &Published,
+        published: &PublishedRow,
         rows: &[String],
         columns: &[String],
         place: &Place<'_>,
@@ -91,7 +91,7 @@ impl Names<'_> {
                 suggest(row, rows.iter().map(String::as_str)),
             );
         }
-        let Published::Columns(values) = published else {
+        let PublishedRow::Columns(values) = published else {
             return;
         };
         for column in values.keys().filter(|column| !columns.contains(column)) {
@@ -194,7 +194,7 @@ impl Names<'_> {
     }
 
     /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
-    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &Published, place: &Place<'_>) {
+    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &PublishedRow, place: &Place<'_>) {
         let Some(inner) = place.below("published").and_then(|section| section.below(row)) else {
             return;
         };
@@ -206,12 +206,12 @@ impl Names<'_> {
             )
         };
         let entries: Vec<(PublishedValue, (Span, String))> = match published {
-            Published::Value(value) => vec![(
+            PublishedRow::Value(value) => vec![(
                 PublishedCell::Value(*value).entry(),
                 (inner.key, inner.at.clone()),
             )],
-            Published::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
-            Published::Columns(columns) => columns
+            PublishedRow::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
+            PublishedRow::Columns(columns) => columns
                 .iter()
                 .map(|(name, cell)| (cell.entry(), below(name)))
                 .collect(),

@@ -2,7 +2,7 @@
 //! means.
 
 use super::{
-    Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, Quantity, Scope, Statistic, Table,
+    Cell, FixedReason, Grid, Heading, MissingSeeds, MissingReason, NumberFormat, Quantity, Scope, Statistic, Table,
     comparison::summarise, problem,
 };
 use crate::names::{Names, Place};
@@ -120,7 +120,7 @@ fn check(spec: &CrossPlayTable, names: &mut Names<'_>, place: &Place<'_>) -> (Ve
 
 /// Which trials a cell is made of: agents by role. A role that is left out is played by every agent that was
 /// trained.
-type Casting<'a> = Vec<(&'a str, &'a str)>;
+type RoleAssignment<'a> = Vec<(&'a str, &'a str)>;
 
 /// Computes the matrix. The mean of a row or column is over trained opponents, seed by seed.
 ///
@@ -137,7 +137,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     }
     let matrix = Matrix::of(spec, results, &encounters, [&rows, &columns]);
     let cell = |row: Option<&str>, column: Option<&str>| {
-        let casting: Casting<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
+        let casting: RoleAssignment<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
             .into_iter()
             .filter_map(|(role, it)| Some((role, it?)))
             .collect();
@@ -290,13 +290,13 @@ impl<'a> Matrix<'a> {
         let raw = self.encounters.by_seed(casting, &self.spec.value);
         let seeds = self.scaled(&raw);
         if seeds.len() < raw.len() {
-            missing.push(Missing::of(NoValue::AllAlike));
+            missing.push(MissingSeeds::of(MissingReason::AllAlike));
         }
         let mut cell = Cell {
             planned: scope.planned(),
             failed: scope.failed(),
             missing,
-            fixed: self.is_end(casting).then_some(Fixed::Ends),
+            fixed: self.is_end(casting).then_some(FixedReason::Ends),
             ..Cell::resting_on(&scope.trials, results)
         };
         if self.scale.is_some() && !self.stands {

@@ -1,7 +1,7 @@
 //! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what
 //! to be careful with.
 
-use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
+use super::{Cell, FixedReason, Grid, Margin, Reduction, Statistic};
 use document::count::{count, seed_ranges};
 use statistics::{Judgement, Verdict};
 
@@ -66,7 +66,7 @@ impl Grid {
         let seeds = match self.usual_n() {
             None => "no seed has a value yet".into(),
             // What would be others the next time is what is ranked, not the seeds.
-            Some(n) if self.one_number == OneNumber::RankCorrelation => {
+            Some(n) if self.one_number == Reduction::RankCorrelation => {
                 let seeds = count(n, "seed");
                 format!("rank correlation of means over n = {seeds}, 95 % interval over the points {shown}")
             }
@@ -88,9 +88,9 @@ impl Grid {
     fn is_resampled(&self) -> bool {
         let is_mean = |statistic: &Statistic| *statistic == Statistic::Mean;
         match &self.one_number {
-            OneNumber::Of(statistic) => !is_mean(statistic),
-            OneNumber::Aggregates => true,
-            OneNumber::Share | OneNumber::RankCorrelation => false,
+            Reduction::Of(statistic) => !is_mean(statistic),
+            Reduction::Aggregates => true,
+            Reduction::Share | Reduction::RankCorrelation => false,
         }
     }
 
@@ -104,7 +104,7 @@ impl Grid {
                 .filter(|it| it.statement.is_some())
         };
         judged().next()?;
-        let of = if self.one_number == OneNumber::Share {
+        let of = if self.one_number == Reduction::Share {
             "share"
         } else {
             "mean"
@@ -253,31 +253,31 @@ pub fn changed_rule_in_words(first: &str) -> String {
     format!("exploratory: judged by {first} when the verdict was first seen, which was changed afterwards")
 }
 
-fn why(fixed: Fixed) -> &'static str {
+fn why(fixed: FixedReason) -> &'static str {
     match fixed {
-        Fixed::Itself => "an agent is compared with itself",
-        Fixed::Ends => "the smallest and the largest mean are 0 and 1 by the normalisation",
-        Fixed::Scale => "its scores are 0 or 1 by the normalisation",
+        FixedReason::Itself => "an agent is compared with itself",
+        FixedReason::Ends => "the smallest and the largest mean are 0 and 1 by the normalisation",
+        FixedReason::Scale => "its scores are 0 or 1 by the normalisation",
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{Form, Missing, NoValue, Part, Quantity};
+    use crate::table::{Form, MissingSeeds, MissingReason, Part, Quantity};
     use contract::trial_end::EndState;
 
     #[test]
     fn seeds_that_lack_the_same_are_named_together() {
-        let other = |seed| NoValue::NoCounterpart {
+        let other = |seed| MissingReason::NoCounterpart {
             seed,
             agent: "equal".into(),
         };
-        let failed = NoValue::CounterpartFailed {
+        let failed = MissingReason::CounterpartFailed {
             seed: 3,
             agent: "equal".into(),
         };
-        let missing = [other(5), failed, other(6), other(7)].map(Missing::of);
+        let missing = [other(5), failed, other(6), other(7)].map(MissingSeeds::of);
         let cell = Cell {
             planned: 4,
             missing: missing.into(),
@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn a_cell_says_why_seeds_are_missing() {
-        let missing = [NoValue::Ended(1, EndState::Oom), NoValue::NotRun(1)].map(Missing::of);
+        let missing = [MissingReason::Ended(1, EndState::Oom), MissingReason::NotRun(1)].map(MissingSeeds::of);
         let cell = Cell {
             planned: 2,
             failed: 1,
@@ -307,11 +307,11 @@ mod tests {
             .text(0, Part::Value(0))
         };
         assert_eq!(text(cell), "failed *");
-        let missing = |why| vec![Missing::of(why).within("maze")];
+        let missing = |why| vec![MissingSeeds::of(why).within("maze")];
         assert_eq!(
             text(Cell {
                 planned: 2,
-                missing: missing(NoValue::NotRun(2)),
+                missing: missing(MissingReason::NotRun(2)),
                 ..Cell::default()
             }),
             "not run *"
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(
             text(Cell {
                 planned: 2,
-                missing: missing(NoValue::NoScale),
+                missing: missing(MissingReason::NoScale),
                 ..Cell::default()
             }),
             "none *"

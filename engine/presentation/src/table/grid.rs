@@ -1,6 +1,6 @@
 //! A computed table: numbers with what they rest on. Its sentences are made in [`super::footnotes`].
 
-use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
+use super::{Cause, Direction, Form, LatexLayout, Margin, MissingSeeds, NumberFormat, Statistic};
 use analysis::{results::Results, training_share};
 use contract::{trial::CellName, trial_result::TrialResult};
 use statistics::{Judgement, MeanEstimate, Sample, Seeds, TrainingShare, Verdict};
@@ -20,7 +20,7 @@ pub struct Grid {
     /// Unit of the numbers; empty where there is none or it is not known.
     pub unit: String,
     /// How seeds became one number.
-    pub one_number: OneNumber,
+    pub one_number: Reduction,
     /// What the rows are: `agent`, `environment` or `setting`.
     pub row_axis: Cow<'static, str>,
     /// One heading per row.
@@ -90,7 +90,7 @@ impl fmt::Display for Quantity {
 
 /// How seeds became one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OneNumber {
+pub enum Reduction {
     /// By a statistic over seeds.
     Of(Statistic),
     /// As the share of seeds with success.
@@ -101,20 +101,20 @@ pub enum OneNumber {
     RankCorrelation,
 }
 
-impl OneNumber {
+impl Reduction {
     /// The name in words.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            OneNumber::Of(statistic) => statistic.name(),
-            OneNumber::Share => "share",
-            OneNumber::Aggregates => "aggregates",
-            OneNumber::RankCorrelation => "rank correlation of means",
+            Reduction::Of(statistic) => statistic.name(),
+            Reduction::Share => "share",
+            Reduction::Aggregates => "aggregates",
+            Reduction::RankCorrelation => "rank correlation of means",
         }
     }
 }
 
-impl Default for OneNumber {
+impl Default for Reduction {
     fn default() -> Self {
         Self::Of(Statistic::Mean)
     }
@@ -122,7 +122,7 @@ impl Default for OneNumber {
 
 /// Why a value is what it is by construction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fixed {
+pub enum FixedReason {
     /// An agent beside itself.
     Itself,
     /// The mean that became 0 or 1.
@@ -161,9 +161,9 @@ pub struct Cell {
     /// The published number and how the seeds compare with it; `None` where nothing is published.
     pub judgement: Option<Judgement>,
     /// Why seeds are missing.
-    pub missing: Vec<Missing>,
+    pub missing: Vec<MissingSeeds>,
     /// Why the value is what it is by construction; `None` where it is not.
-    pub fixed: Option<Fixed>,
+    pub fixed: Option<FixedReason>,
     /// What was chosen with the published value in view; `None` where nothing was.
     pub calibrated_on: Option<String>,
     /// True where the values are successes of seeds, 0 or 1.
@@ -389,7 +389,7 @@ impl Cell {
         match self.planned {
             0 => "–",
             _ if self.failed > 0 => "failed *",
-            _ if !self.missing.iter().all(Missing::is_not_run) => "none *",
+            _ if !self.missing.iter().all(MissingSeeds::is_not_run) => "none *",
             _ => "not run *",
         }
     }

@@ -5,16 +5,16 @@ use std::fmt;
 
 /// Seeds without a number, and why.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Missing {
+pub struct MissingSeeds {
     /// The environment, where a cell is made of several.
     pub within: Option<String>,
     /// Why they have none.
-    pub why: NoValue,
+    pub why: MissingReason,
 }
 
 /// Why seeds have no number.
 #[derive(Debug, Clone, PartialEq)]
-pub enum NoValue {
+pub enum MissingReason {
     /// So many trials have not run.
     NotRun(usize),
     /// So many trials ended like this.
@@ -71,10 +71,10 @@ pub enum NoValue {
     NoScale,
 }
 
-impl Missing {
+impl MissingSeeds {
     /// Seeds of the cell's only environment, or of all.
     #[must_use]
-    pub fn of(why: NoValue) -> Self {
+    pub fn of(why: MissingReason) -> Self {
         Self { within: None, why }
     }
 
@@ -90,11 +90,11 @@ impl Missing {
     /// True for trials that have not run.
     #[must_use]
     pub fn is_not_run(&self) -> bool {
-        matches!(self.why, NoValue::NotRun(_))
+        matches!(self.why, MissingReason::NotRun(_))
     }
 }
 
-impl fmt::Display for Missing {
+impl fmt::Display for MissingSeeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(environment) = &self.within {
             write!(f, "{environment}: ")?;
@@ -103,7 +103,7 @@ impl fmt::Display for Missing {
     }
 }
 
-impl fmt::Display for NoValue {
+impl fmt::Display for MissingReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotRun(count) => write!(f, "{count} not run"),

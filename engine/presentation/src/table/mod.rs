@@ -28,19 +28,19 @@ pub use best_settings::BestSettings;
 pub(crate) use best_settings::metric_of_search;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
-pub use comparison::{Along, Axis, Comparison, Form, Improvement, Statistic, compare};
+pub use comparison::{TableAxis, Axis, Comparison, Form, Improvement, Statistic, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
-pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
+pub use grid::{Cell, FixedReason, Grid, Heading, Reduction, Part, Quantity};
 pub use html::{html, published_and_verdict, word as verdict_word};
-pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
+pub use latex::{BestScope, Direction, LatexLayout, ValueForm, WideTable, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use metrics::Metrics;
-pub use missing::{Missing, NoValue};
+pub use missing::{MissingSeeds, MissingReason};
 pub use normalised_scores::{Bound, Normalise, ScoreScale};
 pub use number_format::NumberFormat;
-pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
+pub use published::{Margin, PublishedRow, PublishedCell, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
 pub use terminal::align;
@@ -52,7 +52,7 @@ use crate::{
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;
-use published::Judging;
+use published::JudgingRules;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -154,7 +154,7 @@ pub struct TableSpec {
     pub kind: TableKind,
     /// Published values by row, or by row and column.
     #[serde(default)]
-    pub published: BTreeMap<String, Published>,
+    pub published: BTreeMap<String, PublishedRow>,
     /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
     /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -208,7 +208,7 @@ impl TableSpec {
     /// True where something was chosen with one of the published values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
-        self.calibrated_on.is_some() || self.published.values().any(Published::is_calibrated)
+        self.calibrated_on.is_some() || self.published.values().any(PublishedRow::is_calibrated)
     }
 }
 
@@ -279,7 +279,7 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
         .map(|column| kind.better(&column.name).or(said))
         .collect();
     grid.cause.clone_from(&spec.cause);
-    let judging = Judging {
+    let judging = JudgingRules {
         margin: spec.margin.as_ref(),
         calibrated_on: spec.calibrated_on.as_deref(),
         of_another_system: spec.of_another_system.is_some(),

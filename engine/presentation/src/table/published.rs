@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// A published value of a row, or one for each column of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Published {
+pub enum PublishedRow {
     /// The value of the row's only column, or of every column that is not a bound or baseline.
     Value(f64),
     /// The same, with what is known of it besides.
@@ -25,14 +25,14 @@ pub enum Published {
     Columns(BTreeMap<String, PublishedCell>),
 }
 
-impl Published {
+impl PublishedRow {
     /// True where something was chosen with one of the values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         match self {
-            Published::Value(_) => false,
-            Published::Entry(entry) => entry.calibrated_on.is_some(),
-            Published::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
+            PublishedRow::Value(_) => false,
+            PublishedRow::Entry(entry) => entry.calibrated_on.is_some(),
+            PublishedRow::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
         }
     }
 }
@@ -192,7 +192,7 @@ impl Margin {
 }
 
 /// What a table says of all its published values.
-pub(super) struct Judging<'a> {
+pub(super) struct JudgingRules<'a> {
     /// How far a value may lie from the published one.
     pub(super) margin: Option<&'a Margin>,
     /// What was chosen with all published values in view.
@@ -203,9 +203,9 @@ pub(super) struct Judging<'a> {
     pub(super) baselines: &'a [String],
 }
 
-impl Judging<'_> {
+impl JudgingRules<'_> {
     /// Puts a row's published values into its cells; false where one of them has no cell.
-    pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &Published) -> bool {
+    pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &PublishedRow) -> bool {
         let Some(row) = grid
             .rows
             .iter()
@@ -214,15 +214,15 @@ impl Judging<'_> {
             return false;
         };
         match published {
-            Published::Value(value) => {
+            PublishedRow::Value(value) => {
                 self.publish_row(grid, row, &PublishedCell::Value(*value).entry());
                 true
             }
-            Published::Entry(entry) => {
+            PublishedRow::Entry(entry) => {
                 self.publish_row(grid, row, entry);
                 true
             }
-            Published::Columns(values) => self.publish_columns(grid, row, values),
+            PublishedRow::Columns(values) => self.publish_columns(grid, row, values),
         }
     }
 
@@ -402,12 +402,12 @@ mod tests {
 
     #[test]
     fn published_values_in_every_notation() {
-        let read = |text: &str| serde_json::from_str::<Published>(text).unwrap();
-        assert_eq!(read("3"), Published::Value(3.0));
+        let read = |text: &str| serde_json::from_str::<PublishedRow>(text).unwrap();
+        assert_eq!(read("3"), PublishedRow::Value(3.0));
         assert!(
-            matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), Published::Entry(entry) if entry.n == Some(5))
+            matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), PublishedRow::Entry(entry) if entry.n == Some(5))
         );
-        let Published::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
+        let PublishedRow::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
         else {
             panic!()
         };

@@ -4,7 +4,7 @@
 //! is that of a bootstrap over the points, since it is points that would be others the next time. What each seed says
 //! by itself is kept beside it.
 
-use super::{Axis, Cell, Grid, Heading, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
+use super::{Axis, Cell, Grid, Heading, NumberFormat, Reduction, Quantity, Scope, Table, problem};
 use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::Error;
@@ -117,7 +117,7 @@ fn build(spec: &RankCorrelation, results: &Results) -> Result<Grid, Error> {
             label(&spec.against),
             against.len()
         )),
-        one_number: OneNumber::RankCorrelation,
+        one_number: Reduction::RankCorrelation,
         row_axis: Axis::Environment.name().into(),
         cells: cells.collect(),
         rows: rows

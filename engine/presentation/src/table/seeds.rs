@@ -1,6 +1,6 @@
 //! Which trials stand behind a cell or a line, and what each seed of them measured.
 
-use super::{Axis, Missing, NoValue};
+use super::{Axis, MissingSeeds, MissingReason};
 use analysis::results::Results;
 use contract::{
     Phase, standard_metrics::UPDATES, trial::Purpose, trial_end::EndState, trial_result::TrialResult,
@@ -160,7 +160,7 @@ impl<'a> Scope<'a> {
 
     /// Why trials have no number, each reason with its count: how they ended, then those that have not run.
     #[must_use]
-    pub fn absences(&self) -> Vec<Missing> {
+    pub fn absences(&self) -> Vec<MissingSeeds> {
         let mut ended: BTreeMap<&'static str, (usize, EndState)> = BTreeMap::new();
         for end in self
             .trials
@@ -179,10 +179,10 @@ impl<'a> Scope<'a> {
         let unrun = self.trials.iter().filter(|trial| trial.end.is_none()).count();
         let ended = ended
             .into_values()
-            .map(|(count, state)| NoValue::Ended(count, state));
+            .map(|(count, state)| MissingReason::Ended(count, state));
         ended
-            .chain((unrun > 0).then_some(NoValue::NotRun(unrun)))
-            .map(Missing::of)
+            .chain((unrun > 0).then_some(MissingReason::NotRun(unrun)))
+            .map(MissingSeeds::of)
             .collect()
     }
 }

@@ -8,7 +8,7 @@
 //! | medians or interquartile means            | bootstrap, of pairs where the seeds are the same           |
 //! | values that no single seed has            | none; they moved where their own intervals have no number in common |
 
-use super::Measured;
+use super::CellValues;
 use serde::Serialize;
 use statistics::{
     Bootstrap, Interval, MeanEstimate, Share,
@@ -81,7 +81,7 @@ impl Basis {
 impl Difference {
     /// The difference of two cells; `None` where one has no value.
     #[must_use]
-    pub fn of(a: &Measured, b: &Measured) -> Option<Self> {
+    pub fn of(a: &CellValues, b: &CellValues) -> Option<Self> {
         let difference = b.value? - a.value?;
         let (interval, basis) = interval(a, b).unzip();
         let overlap = a
@@ -112,8 +112,8 @@ impl Fate {
 }
 
 /// True where every seed has the same bits, or the values where no seed has one.
-fn is_same(a: &Measured, b: &Measured) -> bool {
-    let bits = |cell: &Measured| {
+fn is_same(a: &CellValues, b: &CellValues) -> bool {
+    let bits = |cell: &CellValues| {
         let seeds = cell.seeds.iter().map(|(seed, value)| (*seed, value.to_bits()));
         let ends = cell.interval.map(|(low, high)| [low.to_bits(), high.to_bits()]);
         (
@@ -126,7 +126,7 @@ fn is_same(a: &Measured, b: &Measured) -> bool {
 }
 
 /// The interval of the difference with how it was made; `None` where the seeds give none.
-fn interval(a: &Measured, b: &Measured) -> Option<(Interval, Basis)> {
+fn interval(a: &CellValues, b: &CellValues) -> Option<(Interval, Basis)> {
     let (left, right) = (a.values(), b.values());
     let paired = a.seeds.keys().eq(b.seeds.keys());
     match (a.statistic.as_str(), b.statistic.as_str()) {
@@ -181,17 +181,17 @@ fn resampled(
 mod tests {
     use super::*;
 
-    fn cell(statistic: &str, seeds: &[(u64, f64)]) -> Measured {
+    fn cell(statistic: &str, seeds: &[(u64, f64)]) -> CellValues {
         let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
-        Measured {
+        CellValues {
             statistic: statistic.into(),
             value: Some(statistics::estimators::mean(&values)),
             seeds: seeds.iter().copied().collect(),
-            ..Measured::default()
+            ..CellValues::default()
         }
     }
 
-    fn of(a: &Measured, b: &Measured) -> Difference {
+    fn of(a: &CellValues, b: &CellValues) -> Difference {
         Difference::of(a, b).unwrap()
     }
 
@@ -272,13 +272,13 @@ mod tests {
 
     #[test]
     fn values_without_seeds_are_held_against_each_other_by_their_intervals() {
-        let value = |value: f64, interval: Option<(f64, f64)>| Measured {
+        let value = |value: f64, interval: Option<(f64, f64)>| CellValues {
             statistic: "aggregates".into(),
             value: Some(value),
             interval,
-            ..Measured::default()
+            ..CellValues::default()
         };
-        let fate = |a: &Measured, b: &Measured| (of(a, b).fate, of(a, b).basis);
+        let fate = |a: &CellValues, b: &CellValues| (of(a, b).fate, of(a, b).basis);
         let (low, near, far) = (
             value(1.0, Some((0.5, 1.5))),
             value(2.0, Some((1.4, 2.6))),
@@ -288,6 +288,6 @@ mod tests {
         assert_eq!(fate(&low, &far), (Fate::Moved, Some(Basis::Intervals)));
         assert_eq!(fate(&low, &low), (Fate::Same, None));
         assert_eq!(fate(&low, &value(1.0, None)), (Fate::Undecided, None));
-        assert_eq!(Difference::of(&low, &Measured::default()), None);
+        assert_eq!(Difference::of(&low, &CellValues::default()), None);
     }
 }

@@ -11,7 +11,7 @@ mod side;
 pub use difference::{Basis, Difference, Fate, LEVEL};
 pub use render::{markdown, text};
 pub use settings::{changed_keys, flat};
-pub use side::{Measured, Place, Side, parse_study};
+pub use side::{CellValues, Place, Side, parse_study};
 
 use crate::Passed;
 use serde::Serialize;
@@ -30,11 +30,11 @@ pub struct Compared {
     /// Cells that both sides have a value of.
     pub cells: Vec<Pair>,
     /// Verdicts on published values that changed.
-    pub verdicts: Vec<Changed>,
+    pub verdicts: Vec<ChangedVerdict>,
     /// Verdicts on claims that changed; a claim is found by its words, not by its number.
-    pub claims: Vec<Changed>,
+    pub claims: Vec<ChangedVerdict>,
     /// Cells, verdicts and claims that one side has alone.
-    pub only: Vec<Lonely>,
+    pub only: Vec<OneSidedItem>,
     /// Keys of the resolved studies that differ.
     pub settings: Vec<Setting>,
 }
@@ -72,9 +72,9 @@ pub struct Pair {
     #[serde(flatten)]
     pub place: Place,
     /// Its values in the first side.
-    pub a: Measured,
+    pub a: CellValues,
     /// Its values in the second side.
-    pub b: Measured,
+    pub b: CellValues,
     /// The second less the first.
     #[serde(flatten)]
     pub difference: Difference,
@@ -82,7 +82,7 @@ pub struct Pair {
 
 /// A verdict that is another one now.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Changed {
+pub struct ChangedVerdict {
     /// What it is about.
     pub about: String,
     /// Its word in the first side, with that of all together where it is another.
@@ -93,7 +93,7 @@ pub struct Changed {
 
 /// What one side has alone.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub struct Lonely {
+pub struct OneSidedItem {
     /// `a` or `b`.
     pub side: &'static str,
     /// `cell`, `verdict` or `claim`.
@@ -169,7 +169,7 @@ impl Counts {
 }
 
 fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
-    let both = |(place, first): (&Place, &Measured)| {
+    let both = |(place, first): (&Place, &CellValues)| {
         let second = b.cells.get(place)?;
         Some(Pair {
             place: place.clone(),
@@ -182,14 +182,14 @@ fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
 }
 
 /// Cells of which one side alone has a value.
-fn lonely_cells(a: &Side, b: &Side) -> Vec<Lonely> {
+fn lonely_cells(a: &Side, b: &Side) -> Vec<OneSidedItem> {
     let valued = |side: &Side| {
         let cells = side.cells.iter().filter(|(_, cell)| cell.value.is_some());
         cells.map(|(place, _)| place.to_string()).collect::<BTreeSet<_>>()
     };
     let (of_a, of_b) = (valued(a), valued(b));
     let alone = |side, own: &BTreeSet<String>, others: &BTreeSet<String>| {
-        let lonely = |what: &String| Lonely {
+        let lonely = |what: &String| OneSidedItem {
             side,
             kind: "cell",
             what: what.clone(),
@@ -233,11 +233,11 @@ fn changed(
     kind: &'static str,
     a: &BTreeMap<String, String>,
     b: &BTreeMap<String, String>,
-    only: &mut Vec<Lonely>,
-) -> Vec<Changed> {
+    only: &mut Vec<OneSidedItem>,
+) -> Vec<ChangedVerdict> {
     for (side, own, other) in [("a", a, b), ("b", b, a)] {
         let alone = own.keys().filter(|about| !other.contains_key(*about));
-        only.extend(alone.map(|about| Lonely {
+        only.extend(alone.map(|about| OneSidedItem {
             side,
             kind,
             what: about.clone(),
@@ -247,7 +247,7 @@ fn changed(
         .iter()
         .filter_map(|(about, first)| Some((about, first, b.get(about)?)));
     both.filter(|(_, first, second)| first != second)
-        .map(|(about, first, second)| Changed {
+        .map(|(about, first, second)| ChangedVerdict {
             about: about.clone(),
             a: first.clone(),
             b: second.clone(),
@@ -288,7 +288,7 @@ mod tests {
             passed("claim 3: r > s", "REFUTED"),
         ]);
         let compared = Compared::of(&a, &b);
-        let change = |about: &str, a: &str, b: &str| Changed {
+        let change = |about: &str, a: &str, b: &str| ChangedVerdict {
             about: about.into(),
             a: a.into(),
             b: b.into(),

@@ -1,6 +1,6 @@
 //! What two sides differ in, as aligned text and as Markdown.
 
-use super::{Compared, Fate, LEVEL, Measured, Named, Pair, Setting};
+use super::{Compared, Fate, LEVEL, CellValues, Named, Pair, Setting};
 use presentation::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
 use serde_json::Value;
 
@@ -86,7 +86,7 @@ fn sections(compared: &Compared, all: bool) -> Vec<Section> {
             rows: those.map(cell).collect(),
         }
     };
-    let changed = |title: &str, changed: &[super::Changed]| Section {
+    let changed = |title: &str, changed: &[super::ChangedVerdict]| Section {
         title: title.into(),
         head: vec!["about", "A", "B"],
         words: 3,
@@ -146,7 +146,7 @@ fn cell(pair: &Pair) -> Vec<String> {
     ]
 }
 
-fn seeds(a: &Measured, b: &Measured) -> String {
+fn seeds(a: &CellValues, b: &CellValues) -> String {
     match (a.seeds.len(), b.seeds.len()) {
         (0, 0) => String::new(),
         (a, b) if a == b => a.to_string(),
@@ -216,7 +216,7 @@ mod tests {
             row: row.into(),
             column: "return".into(),
         };
-        let measured = |values: Vec<f64>| Measured {
+        let measured = |values: Vec<f64>| CellValues {
             statistic: "mean".into(),
             value: Some(statistics::estimators::mean(&values)),
             seeds: (0..).zip(values).collect(),

@@ -20,7 +20,7 @@ pub struct Side {
     /// Which results they are.
     pub named: Named,
     /// The cells of all tables.
-    pub cells: BTreeMap<Place, Measured>,
+    pub cells: BTreeMap<Place, CellValues>,
     /// What was passed a verdict on.
     pub verdicts: Vec<Passed>,
     /// The leaves of the resolved study, by dotted key.
@@ -46,7 +46,7 @@ impl fmt::Display for Place {
 
 /// The values of a cell.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Measured {
+pub struct CellValues {
     /// How seeds became one number, in the words of the table's CSV file.
     pub statistic: String,
     /// The number; `None` where no seed has one.
@@ -57,7 +57,7 @@ pub struct Measured {
     pub seeds: BTreeMap<u64, f64>,
 }
 
-impl Measured {
+impl CellValues {
     /// The values in the order of their seeds.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
@@ -91,7 +91,7 @@ impl Side {
                         row: row.name.clone(),
                         column: column.name.clone(),
                     };
-                    cells.insert(place, Measured::of(grid, cell));
+                    cells.insert(place, CellValues::of(grid, cell));
                 }
             }
         }
@@ -167,7 +167,7 @@ fn read(path: &Path) -> Result<Option<String>, Error> {
 }
 
 /// The cells of all tables of a folder.
-fn cells(folder: &Path) -> Result<BTreeMap<Place, Measured>, Error> {
+fn cells(folder: &Path) -> Result<BTreeMap<Place, CellValues>, Error> {
     let mut cells = BTreeMap::new();
     for name in execution::store::names(folder)? {
         let Some(table) = name.strip_suffix(".csv") else {
@@ -272,9 +272,9 @@ impl Line {
             .transpose()
     }
 
-    fn measured(&self, seeds: BTreeMap<u64, f64>) -> Result<Measured, Error> {
+    fn measured(&self, seeds: BTreeMap<u64, f64>) -> Result<CellValues, Error> {
         let ends: (Option<f64>, Option<f64>) = (self.number("low")?, self.number("high")?);
-        Ok(Measured {
+        Ok(CellValues {
             statistic: self.text("statistic").into(),
             value: self.number("value")?,
             interval: ends.0.zip(ends.1),

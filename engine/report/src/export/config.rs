@@ -13,11 +13,11 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// The values of a trial by dotted name, each with the place where its meaning is described.
-type Leaves = BTreeMap<String, (Value, Meaning)>;
+type Leaves = BTreeMap<String, (Value, KeyOrigin)>;
 
 /// The kind and name of a plugin, and the keys that lead to a value in its config.
 #[derive(Debug, Clone, PartialEq)]
-struct Meaning {
+struct KeyOrigin {
     kind: &'static str,
     plugin: String,
     keys: Vec<String>,
@@ -30,11 +30,11 @@ pub(super) fn columns(subject: &Subject<'_>) -> Vec<Column<'static>> {
         .iter()
         .map(|(result, _)| leaves(&result.trial.key))
         .collect();
-    let mut names: BTreeMap<&str, &Meaning> = BTreeMap::new();
+    let mut names: BTreeMap<&str, &KeyOrigin> = BTreeMap::new();
     for (name, (_, meaning)) in trials.iter().flatten() {
         names.entry(name).or_insert(meaning);
     }
-    let column = |(name, meaning): (&str, &Meaning)| {
+    let column = |(name, meaning): (&str, &KeyOrigin)| {
         let values: Vec<Option<&Value>> = trials
             .iter()
             .map(|leaves| leaves.get(name).map(|(value, _)| value))
@@ -63,7 +63,7 @@ fn leaves(key: &TrialKey) -> Leaves {
             for (role, member) in &cast.roles {
                 let at = format!("agent.{role}");
                 of_part(&at, "agent", &member.agent, &mut found);
-                let meaning = Meaning::of("agent", &member.agent.plugin, &[]);
+                let meaning = KeyOrigin::of("agent", &member.agent.plugin, &[]);
                 let mut own = |name: &str, value: Value| {
                     found.insert(format!("{at}.{name}"), (value, meaning.clone()));
                 };
@@ -76,7 +76,7 @@ fn leaves(key: &TrialKey) -> Leaves {
 }
 
 fn of_part(at: &str, kind: &'static str, part: &Part, found: &mut Leaves) {
-    let meaning = Meaning::of(kind, &part.plugin, &[]);
+    let meaning = KeyOrigin::of(kind, &part.plugin, &[]);
     found.insert(format!("{at}.plugin"), (json!(part.plugin), meaning.clone()));
     found.insert(format!("{at}.version"), (json!(part.version), meaning.clone()));
     for (key, value) in part.identity().as_object().into_iter().flatten() {
@@ -84,7 +84,7 @@ fn of_part(at: &str, kind: &'static str, part: &Part, found: &mut Leaves) {
     }
 }
 
-fn flatten(at: &str, value: &Value, meaning: &Meaning, found: &mut Leaves) {
+fn flatten(at: &str, value: &Value, meaning: &KeyOrigin, found: &mut Leaves) {
     match value {
         Value::Object(entries) if !entries.is_empty() => {
             for (key, value) in entries {
@@ -98,7 +98,7 @@ fn flatten(at: &str, value: &Value, meaning: &Meaning, found: &mut Leaves) {
     }
 }
 
-impl Meaning {
+impl KeyOrigin {
     fn of(kind: &'static str, plugin: &str, keys: &[&str]) -> Self {
         Self {
             kind,

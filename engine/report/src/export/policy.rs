@@ -19,7 +19,7 @@ use std::{
 const FILE: &str = "policy.safetensors";
 
 /// A policy that was found in a trial's folder.
-struct Found {
+struct PolicyFile {
     form: &'static str,
     /// Path of its file inside the trial's folder.
     file: String,
@@ -65,7 +65,7 @@ pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8
 }
 
 impl PolicySubject<'_> {
-    fn found(&self) -> Result<Vec<Found>, Error> {
+    fn found(&self) -> Result<Vec<PolicyFile>, Error> {
         let mut all = Vec::new();
         for (seat, folder, file) in places(self.folder)? {
             let (form, policies) = self.read(&folder)?;
@@ -74,7 +74,7 @@ impl PolicySubject<'_> {
                     policy.seat.clone_from(&seat);
                 }
                 let file = file.clone();
-                Found { form, file, policy }
+                PolicyFile { form, file, policy }
             }));
         }
         Ok(all)
@@ -98,7 +98,7 @@ impl PolicySubject<'_> {
     }
 
     /// What a file says of itself, in the order in which it says it.
-    fn properties(&self, found: &Found) -> Vec<(String, String)> {
+    fn properties(&self, found: &PolicyFile) -> Vec<(String, String)> {
         let (key, policy) = (&self.file.key, &found.policy);
         let digest = self.file.files.get(&found.file).cloned().unwrap_or_default();
         let units = |names: &[String], of: fn(&Seat) -> &Space| -> Vec<String> {

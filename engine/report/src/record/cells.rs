@@ -1,6 +1,6 @@
 //! The trials of a record: how each ended, and from them results as the store would give them.
 
-use super::{Block, Blocks, Measured, Record};
+use super::{Block, Blocks, FinalValue, Record};
 use analysis::results::Results;
 use contract::{
     recorder::{Phase, Row, intern},
@@ -65,13 +65,13 @@ pub struct Cell {
     pub planned: Option<u32>,
     /// Those that ended, in the order of the plan; `None` where they are not told apart: then all ended `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub trials: Option<Vec<Ended>>,
+    pub trials: Option<Vec<RecordedTrial>>,
 }
 
 /// How a trial ended.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Ended {
+pub struct RecordedTrial {
     /// Its seed.
     pub seed: u64,
     /// Its id.
@@ -128,7 +128,7 @@ impl Cell {
                 Some(end) => cell
                     .trials
                     .get_or_insert_default()
-                    .push(Ended::of(&it.trial, end)),
+                    .push(RecordedTrial::of(&it.trial, end)),
                 None => drop(missing.insert(it.trial.key.seed)),
             }
         }
@@ -159,7 +159,7 @@ fn number_of(seeds: &BTreeSet<u64>) -> u32 {
     u32::try_from(seeds.len()).unwrap_or(u32::MAX)
 }
 
-impl Ended {
+impl RecordedTrial {
     fn of(trial: &Trial, end: &TrialEnd) -> Self {
         Self {
             seed: trial.key.seed,
@@ -183,18 +183,18 @@ impl Ended {
 }
 
 /// A trial of a record that no planned trial has taken yet.
-struct Left {
-    ended: Ended,
+struct UnmatchedTrial {
+    ended: RecordedTrial,
     mean_wall_s: Option<f64>,
     block: Option<Block>,
 }
 
 /// The results of planned trials, found by environment, agent, setting and seed.
 pub struct Source {
-    left: BTreeMap<(Part, CellName, u64), VecDeque<Left>>,
+    left: BTreeMap<(Part, CellName, u64), VecDeque<UnmatchedTrial>>,
     /// Seconds of a trial of the environments and agents whose trials are not told apart.
     alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
-    measured: BTreeMap<(CellName, u64), Vec<Measured>>,
+    measured: BTreeMap<(CellName, u64), Vec<FinalValue>>,
 }
 
 impl Source {
@@ -216,7 +216,7 @@ impl Source {
                 let is_measured = part == Part::Shown && ended.failed.is_none();
                 let block = is_measured.then(|| blocks.take(&name, ended.seed)).flatten();
                 let key = (part, name.clone(), ended.seed);
-                source.left.entry(key).or_default().push_back(Left {
+                source.left.entry(key).or_default().push_back(UnmatchedTrial {
                     ended: ended.clone(),
                     mean_wall_s,
                     block,
@@ -246,7 +246,7 @@ impl Source {
         let name = result.cell();
         let alike = (part, [name.0.clone(), name.1.clone()]);
         if let Some(mean_wall_s) = self.alike.get(&alike) {
-            result.end = Some(Ended::default().end(*mean_wall_s).into());
+            result.end = Some(RecordedTrial::default().end(*mean_wall_s).into());
             return result;
         }
         let Some(left) = self.take((part, name.clone(), trial.key.seed), &trial.id, ids) else {
@@ -264,20 +264,20 @@ impl Source {
 
     /// The one of an id where ids are those of the plan; else the next one: meetings may share all names and
     /// their seed.
-    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<Left> {
+    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<UnmatchedTrial> {
         let left = self.left.get_mut(&key)?;
-        let has = |it: &Left, id: &str| it.ended.id.as_deref() == Some(id);
+        let has = |it: &UnmatchedTrial, id: &str| it.ended.id.as_deref() == Some(id);
         if let Some(place) = left.iter().position(|it| has(it, id)) {
             return left.remove(place);
         }
-        let is_of_another = |it: &Left| it.ended.id.as_deref().is_some_and(|id| ids.contains(id));
+        let is_of_another = |it: &UnmatchedTrial| it.ended.id.as_deref().is_some_and(|id| ids.contains(id));
         let place = left.iter().position(|it| !is_of_another(it))?;
         left.remove(place)
     }
 }
 
 /// Adds a value at the step of the last row of the final measurement.
-fn add(result: &mut TrialResult, measured: &Measured) {
+fn add(result: &mut TrialResult, measured: &FinalValue) {
     let last = result.rows.iter().rfind(|row| row.phase == Phase::Final).copied();
     let Some(last) = last else { return };
     let metric = intern(Arc::make_mut(&mut result.names), &measured.metric);

@@ -158,13 +158,13 @@ pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<Blocks, Error> {
 
 /// The trial of the rows that are being read.
 #[derive(Default)]
-struct Reading {
+struct BlockReader {
     blocks: Vec<Block>,
     /// For each phase and metric the place of the block that has it, and its last step there.
     last: BTreeMap<(Phase, u16), (usize, u64)>,
 }
 
-impl Reading {
+impl BlockReader {
     /// A step that does not come after the one before is of the next trial of the same names.
     fn add(
         &mut self,
@@ -204,9 +204,9 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     let (phases, steps) = (table.texts("phase")?, table.u64s("step")?);
     let (metrics, values) = (table.texts("metric")?, table.f64s("value")?);
     let mut names: Vec<String> = Vec::new();
-    let mut trials: BTreeMap<(CellName, u64), Reading> = BTreeMap::new();
+    let mut trials: BTreeMap<(CellName, u64), BlockReader> = BTreeMap::new();
     let cells = environments.zip(agents).zip(settings).zip(seeds);
-    let mut now: Option<((&str, &str, &str, u64), Reading)> = None;
+    let mut now: Option<((&str, &str, &str, u64), BlockReader)> = None;
     for ((((cell, phase), step), metric), value) in cells.zip(phases).zip(steps).zip(metrics).zip(values) {
         let (((Some(environment), Some(agent)), Some(setting)), Some(seed)) = cell else {
             return Ok(None);
@@ -231,7 +231,7 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     }
     put(&mut trials, now);
     let mut shared: Vec<Arc<Vec<String>>> = Vec::new();
-    let mut own = |reading: Reading| {
+    let mut own = |reading: BlockReader| {
         let blocks = reading.blocks.into_iter();
         blocks
             .map(|block| with_own_names(block, &names, &mut shared))
@@ -249,7 +249,7 @@ fn owned((environment, agent, setting, seed): (&str, &str, &str, u64)) -> (CellN
     ((environment.into(), agent.into(), setting.into()), seed)
 }
 
-fn put(trials: &mut BTreeMap<(CellName, u64), Reading>, read: Option<((&str, &str, &str, u64), Reading)>) {
+fn put(trials: &mut BTreeMap<(CellName, u64), BlockReader>, read: Option<((&str, &str, &str, u64), BlockReader)>) {
     if let Some((key, reading)) = read {
         trials.insert(owned(key), reading);
     }

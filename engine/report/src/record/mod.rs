@@ -12,7 +12,7 @@
 mod cells;
 mod evaluations;
 
-pub use cells::{Cell, Ended, Part, Source, forget_success};
+pub use cells::{Cell, RecordedTrial, Part, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
@@ -70,13 +70,13 @@ pub struct Record {
     pub announced: BTreeMap<String, Value>,
     /// Values of trials at the end that stand in no row of the measurements.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub measured: Vec<Measured>,
+    pub measured: Vec<FinalValue>,
 }
 
 /// A value of a trial at the end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Measured {
+pub struct FinalValue {
     /// Environment of the trial.
     pub environment: String,
     /// Its agent.

@@ -86,7 +86,7 @@ fn panel(suite: &Suite<'_>, statistic: SuiteStatistic) -> Panel {
 
 fn point(suite: &Suite<'_>, statistic: SuiteStatistic, row: usize, player: &Player<'_>) -> Point {
     let is_mean = matches!(statistic, SuiteStatistic::Mean | SuiteStatistic::Median);
-    // What is 0 or 1 whatever its seeds do has no interval.
+    // A score that is 0 or 1 by construction has no interval.
     let (y, interval) = match suite.fixed(player).filter(|_| is_mean) {
         Some(score) => (f64::from(score), None),
         None => {

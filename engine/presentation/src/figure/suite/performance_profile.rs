@@ -1,12 +1,11 @@
-//! Performance profiles: which share of runs lies above a normalised score, a line per agent with a pointwise
-//! band.
+//! Performance profiles: the share of runs above each normalised score, a line per agent with a pointwise band.
 
 use super::{EXAMPLE, Suite, asked, default_metric, default_resamples};
 use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
-        chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
     table::Normalise,
@@ -99,7 +98,7 @@ fn panel(kind: &PerformanceProfile, suite: &Suite<'_>) -> Panel {
             interval: share.ends(),
         });
         let curve = Curve {
-            of: CurveOf::Learner,
+            of: CurveSource::Learner,
             points: points.collect(),
             runs: Vec::new(),
             undrawn: Vec::new(),

@@ -134,7 +134,7 @@ impl Figure for ProbabilityOfImprovement {
     }
 }
 
-/// Both agents of a pair are shown, and are two.
+/// Says where the agents of a pair are not in the figure or are one agent.
 fn check_pair(pair: &Place<'_>, shown: &[String], names: &mut Names<'_>) {
     let items = pair.node.items();
     for (item, name) in items.iter().filter_map(|item| Some((item, item.as_str()?))) {

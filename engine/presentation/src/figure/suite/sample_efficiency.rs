@@ -6,7 +6,7 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, level, problem},
-        chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
     table::{Axis, Normalise, ScoreScale},
@@ -114,7 +114,7 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
     }
 }
 
-/// True where the runs of all tasks were measured at the same steps.
+/// Whether the runs of all tasks were measured at the same steps.
 fn have_same_steps(tasks: &[Vec<sample_efficiency::Run>]) -> bool {
     let steps = |run: &sample_efficiency::Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
     let mut all = tasks.iter().flatten().map(steps);
@@ -140,9 +140,9 @@ fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<sample_efficiency::
         .collect();
     let curve = Curve {
         of: if learns {
-            CurveOf::Learner
+            CurveSource::Learner
         } else {
-            CurveOf::NonLearner
+            CurveSource::NonLearner
         },
         runs: Vec::new(),
         undrawn: Vec::new(),

@@ -3,7 +3,7 @@
 use super::{Aggregate, SUITE_MEAN};
 use crate::{
     names::{Names, Place},
-    table::normalised_scores::{Pooled, normalised, plays_everywhere},
+    table::normalised_scores::{PoolWording, normalised, plays_everywhere},
 };
 use document::Node;
 
@@ -27,7 +27,7 @@ pub(super) fn aggregate(
             "`comparison` shows one environment",
         );
     }
-    let pooled = Pooled {
+    let pooled = PoolWording {
         what: "an aggregate",
         instead: "`comparison` shows settings side by side",
     };

@@ -9,7 +9,7 @@
 mod check;
 
 use super::{
-    Axis, Cell, Direction, Fixed, Grid, Heading, Missing, NoValue, Normalise, NumberFormat, OneNumber,
+    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingSeeds, MissingReason, Normalise, NumberFormat, Reduction,
     Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::names::{Names, Place};
@@ -147,7 +147,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     });
     Ok(Grid {
         quantity: Quantity::plain(suite.quantity()),
-        one_number: OneNumber::Aggregates,
+        one_number: Reduction::Aggregates,
         row_axis: Axis::Agent.name().into(),
         cells: cells.collect(),
         rows: rows.iter().map(|agent| suite.heading(agent)).collect(),
@@ -234,7 +234,7 @@ struct Scores {
     by_environment: Vec<BTreeMap<u64, f64>>,
     planned: usize,
     failed: usize,
-    missing: Vec<Missing>,
+    missing: Vec<MissingSeeds>,
 }
 
 impl Scores {
@@ -330,7 +330,7 @@ impl<'s> Suite<'s> {
                 .filter_map(|(seed, value)| Some((*seed, scale.score(*value)?)))
                 .collect();
             if scaled.len() < raw.len() {
-                scores.missing.push(Missing::of(NoValue::NoScale).within(label));
+                scores.missing.push(MissingSeeds::of(MissingReason::NoScale).within(label));
             }
             scores.by_environment.push(scaled);
         }
@@ -388,7 +388,7 @@ impl<'s> Suite<'s> {
             .into_iter()
             .find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
         if let Some((_, score)) = fixed {
-            let fixed = Some(Fixed::Scale);
+            let fixed = Some(FixedReason::Scale);
             return Cell {
                 seeds,
                 estimate: Some(f64::from(score)),

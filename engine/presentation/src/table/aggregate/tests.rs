@@ -1,7 +1,7 @@
 //! Aggregates against an independent computation, and what is said where there is none.
 
 use super::*;
-use crate::table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
+use crate::table::{PublishedRow, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::TrialResult};
 use serde_json::Value;
 use statistics::{Design, Verdict};
@@ -224,7 +224,7 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();
     results.design = Some(Design::new(vec![6, 12]));
     let aggregate = spec(&serde_json::json!({"low": "weak", "high": "strong"}));
-    let means = Published::Columns(BTreeMap::from([(
+    let means = PublishedRow::Columns(BTreeMap::from([(
         SUITE_MEAN.to_owned(),
         PublishedCell::Value(0.6),
     )]));

@@ -10,20 +10,20 @@ use std::{borrow::Cow, collections::HashMap, sync::Arc};
 /// What varies along a table's rows or columns.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Along {
+pub enum TableAxis {
     /// Agents, environments, or settings as a whole.
     Axis(Axis),
     /// The values of a swept key, named as in `sweep` or by its last word.
     Key(String),
 }
 
-impl Along {
+impl TableAxis {
     /// The word for what varies.
     #[must_use]
     pub fn name(&self) -> Cow<'static, str> {
         match self {
-            Along::Axis(axis) => axis.name().into(),
-            Along::Key(key) => key.rsplit('.').next().unwrap_or_default().to_owned().into(),
+            TableAxis::Axis(axis) => axis.name().into(),
+            TableAxis::Key(key) => key.rsplit('.').next().unwrap_or_default().to_owned().into(),
         }
     }
 
@@ -31,15 +31,15 @@ impl Along {
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
-            Along::Axis(_) => None,
-            Along::Key(key) => Some(key),
+            TableAxis::Axis(_) => None,
+            TableAxis::Key(key) => Some(key),
         }
     }
 }
 
-impl From<Axis> for Along {
+impl From<Axis> for TableAxis {
     fn from(axis: Axis) -> Self {
-        Along::Axis(axis)
+        TableAxis::Axis(axis)
     }
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Axes<'a, 'r> {
 /// The trials of a cell by their places in the plan, and the cell's places along the axes.
 struct CellOfTrials<'r> {
     trials: Vec<(usize, &'r TrialResult)>,
-    places: Vec<(Along, String)>,
+    places: Vec<(TableAxis, String)>,
 }
 
 /// Some of the cells of a comparison, by their numbers.
@@ -68,15 +68,15 @@ impl<'a, 'r> Axes<'a, 'r> {
         let both = || std::iter::once(&comparison.rows).chain(&comparison.columns);
         let mut axes = Self {
             comparison,
-            apart: both().filter_map(Along::key).collect(),
+            apart: both().filter_map(TableAxis::key).collect(),
             cells: Vec::new(),
         };
-        let mut alongs: Vec<Along> = Axis::ALL.into_iter().map(Along::from).collect();
+        let mut alongs: Vec<TableAxis> = Axis::ALL.into_iter().map(TableAxis::from).collect();
         alongs.extend(both().filter(|along| along.key().is_some()).cloned());
         let mut known: HashMap<*const TrialCell, usize> = HashMap::new();
         for (position, trial) in scope.trials.iter().copied().enumerate() {
             let cell = *known.entry(Arc::as_ptr(&trial.trial.cell)).or_insert_with(|| {
-                let at = |along: &Along| (along.clone(), axes.place(along, trial).into_owned());
+                let at = |along: &TableAxis| (along.clone(), axes.place(along, trial).into_owned());
                 let (trials, places) = (Vec::new(), alongs.iter().map(at).collect());
                 axes.cells.push(CellOfTrials { trials, places });
                 axes.cells.len() - 1
@@ -87,22 +87,22 @@ impl<'a, 'r> Axes<'a, 'r> {
     }
 
     /// A trial's place along one of them; empty where the key is none of its setting's.
-    fn place<'t>(&self, along: &Along, trial: &'t TrialResult) -> Cow<'t, str> {
+    fn place<'t>(&self, along: &TableAxis, trial: &'t TrialResult) -> Cow<'t, str> {
         let point = &trial.trial.cell.point;
         match along {
-            Along::Axis(Axis::Setting) if !self.apart.is_empty() => {
+            TableAxis::Axis(Axis::Setting) if !self.apart.is_empty() => {
                 let rest = self
                     .apart
                     .iter()
                     .fold(point.clone(), |rest, key| rest.without(key));
                 rest.to_string().into()
             }
-            Along::Axis(axis) => axis.of(trial).into(),
-            Along::Key(key) => point.get(key).map(word).unwrap_or_default().into(),
+            TableAxis::Axis(axis) => axis.of(trial).into(),
+            TableAxis::Key(key) => point.get(key).map(word).unwrap_or_default().into(),
         }
     }
 
-    fn place_of(&self, cell: usize, along: &Along) -> &str {
+    fn place_of(&self, cell: usize, along: &TableAxis) -> &str {
         let places = &self.cells[cell].places;
         let place = places.iter().find(|(known, _)| known == along);
         place.map_or("", |(_, name)| name)
@@ -114,7 +114,7 @@ impl<'a, 'r> Axes<'a, 'r> {
     }
 
     /// Of some cells those at all of these places.
-    pub(super) fn at(&self, some: &[usize], places: &[(Along, String)]) -> Cells {
+    pub(super) fn at(&self, some: &[usize], places: &[(TableAxis, String)]) -> Cells {
         let is_at = |cell: &usize| {
             places
                 .iter()
@@ -134,17 +134,17 @@ impl<'a, 'r> Axes<'a, 'r> {
     }
 
     /// The places of some cells, as a study lists them and then in the order of the plan.
-    pub(super) fn names(&self, some: &[usize], along: &Along) -> Vec<String> {
+    pub(super) fn names(&self, some: &[usize], along: &TableAxis) -> Vec<String> {
         let listed: &[String] = match along {
-            Along::Axis(Axis::Agent) => &self.comparison.agents,
-            Along::Axis(Axis::Environment) => &self.comparison.environments,
+            TableAxis::Axis(Axis::Agent) => &self.comparison.agents,
+            TableAxis::Axis(Axis::Environment) => &self.comparison.environments,
             _ => &[],
         };
         listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
     }
 
     /// True where cells differ along it.
-    pub(super) fn vary(&self, along: &Along) -> bool {
+    pub(super) fn vary(&self, along: &TableAxis) -> bool {
         self.names(&self.all(), along).len() > 1
     }
 }

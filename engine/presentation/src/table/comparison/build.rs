@@ -1,7 +1,7 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, along::Axes, measure};
-use crate::table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem};
+use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, Statistic, along::Axes, measure};
+use crate::table::{Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Reduction, Quantity, Scope, problem};
 use analysis::results::Results;
 use contract::{Error, standard_metrics::SUCCESS, trial_result::TrialResult};
 use measure::{Measure, seed_value};
@@ -45,9 +45,9 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
         one_number: if is_share(comparison) {
-            OneNumber::Share
+            Reduction::Share
         } else {
-            OneNumber::Of(comparison.statistic)
+            Reduction::Of(comparison.statistic)
         },
         row_axis: comparison.rows.name().replace('_', " ").into(),
         format: format(comparison, relation.form, &cells),
@@ -171,7 +171,7 @@ impl<'a> Relation<'a> {
 /// at the end.
 struct Place {
     heading: Heading,
-    at: Vec<(Along, String)>,
+    at: Vec<(TableAxis, String)>,
     at_step: Option<u64>,
 }
 
@@ -193,9 +193,9 @@ impl Place {
 }
 
 fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Place>) {
-    let free = |along: &Along| *along != comparison.rows && axes.vary(along);
+    let free = |along: &TableAxis| *along != comparison.rows && axes.vary(along);
     let cells = axes.all();
-    let all = || Axis::ALL.into_iter().map(Along::from);
+    let all = || Axis::ALL.into_iter().map(TableAxis::from);
     let over_steps = !comparison.at_steps.is_empty();
     let column_axis = comparison
         .columns
@@ -221,7 +221,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if
     // they were seeds.
-    let splitting: Vec<Along> = all()
+    let splitting: Vec<TableAxis> = all()
         .filter(|along| free(along) && Some(along) != column_axis.as_ref())
         .collect();
     let rows = axes.names(&cells, &comparison.rows).into_iter().flat_map(|name| {
@@ -233,8 +233,8 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
-fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(Along, String)>>, along: &Along) -> Vec<Vec<(Along, String)>> {
-    let parts = |row: Vec<(Along, String)>| {
+fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(TableAxis, String)>>, along: &TableAxis) -> Vec<Vec<(TableAxis, String)>> {
+    let parts = |row: Vec<(TableAxis, String)>| {
         axes.names(&axes.at(&axes.all(), &row), along)
             .into_iter()
             .map(move |name| [row.clone(), vec![(along.clone(), name)]].concat())
@@ -243,7 +243,7 @@ fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(Along, String)>>, along: &Along) ->
     rows.into_iter().flat_map(parts).collect()
 }
 
-fn place(comparison: &Comparison, at: &[(Along, String)]) -> Place {
+fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> Place {
     let words = |write: &dyn Fn(&str) -> String| {
         let words: Vec<String> = at
             .iter()
@@ -317,14 +317,14 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
-            Err(why) => missing.push(Missing::of(why)),
+            Err(why) => missing.push(MissingSeeds::of(why)),
         }
     }
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),
         missing,
-        fixed: relation.fixes(&scope).then_some(Fixed::Itself),
+        fixed: relation.fixes(&scope).then_some(FixedReason::Itself),
         is_share: is_share(measure.comparison),
         ..Cell::resting_on(&behind, results)
     };

@@ -1,6 +1,6 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, taken::Taken};
+use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;
@@ -93,11 +93,11 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
         );
     }
     let while_learning = match spec.taken() {
-        Taken::Final => None,
-        Taken::RootMeanSquare => Some("root_mean_square"),
-        Taken::Last(_) => Some("last"),
-        Taken::StepsUntilAbove { .. } => Some("steps_until_above"),
-        Taken::AtSteps { .. } => Some("at_steps"),
+        MeasurementChoice::Final => None,
+        MeasurementChoice::RootMeanSquare => Some("root_mean_square"),
+        MeasurementChoice::Last(_) => Some("last"),
+        MeasurementChoice::StepsUntilAbove { .. } => Some("steps_until_above"),
+        MeasurementChoice::AtSteps { .. } => Some("at_steps"),
     };
     if let Some(key) = while_learning {
         let message = "`success` is judged by the final measurement, and by none during learning";
@@ -126,7 +126,7 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
         .any(|setting| !setting.is_empty());
     for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
         if let Some(word) = along
-            .and_then(Along::key)
+            .and_then(TableAxis::key)
             .filter(|word| !names.vocabulary.swept_values.contains_key(*word))
         {
             let axes = Axis::ALL.map(Axis::name).into_iter();
@@ -145,9 +145,9 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     }
 }
 
-fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+fn names_of(along: &TableAxis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let axis = match along {
-        Along::Key(key) => {
+        TableAxis::Key(key) => {
             return names
                 .vocabulary
                 .swept_values
@@ -155,7 +155,7 @@ fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
                 .cloned()
                 .unwrap_or_default();
         }
-        Along::Axis(axis) => axis,
+        TableAxis::Axis(axis) => axis,
     };
     match axis {
         Axis::Agent => picked
@@ -210,7 +210,7 @@ fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String>
     }
     let rest = Axis::ALL
         .into_iter()
-        .map(Along::from)
+        .map(TableAxis::from)
         .filter(|along| *along != spec.rows);
     rest.map(|along| names_of(&along, names, picked))
         .find(|names| names.len() > 1)

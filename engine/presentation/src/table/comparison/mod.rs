@@ -6,7 +6,7 @@ mod check;
 mod measure;
 mod taken;
 
-pub use along::Along;
+pub use along::TableAxis;
 pub use build::compare;
 pub(super) use build::summarise;
 
@@ -21,7 +21,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use taken::{AtStep, Taken};
+use taken::{StepMeasurement, MeasurementChoice};
 
 /// The name of what no sweep varies, beside settings that one does.
 const AS_GIVEN: &str = "as given";
@@ -31,10 +31,10 @@ const AS_GIVEN: &str = "as given";
 #[serde(deny_unknown_fields, default)]
 pub struct Comparison {
     /// What the rows are: `agent`, `environment`, `setting`, or a swept key.
-    pub rows: Along,
+    pub rows: TableAxis,
     /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
     /// row, or none.
-    pub columns: Option<Along>,
+    pub columns: Option<TableAxis>,
     /// The metric.
     pub value: String,
     /// How the seeds become one number.
@@ -166,9 +166,9 @@ impl Table for Comparison {
 
     fn measurements_by_step(&self) -> Option<u64> {
         match self.taken() {
-            Taken::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
-                AtStep::Last(last) => Some(last),
-                AtStep::Average(_) => Some(1),
+            MeasurementChoice::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
+                StepMeasurement::Last(last) => Some(last),
+                StepMeasurement::Average(_) => Some(1),
             },
             _ => None,
         }

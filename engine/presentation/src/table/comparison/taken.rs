@@ -11,7 +11,7 @@ const WEIGHT_AT_STEPS: f64 = 0.0;
 /// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
 /// which is taken.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) enum Taken {
+pub(super) enum MeasurementChoice {
     /// The final measurement.
     #[default]
     Final,
@@ -31,13 +31,13 @@ pub(super) enum Taken {
         /// The steps, rising.
         steps: Vec<u64>,
         /// Which measurements up to a step.
-        of: AtStep,
+        of: StepMeasurement,
     },
 }
 
 /// Which measurements up to a step become a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum AtStep {
+pub(super) enum StepMeasurement {
     /// Their moving average with this weight of the past; the last one where it is 0.
     Average(f64),
     /// The mean of the last so many.
@@ -46,55 +46,55 @@ pub(super) enum AtStep {
 
 impl Comparison {
     /// Which measurements of a trial become its number.
-    pub(super) fn taken(&self) -> Taken {
+    pub(super) fn taken(&self) -> MeasurementChoice {
         let weight = |usual| self.smooth.unwrap_or(usual);
         match (self.steps_until_above, self.last) {
-            _ if self.root_mean_square => Taken::RootMeanSquare,
-            (Some(level), _) => Taken::StepsUntilAbove {
+            _ if self.root_mean_square => MeasurementChoice::RootMeanSquare,
+            (Some(level), _) => MeasurementChoice::StepsUntilAbove {
                 level,
                 smooth: weight(WEIGHT_UNTIL_ABOVE),
             },
             (None, last) if !self.at_steps.is_empty() => {
-                let of = last.map_or(AtStep::Average(weight(WEIGHT_AT_STEPS)), AtStep::Last);
-                Taken::AtSteps {
+                let of = last.map_or(StepMeasurement::Average(weight(WEIGHT_AT_STEPS)), StepMeasurement::Last);
+                MeasurementChoice::AtSteps {
                     steps: self.at_steps.clone(),
                     of,
                 }
             }
-            (None, Some(last)) => Taken::Last(last),
-            (None, None) => Taken::Final,
+            (None, Some(last)) => MeasurementChoice::Last(last),
+            (None, None) => MeasurementChoice::Final,
         }
     }
 }
 
-impl Taken {
+impl MeasurementChoice {
     /// The quantity that a metric becomes, in words.
     pub(super) fn phrase(&self, value: &str) -> String {
         match self {
-            Taken::Final => value.into(),
-            Taken::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
-            Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
-            Taken::StepsUntilAbove { level, smooth } => {
+            MeasurementChoice::Final => value.into(),
+            MeasurementChoice::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
+            MeasurementChoice::Last(last) => format!("{value}, mean of the last {last} measurements"),
+            MeasurementChoice::StepsUntilAbove { level, smooth } => {
                 format!(
                     "environment steps until the moving average (weight {smooth}) of {value} is above {level}"
                 )
             }
-            Taken::AtSteps {
-                of: AtStep::Last(last),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Last(last),
                 ..
             } => {
                 format!(
                     "{value}, mean of the last {last} measurements until the environment steps of each column"
                 )
             }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Average(smooth),
                 ..
             } if *smooth == 0.0 => {
                 format!("{value} after the environment steps of each column")
             }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Average(smooth),
                 ..
             } => {
                 format!(
@@ -166,42 +166,42 @@ mod tests {
     #[test]
     fn options_become_one_way_to_take_measurements() {
         let cases = [
-            (json!({}), Taken::Final),
-            (json!({"last": 5}), Taken::Last(5)),
-            (json!({"root_mean_square": true}), Taken::RootMeanSquare),
+            (json!({}), MeasurementChoice::Final),
+            (json!({"last": 5}), MeasurementChoice::Last(5)),
+            (json!({"root_mean_square": true}), MeasurementChoice::RootMeanSquare),
             (
                 json!({"steps_until_above": 3.0}),
-                Taken::StepsUntilAbove {
+                MeasurementChoice::StepsUntilAbove {
                     level: 3.0,
                     smooth: 0.9,
                 },
             ),
             (
                 json!({"steps_until_above": 3.0, "smooth": 0.5}),
-                Taken::StepsUntilAbove {
+                MeasurementChoice::StepsUntilAbove {
                     level: 3.0,
                     smooth: 0.5,
                 },
             ),
             (
                 json!({"at_steps": [1, 2]}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1, 2],
-                    of: AtStep::Average(0.0),
+                    of: StepMeasurement::Average(0.0),
                 },
             ),
             (
                 json!({"at_steps": [1], "smooth": 0.5}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1],
-                    of: AtStep::Average(0.5),
+                    of: StepMeasurement::Average(0.5),
                 },
             ),
             (
                 json!({"at_steps": [1], "last": 2}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1],
-                    of: AtStep::Last(2),
+                    of: StepMeasurement::Last(2),
                 },
             ),
         ];

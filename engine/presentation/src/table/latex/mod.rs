@@ -7,7 +7,7 @@ mod tests;
 mod typeset;
 mod width;
 
-pub use layout::{Among, Direction, LatexLayout, ValueForm, Wide};
+pub use layout::{BestScope, Direction, LatexLayout, ValueForm, WideTable};
 
 use super::{Grid, Intervals, prose};
 use best::best;
@@ -20,7 +20,7 @@ const POINTS_PER_MM: f64 = 72.27 / 25.4;
 #[must_use]
 pub fn latex(grid: &Grid, name: &str) -> String {
     let layout = grid.latex.clone().unwrap_or_else(|| LatexLayout {
-        wide: Wide::Keep,
+        wide: WideTable::Keep,
         ..LatexLayout::default()
     });
     let columns = typeset::columns(grid, &layout, &best(grid, &layout));
@@ -46,11 +46,11 @@ pub fn latex(grid: &Grid, name: &str) -> String {
 fn float(columns: &[Column], layout: &LatexLayout) -> (&'static str, f64) {
     let text = layout.text_width_mm * POINTS_PER_MM;
     match layout.wide {
-        Wide::Keep => ("table", f64::INFINITY),
-        Wide::Turn if typeset::width(columns) > text => {
+        WideTable::Keep => ("table", f64::INFINITY),
+        WideTable::Turn if typeset::width(columns) > text => {
             ("sidewaystable", layout.text_height_mm * POINTS_PER_MM)
         }
-        Wide::Split | Wide::Turn => ("table", text),
+        WideTable::Split | WideTable::Turn => ("table", text),
     }
 }
 
@@ -80,8 +80,8 @@ fn notes(grid: &Grid, layout: &LatexLayout) -> Vec<String> {
     };
     if layout.bold_best {
         let line = match best::of(grid, layout) {
-            Among::Row => "row",
-            Among::Column => "column",
+            BestScope::Row => "row",
+            BestScope::Column => "column",
         };
         let directions = |wanted| grid.better.iter().flatten().any(|it| *it == wanted);
         let which = match (directions(Direction::Higher), directions(Direction::Lower)) {

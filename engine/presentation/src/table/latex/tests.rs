@@ -1,7 +1,7 @@
 //! Tables set as studies ask, by snapshot and by LaTeX itself where it is installed.
 
 use super::*;
-use crate::table::{Axis, Comparison, Published, PublishedCell, TableSpec, build, tests::improvement};
+use crate::table::{Axis, Comparison, PublishedRow, PublishedCell, TableSpec, build, tests::improvement};
 use serde_json::json;
 use std::{collections::BTreeMap, fs, process::Command};
 use testing::synthetic::study;
@@ -31,7 +31,7 @@ fn aggregates() -> TableSpec {
         caption: "Scores of τ ≥ 0.25, of `two` environments".into(),
         published: BTreeMap::from([(
             "dsac".into(),
-            Published::Columns(BTreeMap::from([("mean".into(), PublishedCell::Value(0.61))])),
+            PublishedRow::Columns(BTreeMap::from([("mean".into(), PublishedCell::Value(0.61))])),
         )]),
         ..serde_json::from_value(kind).unwrap()
     }

@@ -7,7 +7,7 @@ use document::diagnostic::suggest;
 use std::collections::BTreeMap;
 
 /// What pools normalised scores, for messages.
-pub(crate) struct Pooled {
+pub(crate) struct PoolWording {
     /// What it is, as in `an aggregate`.
     pub(crate) what: &'static str,
     /// What shows settings one by one.
@@ -18,7 +18,7 @@ pub(crate) struct Pooled {
 /// have trials everywhere.
 pub(crate) fn normalised(
     normalise: &Normalise,
-    pooled: &Pooled,
+    pooled: &PoolWording,
     names: &mut Names<'_>,
     place: &Place<'_>,
     picked: &Picked,
@@ -30,7 +30,7 @@ pub(crate) fn normalised(
     }
 }
 
-fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
+fn suite(pooled: &PoolWording, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if names
         .vocabulary
         .settings

@@ -5,7 +5,7 @@
 
 mod check;
 
-pub(crate) use check::{Pooled, normalised, plays_everywhere};
+pub(crate) use check::{PoolWording, normalised, plays_everywhere};
 
 use super::{Axis, NumberFormat, Scope};
 use schemars::JsonSchema;
