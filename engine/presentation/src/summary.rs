@@ -1,4 +1,4 @@
-//! The sentence that sums a study up, with placeholders for what its tables and claims say.
+//! The sentence that sums a study up, with placeholders for values of its tables and verdicts on its claims.
 //!
 //! ```text
 //! summary     = { TEXT | "{{" | "}}" | "{" placeholder "}" }
@@ -10,11 +10,11 @@
 //! published value, `verdict` for the verdict. `{claim 2}` is the verdict on the second claim. `{{` and `}}`
 //! are braces.
 
-/// What a placeholder may be, for messages.
+/// Grammar of a placeholder, for messages.
 pub const PLACEHOLDERS: &str = "write `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}`, with `published` or `verdict` \
                                 after it where that is asked for, or `{claim N}`; `{{` and `}}` are braces";
 
-/// A sentence as it is written, and what it is made of.
+/// A sentence as text and as its parts.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Summary {
     /// The text as the study has it.
@@ -26,16 +26,16 @@ pub struct Summary {
 /// A part of a sentence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Piece {
-    /// Words that stand as they are.
+    /// Literal words.
     Text(String),
-    /// Something to be filled in.
+    /// A placeholder.
     Slot(Slot),
 }
 
-/// A placeholder and where it stands.
+/// A placeholder with its position.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Slot {
-    /// What it asks for.
+    /// The value or verdict that it stands for.
     pub asks: PlaceholderTarget,
     /// Where it begins, in bytes from the start of the text.
     pub start: usize,
@@ -43,23 +43,23 @@ pub struct Slot {
     pub length: usize,
 }
 
-/// What a placeholder asks for.
+/// The value or verdict that a placeholder stands for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum PlaceholderTarget {
-    /// Something of a cell of a table.
+    /// A value or verdict of a table's cell.
     Cell {
         /// The table's name.
         table: String,
         /// Row, or row and column with a comma between; see [`locate`].
         place: String,
-        /// What of the cell.
+        /// The part of the cell.
         of: CellField,
     },
     /// The verdict on a claim, by its number in the study, from 1.
     Claim(usize),
 }
 
-/// What of a cell is asked for.
+/// The part of a cell that a placeholder stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellField {
     /// The reproduced value.
@@ -70,15 +70,15 @@ pub enum CellField {
     Verdict,
 }
 
-/// Why a sentence cannot be read.
+/// Error of a sentence that does not fit the grammar.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message} (at byte {start})")]
 pub struct SummaryError {
-    /// Where, in bytes from the start of the text.
+    /// Byte from the start of the text at which the mistake begins.
     pub start: usize,
-    /// How many bytes are meant.
+    /// Length of the mistake in bytes.
     pub length: usize,
-    /// What is wrong.
+    /// Sentence on the mistake.
     pub message: String,
 }
 
@@ -102,7 +102,7 @@ impl Summary {
     /// Reads a placeholder without its braces.
     ///
     /// # Errors
-    /// A sentence on what it is instead.
+    /// A sentence on the mistake.
     pub fn asks(text: &str) -> Result<PlaceholderTarget, String> {
         asks(text.trim())
     }
@@ -191,22 +191,22 @@ fn claim(text: &str) -> Result<PlaceholderTarget, String> {
     }
 }
 
-/// Why a place is in no table.
+/// Reason for a place that is in no table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LookupError {
     /// No row has this name.
     Row(String),
-    /// The row is there, but no column has this name.
+    /// The row with this index exists, but no column has this name.
     Column(usize, String),
-    /// The row is there, and it is not said which of several columns is meant.
+    /// The row exists, but the table has several columns and the place names none.
     WhichColumn,
 }
 
-/// Row and column of `ROW`, in a table of one column, or of `ROW, COLUMN`. Names may have commas themselves,
-/// so that every comma is tried.
+/// Row and column of `ROW`, in a table of one column, or of `ROW, COLUMN`. Names may have commas themselves, so every
+/// comma is tried.
 ///
 /// # Errors
-/// Which of the names is not there.
+/// The name that is in no table, or the lack of a column.
 pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), LookupError> {
     let row_of = |name: &str| rows.iter().position(|known| *known == name);
     if let Some(row) = row_of(place) {

@@ -1,5 +1,5 @@
-//! What seeds leave open, over all studies, and about what it would take to decide it: where another hour of
-//! computing says most.
+//! Open verdicts over all studies, each with the approximate effort that would decide it: a guide to the most
+//! informative hour of computing.
 
 use super::{
     effort::Effort,
@@ -12,16 +12,17 @@ use document::count::duration;
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// A verdict that is judged and open, with its study.
+/// A judged verdict that is open, with its study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OpenVerdict {
     /// Name of the study.
     pub study: String,
-    /// What it is about, as in `claim 2: dsac.success >= 0.8 in four_cells`.
+    /// The claim or published value, as in `claim 2: dsac.success >= 0.8 in four_cells`.
     pub about: String,
     /// The word of the verdict.
     pub verdict: String,
-    /// What would decide it; `None` where no affordable number of seeds would, or a design has looks left.
+    /// Effort that would decide it; `None` where no affordable number of seeds would, or where a design has looks
+    /// left.
     pub would_decide: Option<Effort>,
 }
 
@@ -36,7 +37,7 @@ impl OpenVerdict {
     }
 }
 
-/// Everything that is judged and open in these studies, what is cheapest to decide first.
+/// All judged verdicts that are open in these studies, the cheapest to decide first.
 #[must_use]
 pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<OpenVerdict> {
     let of_study = |study: &'a Verdicts| {
@@ -51,27 +52,27 @@ pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<Op
     open
 }
 
-/// Less time first; what no number of seeds is known to decide last.
+/// Order by time; verdicts without a known effort come last.
 fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
     let seconds = |effort: Option<Effort>| effort.map_or(f64::INFINITY, |it| it.trial_time_s);
     seconds(one).total_cmp(&seconds(other))
 }
 
-/// How many values and claims are judged, and how many of them are decided.
+/// Number of judged values and claims, and of decided ones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Decided {
-    /// Those that are judged.
+    /// Judged values and claims.
     pub judged: usize,
-    /// Those that are decided.
+    /// Decided ones.
     pub decided: usize,
-    /// Those of them that rest on several rounds of seeds.
+    /// Decided ones that rest on several rounds of seeds.
     pub confirmed: usize,
-    /// Those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    /// Ones that are decided as EQUIVALENT: neither side is ahead by as much as matters.
     pub equivalent: usize,
 }
 
 impl Decided {
-    /// Of all these studies.
+    /// Counts over all these studies.
     #[must_use]
     pub fn of<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Self {
         let verdicts = studies.into_iter().flat_map(|study| &study.verdicts);
@@ -86,7 +87,7 @@ impl Decided {
         }
     }
 
-    /// In one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
+    /// The counts in one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
     #[must_use]
     pub fn in_words(self) -> String {
         let Self {
@@ -115,7 +116,7 @@ impl Decided {
     }
 }
 
-/// The same for people, as a table; `None` where nothing is open.
+/// The open verdicts as a table; `None` where there is none.
 pub(super) fn sheet(open: &[OpenVerdict]) -> Option<Sheet> {
     let row = |it: &OpenVerdict| {
         let effort = it.would_decide;
@@ -147,7 +148,7 @@ pub(super) fn sheet(open: &[OpenVerdict]) -> Option<Sheet> {
     })
 }
 
-/// What is open as a table in Markdown, with what would decide it; empty where nothing is.
+/// The open verdicts as a table in Markdown, each with the effort that would decide it; empty where there is none.
 #[must_use]
 pub fn open_as_markdown(open: &[OpenVerdict]) -> String {
     sheet(open).map_or_else(String::new, |sheet| sheet.markdown())

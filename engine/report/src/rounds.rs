@@ -1,4 +1,4 @@
-//! Verdicts on what was put to several rounds of seeds.
+//! Verdicts over several rounds of seeds.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub struct RoundVerdict {
     pub value: String,
 }
 
-/// Something that was put to several rounds of seeds.
+/// A claim or published value with several rounds of seeds.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct ConfirmedVerdict {
     /// The claim with its place, or the table with its cell.

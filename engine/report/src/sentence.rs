@@ -6,10 +6,11 @@ use presentation::{
     table::Heading,
 };
 
-/// What stands for what is missing.
+/// Replacement for a missing value.
 const MISSING: &str = "–";
 
-/// The summary of a study, in its own words; `None` where it has no sentence, and where it is only tried out.
+/// The summary of a study, in its own words; `None` where it has no sentence, and under the profile for trying it
+/// out.
 #[must_use]
 pub fn sentence(study: &StudyInfo, contents: &Contents) -> Option<String> {
     let summary = study.summary.as_ref().filter(|_| !study.is_rehearsal)?;
@@ -26,7 +27,7 @@ pub(super) fn filled(sentence: &Summary, contents: &Contents) -> String {
     text.trim().replace('\n', " ")
 }
 
-/// What a placeholder stands for; `None` where it is missing.
+/// Text of a placeholder; `None` where the value is missing.
 fn answer(asks: &PlaceholderTarget, contents: &Contents) -> Option<String> {
     match asks {
         PlaceholderTarget::Claim(number) => claim(*number, contents),
@@ -42,7 +43,7 @@ fn cell(table: &str, place: &str, of: CellField, contents: &Contents) -> Option<
     let [rows, columns] = [&rows, &columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
     let (row, column) = match locate(place, &rows, &columns) {
         Ok(found) => found,
-        // One of several agents that are compared with each other may leave one column, of another name.
+        // A comparison of several agents may leave one column, under another name.
         Err(LookupError::Column(row, _)) if columns.len() == 1 => (row, 0),
         Err(_) => return None,
     };
@@ -54,7 +55,7 @@ fn cell(table: &str, place: &str, of: CellField, contents: &Contents) -> Option<
     }
 }
 
-/// The verdict on a claim; one for each place that it is held against where they are not the same.
+/// The verdict on a claim; one verdict per place where they differ.
 fn claim(number: usize, contents: &Contents) -> Option<String> {
     let lines = || contents.claims.iter().filter(|line| line.number == number);
     let first = lines().next()?.verdict_in_words();

@@ -1,5 +1,4 @@
-//! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
-//! watch over many of them.
+//! `verdicts.json` of a folder of results: all verdicts of a report, for programs that watch many folders.
 
 use super::{
     basis::basis,
@@ -14,7 +13,7 @@ use presentation::{answers::Answer, summary::PlaceholderTarget};
 use serde::{Deserialize, Serialize};
 use statistics::TrainingShare;
 
-/// The verdicts of a report and how many there are of which kind.
+/// The verdicts of a report, and their numbers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Verdicts {
     /// Name of the study.
@@ -22,13 +21,14 @@ pub struct Verdicts {
     /// Its title.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub title: String,
-    /// What it came to, in its own sentence.
+    /// Summary of the study, in its own sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<String>,
     /// Its lines in the answers of all studies.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub answers: Vec<AnswerLine>,
-    /// The smallest share of the source's training behind its trials, as in `3.2 %`, where it says how long that was.
+    /// The smallest share of the source's training behind its trials, as in `3.2 %`, where the study states the
+    /// source's training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_share: Option<String>,
     /// The verdicts that are read together with those of this study; its own alone where absent.
@@ -40,13 +40,13 @@ pub struct Verdicts {
     /// Wall-clock time of these trials in seconds, rounded to tenths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trial_time_s: Option<f64>,
-    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    /// Plugins with another version in the trials than in the program, as in `environment battery 1, now 2`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub earlier_versions: Vec<String>,
     /// Keys of the study that had other values when the trials ran.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub changed_settings: Vec<String>,
-    /// How many seeds were allowed and used, and what was exploratory.
+    /// Line on allowed and used seeds, and on exploratory parts.
     pub basis: String,
     /// Published values and claims that the seeds were to decide.
     pub judged: usize,
@@ -54,9 +54,9 @@ pub struct Verdicts {
     pub decided: usize,
     /// Those of them that differ or are refuted.
     pub differing: usize,
-    /// What was thought of after results were seen; in none of the other numbers.
+    /// Number of verdicts that were thought of after results were seen; the other numbers leave them out.
     pub exploratory: usize,
-    /// All of them, tables first.
+    /// All verdicts, those on tables first.
     pub verdicts: Vec<Passed>,
 }
 
@@ -107,7 +107,7 @@ pub struct AnswerLine {
     /// The finding, in words and values.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub here: String,
-    /// The verdicts that it rests on, by their places among those of the study.
+    /// Places of its verdicts among those of the study.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lines: Vec<usize>,
     /// How the system differs from that of the source; empty where it is the same.
@@ -116,7 +116,7 @@ pub struct AnswerLine {
 }
 
 impl AnswerLine {
-    /// The lines of a study; none where it is only tried out.
+    /// The answer lines of a study; none under the profile for trying it out.
     fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
         let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
         let line = |answer: &Answer| Self {
@@ -129,7 +129,7 @@ impl AnswerLine {
         answers.map(line).collect()
     }
 
-    /// The answer, from the verdicts of its study; `None` where it rests on none of them.
+    /// The answer, from the verdicts of its study; `None` where the line has none.
     #[must_use]
     pub fn word(&self, study: &Verdicts) -> Option<Word> {
         let lines = self.lines.iter().filter_map(|&at| study.verdicts.get(at));
@@ -152,7 +152,7 @@ fn places(asks: &PlaceholderTarget, verdicts: &[Passed]) -> Vec<usize> {
         .collect()
 }
 
-/// An answer in a word.
+/// Answer in a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
     /// Everything holds.
@@ -177,7 +177,7 @@ impl Word {
         Self::Open,
     ];
 
-    /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
+    /// The word for some verdicts; `None` without verdicts. `is_short` where the source trained for longer.
     fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
         if lines.is_empty() {
             return None;
@@ -188,7 +188,7 @@ impl Word {
         let small = decided.clone().filter(|it| it.verdict == equivalent).count();
         let fails = decided.clone().filter(|it| it.differs()).count();
         let holds = decided.count() - small - fails;
-        // After a longer training a small difference may be a large one.
+        // A small difference may become a large one after longer training.
         let against = if is_short { fails } else { fails + small };
         let may_come = is_short && (small > 0 || is(ClaimOutcome::NotLearned.word()));
         Some(match (holds, against) {
@@ -200,13 +200,13 @@ impl Word {
         })
     }
 
-    /// The word as it is written.
+    /// The word as text.
     #[must_use]
     pub fn text(self) -> &'static str {
         self.written().0
     }
 
-    /// The word as it is written, and the verdict whose colour it has.
+    /// The word as text, and the verdict whose colour it has.
     pub(super) fn written(self) -> (&'static str, &'static str) {
         match self {
             Self::Yes => ("yes", ClaimOutcome::Supported.word()),

@@ -12,7 +12,7 @@ use document::{
 };
 
 impl Names<'_> {
-    /// Reads a line of the answers; `None` where it cannot be read, which was said.
+    /// Reads a line of the answers; `None` where it cannot be read, after a diagnostic.
     pub(super) fn answer(&mut self, node: &Node, index: usize, claims: usize) -> Option<Answer> {
         let at = format!("answers[{index}]");
         let text: AnswerText = serde_json::from_value(node.to_value()).ok()?;
@@ -34,8 +34,8 @@ impl Names<'_> {
         Some(Answer { text, here, by })
     }
 
-    /// Checks every placeholder of the sentence; `None` where it cannot be read, which was said. `claims` is
-    /// their number.
+    /// Checks every placeholder of the sentence; `None` where it cannot be read, after a diagnostic. `claims` is the
+    /// number of claims.
     pub(super) fn sentence(&mut self, node: &Node, at: &str, claims: usize) -> Option<Summary> {
         let text = Text {
             text: node.as_str()?,
@@ -83,7 +83,7 @@ impl Names<'_> {
         };
         let [rows, columns] =
             [rows, columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
-        // What is wrong with a table without rows was said.
+        // A table without rows has a diagnostic of its own.
         if rows.is_empty() {
             return;
         }
@@ -110,7 +110,7 @@ impl Names<'_> {
     }
 }
 
-/// The place of a part of a text that stands on one line as it is read; of the whole text elsewhere.
+/// The position of a part of a text that stands on one line as it is read; else that of the whole text.
 fn within(text: &Text<'_>, start: usize, length: usize) -> (Span, String) {
     let characters = text.text.chars().count();
     if [characters, characters + 2].contains(&text.span.length) {

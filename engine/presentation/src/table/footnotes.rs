@@ -1,30 +1,29 @@
-//! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what
-//! to be careful with.
+//! The sentences under a table: meaning of numbers, rules of verdicts, missing seeds, and cautions.
 
 use super::{Cell, FixedReason, Grid, Margin, Reduction, Statistic};
 use document::count::{count, seed_ranges};
 use statistics::{Judgement, Verdict};
 
-/// How the medium shows intervals.
+/// Display of intervals in the medium.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Intervals {
-    /// In brackets after the number; cells with seeds missing have a star.
+    /// Brackets after the number; cells with seeds missing have a star.
     InBrackets,
-    /// As half of their width after the number.
+    /// Half of the width after the number.
     AsHalfWidth,
-    /// Not at all.
+    /// No display.
     NotShown,
-    /// As lines over bars.
+    /// Lines over bars.
     AsLines,
 }
 
-/// Up to so many seeds a percentile bootstrap covers much less than its level: nine of ten times with five, three of
-/// four with three (normal values, median and interquartile mean).
+/// The most seeds with which a percentile bootstrap covers much less than its level: nine of ten times with five,
+/// three of four with three (normal values, median and interquartile mean).
 const FEW: usize = 5;
 
 impl Grid {
-    /// Why values differ, where the study says it; what the numbers are, how they were made, which seeds are
-    /// missing, and the notes of the study, a sentence each.
+    /// All notes, a sentence each: causes of differences that the study states, meaning and origin of the numbers,
+    /// missing seeds, and the notes of the study.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
         let star = if intervals == Intervals::AsLines { "" } else { "* " };
@@ -43,7 +42,7 @@ impl Grid {
         notes
     }
 
-    /// How to read the numbers and the verdicts, without what is special of some cells.
+    /// Notes on reading the numbers and the verdicts, without those on single cells.
     #[must_use]
     pub fn how_read(&self, intervals: Intervals) -> Vec<String> {
         std::iter::once(self.reading(intervals))
@@ -65,7 +64,7 @@ impl Grid {
         };
         let seeds = match self.usual_n() {
             None => "no seed has a value yet".into(),
-            // What would be others the next time is what is ranked, not the seeds.
+            // The bootstrap resamples the ranked points, not the seeds.
             Some(n) if self.one_number == Reduction::RankCorrelation => {
                 let seeds = count(n, "seed");
                 format!("rank correlation of means over n = {seeds}, 95 % interval over the points {shown}")
@@ -84,7 +83,7 @@ impl Grid {
         format!("{}{unit}: {seeds}.{few}", self.quantity)
     }
 
-    /// True where intervals are percentiles of resampled seeds.
+    /// Whether intervals are percentiles of resampled seeds.
     fn is_resampled(&self) -> bool {
         let is_mean = |statistic: &Statistic| *statistic == Statistic::Mean;
         match &self.one_number {
@@ -94,7 +93,7 @@ impl Grid {
         }
     }
 
-    /// How the verdicts come about; nothing where nothing is judged.
+    /// The rule of the verdicts; `None` where nothing is judged.
     fn judging(&self) -> Option<String> {
         let judged = || {
             self.cells
@@ -133,7 +132,7 @@ impl Grid {
         ))
     }
 
-    /// How certain the published values count as.
+    /// Sentence on the certainty of the published values.
     fn certainty(&self) -> &'static str {
         let references = || {
             let judged = self.cells.iter().flatten().filter_map(|it| it.judgement.as_ref());
@@ -174,7 +173,7 @@ impl Grid {
 }
 
 impl Cell {
-    /// How many seeds there are and why the others are missing.
+    /// Sentence on the number of seeds and on the reasons for missing ones.
     #[must_use]
     pub fn incompleteness(&self) -> String {
         let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
@@ -201,14 +200,14 @@ impl Cell {
     }
 }
 
-/// The seed that a sentence is about, and what it says of it.
+/// Splits a sentence into the seed that it is about and the rest.
 fn seed_and_reason(text: &str) -> (Option<u64>, &str) {
     let parts = text.strip_prefix("seed ").and_then(|rest| rest.split_once(": "));
     let parts = parts.and_then(|(seed, reason)| Some((seed.parse().ok()?, reason)));
     parts.map_or((None, text), |(seed, reason)| (Some(seed), reason))
 }
 
-/// What keeps a value or its verdict from meaning what it seems to.
+/// Caution about a value or its verdict; `None` where there is none.
 fn caution(cell: &Cell) -> Option<String> {
     let untrained = cell
         .is_untrained()
@@ -235,7 +234,7 @@ fn caution(cell: &Cell) -> Option<String> {
     (!cautions.is_empty()).then(|| cautions.join("; "))
 }
 
-/// Which agents made no update, as in `0 updates: sac was not trained`.
+/// Sentence on agents without updates, as in `0 updates: sac was not trained`.
 pub fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
     format!(
         "0 updates: {} was not trained",
@@ -243,12 +242,12 @@ pub fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
     )
 }
 
-/// That a verdict was seen with so many seeds, without a plan.
+/// Sentence on a verdict that was seen with so many seeds, without a plan.
 pub fn unplanned_look_in_words(seeds: u32) -> String {
     format!("unplanned look: the verdict was seen with {seeds} seeds before, so its level is not held")
 }
 
-/// That what a verdict is passed by was changed after it was seen.
+/// Sentence on a verdict whose rule was changed after it was seen.
 pub fn changed_rule_in_words(first: &str) -> String {
     format!("exploratory: judged by {first} when the verdict was first seen, which was changed afterwards")
 }

@@ -1,23 +1,23 @@
-//! Why seeds have no number.
+//! Reasons for seeds without a number.
 
 use contract::trial_end::EndState;
 use std::fmt;
 
-/// Seeds without a number, and why.
+/// Seeds without a number, with the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissingSeeds {
-    /// The environment, where a cell is made of several.
+    /// The environment, where a cell covers several.
     pub within: Option<String>,
-    /// Why they have none.
+    /// The reason.
     pub why: MissingReason,
 }
 
-/// Why seeds have no number.
+/// Reason for seeds without a number.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MissingReason {
     /// So many trials have not run.
     NotRun(usize),
-    /// So many trials ended like this.
+    /// So many trials ended in this state.
     Ended(usize, EndState),
     /// The moving average of a seed was never above the level.
     NeverAbove {
@@ -39,7 +39,7 @@ pub enum MissingReason {
         seed: u64,
         /// The metric.
         metric: String,
-        /// Where it was recorded while learning, whose last values `last` takes.
+        /// Whether it was recorded during learning, where `last` takes its values.
         while_learning: bool,
     },
     /// The agent that a seed is compared with has no trial of it.
@@ -65,20 +65,20 @@ pub enum MissingReason {
         /// The metric.
         metric: String,
     },
-    /// All cells have the same mean, so that nothing becomes 0 and 1.
+    /// All cells have the same mean, so the scale has no extent.
     AllAlike,
-    /// What stands for 0 and 1 is the same or not known.
+    /// The ends of the scale are equal or unknown.
     NoScale,
 }
 
 impl MissingSeeds {
-    /// Seeds of the cell's only environment, or of all.
+    /// Seeds of the cell's only environment, or of all its environments.
     #[must_use]
     pub fn of(why: MissingReason) -> Self {
         Self { within: None, why }
     }
 
-    /// The same, of one environment.
+    /// The same for one environment.
     #[must_use]
     pub fn within(self, environment: &str) -> Self {
         Self {
@@ -87,7 +87,7 @@ impl MissingSeeds {
         }
     }
 
-    /// True for trials that have not run.
+    /// Whether the trials have not run.
     #[must_use]
     pub fn is_not_run(&self) -> bool {
         matches!(self.why, MissingReason::NotRun(_))

@@ -1,4 +1,4 @@
-//! Tables: what a study asks for, and how it is computed from the results.
+//! Tables: their specifications, and their computation from results.
 
 mod aggregate;
 mod best_settings;
@@ -80,9 +80,9 @@ kinds! {
     }
 }
 
-/// What every kind of table can do.
+/// Interface of every kind of table.
 pub(crate) trait Table {
-    /// A use of it.
+    /// A use of the kind in YAML, for `describe` and for tests.
     fn example() -> &'static str
     where
         Self: Sized;
@@ -95,8 +95,8 @@ pub(crate) trait Table {
         None
     }
 
-    /// Checks every name in it against what trials record, and what it says of the values that are published
-    /// beside it. Gives back the names of its rows and columns.
+    /// Checks every name in it against the names that trials record, and its options for published values. Returns
+    /// the names of its rows and columns.
     fn check(
         &self,
         names: &mut Names<'_>,
@@ -107,35 +107,35 @@ pub(crate) trait Table {
     /// Computes rows, columns and cells, without published values.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results hold nothing of what it shows.
+    /// [`Error::Render`] where the results lack the values that it shows.
     fn build(&self, results: &Results) -> Result<Grid, Error>;
 
-    /// Agents that a row's single published value does not speak of.
+    /// Agents that a row's single published value is not about.
     fn baselines(&self, _: &Results) -> Vec<String> {
         Vec::new()
     }
 
-    /// Which values of a column are better, where the kind of table says it.
+    /// Better direction of a column; `None` where the kind does not determine it.
     fn better(&self, _column: &str) -> Option<Direction> {
         None
     }
 
-    /// The metric whose unit the numbers have.
+    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
     fn metric_of_unit(&self) -> Option<&str> {
         None
     }
 
-    /// What the values are, where they are no means over seeds, so that nothing published can be judged by them.
+    /// Phrase for values that are no means over seeds and cannot be judged against published ones; `None` for means.
     fn no_means(&self) -> Option<&'static str> {
         None
     }
 
-    /// True where the values are shares of seeds with success.
+    /// Whether the values are shares of seeds with success.
     fn shows_shares(&self) -> bool {
         false
     }
 
-    /// Over how many measurements up to each column, a step, published curves are compared; `None` where
+    /// Number of measurements up to each column, a step, over which published curves are compared; `None` where
     /// columns are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
         None
@@ -187,7 +187,7 @@ pub struct TableSpec {
 }
 
 impl TableSpec {
-    /// A table of this kind, with nothing published and nothing to say of it.
+    /// A table of this kind, without published values, caption and notes.
     #[must_use]
     pub fn of(kind: impl Into<TableKind>) -> Self {
         Self {
@@ -205,7 +205,7 @@ impl TableSpec {
         }
     }
 
-    /// True where something was chosen with one of the published values in view.
+    /// Whether a choice was made with one of the published values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         self.calibrated_on.is_some() || self.published.values().any(PublishedRow::is_calibrated)
@@ -213,7 +213,7 @@ impl TableSpec {
 }
 
 impl TableKind {
-    /// Checks every name in it; gives back the names of its rows and columns.
+    /// Checks every name in it; returns the names of its rows and columns.
     pub(crate) fn check(
         &self,
         names: &mut Names<'_>,
@@ -223,30 +223,30 @@ impl TableKind {
         self.it().check(names, at, published)
     }
 
-    /// Which values of a column are better, where the kind of table says it.
+    /// Better direction of a column; `None` where the kind does not determine it.
     #[must_use]
     pub fn better(&self, column: &str) -> Option<Direction> {
         self.it().better(column)
     }
 
-    /// The metric whose unit the numbers have; `None` where they have another one or none.
+    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
     #[must_use]
     pub fn metric_of_unit(&self) -> Option<&str> {
         self.it().metric_of_unit()
     }
 
-    /// What the values are, where they are no means over seeds.
+    /// Phrase for values that are no means over seeds; `None` for means.
     pub(crate) fn no_means(&self) -> Option<&'static str> {
         self.it().no_means()
     }
 
-    /// True where the values are shares of seeds with success.
+    /// Whether the values are shares of seeds with success.
     #[must_use]
     pub fn shows_shares(&self) -> bool {
         self.it().shows_shares()
     }
 
-    /// Over how many measurements up to each column published curves are compared; `None` where they cannot
+    /// Number of measurements up to each column over which published curves are compared; `None` where they cannot
     /// be.
     #[must_use]
     pub fn measurements_by_step(&self) -> Option<u64> {
@@ -254,11 +254,10 @@ impl TableKind {
     }
 }
 
-/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
+/// Computes a table. Missing seeds are counted in their cells, never left out in silence.
 ///
 /// # Errors
-/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what
-/// it shows.
+/// [`Error::Render`] where the spec names an agent that the results do not know, or the results lack its values.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let kind = spec.kind.it();
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));

@@ -1,4 +1,4 @@
-//! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
+//! Published values beside reproduced ones: their forms in a study, and the margin of agreement.
 
 use super::{Cell, Grid};
 use analysis::published_curve::PublishedCurve;
@@ -26,7 +26,7 @@ pub enum PublishedRow {
 }
 
 impl PublishedRow {
-    /// True where something was chosen with one of the values in view.
+    /// Whether a choice was made with one of the values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         match self {
@@ -68,8 +68,8 @@ pub struct PublishedValue {
 }
 
 impl PublishedValue {
-    /// The value as a share of the published runs; `None` where their number is not given or the value is no
-    /// share of so many, as printed with two digits or more.
+    /// The value as a share of the published runs; `None` where their number is not given, or where the value is no
+    /// share of that many runs, as printed with two digits or more.
     #[must_use]
     #[allow(
         clippy::cast_possible_truncation,
@@ -90,7 +90,7 @@ impl PublishedValue {
 }
 
 impl PublishedCell {
-    /// The value with what is known of it.
+    /// The value with the known facts on it.
     #[must_use]
     pub fn entry(&self) -> PublishedValue {
         match self {
@@ -191,20 +191,20 @@ impl Margin {
     }
 }
 
-/// What a table says of all its published values.
+/// Rules of a table that hold for all its published values.
 pub(super) struct JudgingRules<'a> {
-    /// How far a value may lie from the published one.
+    /// Largest distance of a value from the published one that counts as the same.
     pub(super) margin: Option<&'a Margin>,
-    /// What was chosen with all published values in view.
+    /// Choice that was made with all published values in view.
     pub(super) calibrated_on: Option<&'a str>,
     /// Whether they belong to another system.
     pub(super) of_another_system: bool,
-    /// Agents that a row's single published value does not speak of.
+    /// Agents that a row's single published value is not about.
     pub(super) baselines: &'a [String],
 }
 
 impl JudgingRules<'_> {
-    /// Puts a row's published values into its cells; false where one of them has no cell.
+    /// Puts a row's published values into its cells; returns whether each of them has a cell.
     pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &PublishedRow) -> bool {
         let Some(row) = grid
             .rows
@@ -226,11 +226,11 @@ impl JudgingRules<'_> {
         }
     }
 
-    /// Puts a published curve beside the row of its agent, at the steps of the columns, over the mean of as
-    /// many measurements up to there as ours; gives back which runs it was.
+    /// Puts a published curve beside the row of its agent, at the steps of the columns, each over as many
+    /// measurements up to there as the reproduced value. Returns a sentence on the runs behind it.
     ///
     /// # Errors
-    /// [`Error::Render`] where the file does not hold what is asked of it any more.
+    /// [`Error::Render`] where the file no longer holds the requested values.
     pub(super) fn publish_curve(
         &self,
         grid: &mut Grid,

@@ -80,7 +80,7 @@ fn a_comparison_by_agent_and_environment() {
     insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
 }
 
-/// Two learners, of which the second stays low with seed 1, and a rule.
+/// Two learners and a rule; the second learner stays low with seed 1.
 fn learning() -> Results {
     let curve = |agent: &str, seed: u64, values: [f64; 4]| {
         let steps = (0..).step_by(10).zip(values);
@@ -443,8 +443,7 @@ fn judge_above_nine(results: &mut Results) -> Success {
     success
 }
 
-/// A seed without success has ended too: its look is complete, though the value rests on the other seeds
-/// alone.
+/// A seed without success has ended too, so its look is complete, though the value rests on the other seeds alone.
 #[test]
 fn seeds_without_success_complete_a_look() {
     let mut results = Results::of(

@@ -1,4 +1,4 @@
-//! The difference between two cells, and whether it is more than their seeds explain.
+//! The difference between two cells, and whether it exceeds the variation of their seeds.
 //!
 //! | values                                    | interval of the difference, 95 %                           |
 //! |-------------------------------------------|------------------------------------------------------------|
@@ -25,31 +25,31 @@ pub struct Difference {
     pub difference: f64,
     /// Its interval; `None` where there is none.
     pub interval: Option<Interval>,
-    /// How the interval was made, or what stands in for one; `None` where nothing does.
+    /// Basis of the interval, or of the judgement without one; `None` where there is neither.
     pub basis: Option<Basis>,
-    /// What follows.
+    /// Judgement on the difference.
     pub fate: Fate,
 }
 
-/// How the seeds of two cells are compared.
+/// Method of comparison of the seeds of two cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Basis {
-    /// Seed by seed.
+    /// Student-t of the differences seed by seed.
     Paired,
-    /// As samples that share nothing.
+    /// Welch interval of two independent samples.
     Welch,
-    /// As shares of samples that share nothing.
+    /// Exact bounds of the shares of two independent samples.
     ExactBounds,
-    /// By resampled pairs.
+    /// Bootstrap of pairs.
     PairedBootstrap,
-    /// By resampling both.
+    /// Bootstrap of two independent samples.
     Bootstrap,
-    /// By the intervals of both values.
+    /// Overlap of the intervals of both values.
     Intervals,
 }
 
-/// What the difference says.
+/// Judgement on a difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fate {
@@ -111,7 +111,7 @@ impl Fate {
     }
 }
 
-/// True where every seed has the same bits, or the values where no seed has one.
+/// Whether every seed has the same bits, or the values have where no single seed has one.
 fn is_same(a: &CellValues, b: &CellValues) -> bool {
     let bits = |cell: &CellValues| {
         let seeds = cell.seeds.iter().map(|(seed, value)| (*seed, value.to_bits()));
@@ -125,7 +125,7 @@ fn is_same(a: &CellValues, b: &CellValues) -> bool {
     bits(a) == bits(b)
 }
 
-/// The interval of the difference with how it was made; `None` where the seeds give none.
+/// The interval of the difference with its basis; `None` where the seeds give none.
 fn interval(a: &CellValues, b: &CellValues) -> Option<(Interval, Basis)> {
     let (left, right) = (a.values(), b.values());
     let paired = a.seeds.keys().eq(b.seeds.keys());
@@ -164,7 +164,7 @@ fn resampled(
         let interval = bootstrap.independent([&[right.to_vec()], &[left.to_vec()]], difference)?;
         return Some((interval, Basis::Bootstrap));
     }
-    // What is resampled are the places of the pairs.
+    // The resampled items are the indices of the pairs.
     let places: Vec<f64> = (0u32..).map(f64::from).take(left.len()).collect();
     let at = |values: &[f64], places: &[f64]| {
         let drawn: Vec<f64> = places.iter().map(|place| values[*place as usize]).collect();
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!(of(&one, &one).fate, Fate::Same);
         let other = of(&one, &cell("mean", &[(0, 0.1 + 1e-16 + 2e-17)]));
         assert_eq!((other.fate, other.basis), (Fate::Undecided, None));
-        // Rules without random numbers have no spread: any change is one.
+        // Rules without random numbers have no spread, so any change counts.
         let fixed = |value| cell("mean", &[(0, value), (1, value)]);
         assert_eq!(of(&fixed(1.0), &fixed(1.0 + 1e-9)).fate, Fate::Moved);
     }

@@ -1,4 +1,4 @@
-//! Two sets of results side by side: which values moved, which verdicts changed, and which settings differ.
+//! Two sets of results side by side: moved values, changed verdicts, and differing settings.
 //!
 //! Everything is a pure function of two [`Side`]s, in the order of their tables' and keys' names, so that the same
 //! results give the same text.
@@ -18,14 +18,14 @@ use serde::Serialize;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What two sides differ in.
+/// Differences between two sides.
 #[derive(Debug, Clone, Serialize)]
 pub struct Compared {
     /// The first side, the earlier one as a rule.
     pub a: Named,
     /// The second side.
     pub b: Named,
-    /// How many cells there are of each fate.
+    /// Number of cells by judgement.
     pub counts: Counts,
     /// Cells that both sides have a value of.
     pub cells: Vec<Pair>,
@@ -39,27 +39,27 @@ pub struct Compared {
     pub settings: Vec<Setting>,
 }
 
-/// Which results a side is.
+/// Origin of the results on one side.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Named {
-    /// Where they were read.
+    /// Folder or study that they were read from.
     pub from: String,
     /// Name of the study.
     pub study: String,
-    /// Options of the command line that they were made with.
+    /// Options of the command line behind them.
     pub options: Vec<String>,
 }
 
-/// How many cells there are of each fate, and what else was compared.
+/// Number of cells by judgement, and number of verdicts compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// With the same bits for every seed.
+    /// Cells with the same bits for every seed.
     pub same: usize,
-    /// With 0 inside the interval of the difference.
+    /// Cells with 0 inside the interval of the difference.
     pub within: usize,
-    /// With 0 outside of it.
+    /// Cells with 0 outside the interval of the difference.
     pub moved: usize,
-    /// With other values and no interval.
+    /// Cells with other values and no interval.
     pub undecided: usize,
     /// Verdicts and claims that both sides have.
     pub judged: usize,
@@ -68,7 +68,7 @@ pub struct Counts {
 /// A cell that both sides have.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pair {
-    /// Where it stands.
+    /// Place of the cell.
     #[serde(flatten)]
     pub place: Place,
     /// Its values in the first side.
@@ -80,25 +80,25 @@ pub struct Pair {
     pub difference: Difference,
 }
 
-/// A verdict that is another one now.
+/// A verdict with another word on the second side.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ChangedVerdict {
-    /// What it is about.
+    /// The published value or claim.
     pub about: String,
-    /// Its word in the first side, with that of all together where it is another.
+    /// Its word on the first side, with the word of all verdicts together (Holm) where that differs.
     pub a: String,
-    /// Its word in the second side.
+    /// Its word on the second side, in the same form.
     pub b: String,
 }
 
-/// What one side has alone.
+/// A cell, verdict or claim that one side has alone.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct OneSidedItem {
     /// `a` or `b`.
     pub side: &'static str,
     /// `cell`, `verdict` or `claim`.
     pub kind: &'static str,
-    /// What it is.
+    /// Name of the cell, or words of the verdict or claim.
     pub what: String,
 }
 
@@ -116,7 +116,7 @@ pub struct Setting {
 }
 
 impl Compared {
-    /// Holds `b` against `a`.
+    /// Compares side `b` with side `a`.
     #[must_use]
     pub fn of(a: &Side, b: &Side) -> Self {
         let cells = pairs(a, b);
@@ -142,13 +142,13 @@ impl Compared {
         }
     }
 
-    /// True where the sides have nothing in common that could be compared.
+    /// Whether the sides have no cell, verdict or claim in common.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty() && self.counts.judged == 0
     }
 
-    /// True where a value moved beyond its interval or a verdict changed.
+    /// Whether a value moved beyond its interval or a verdict changed.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.counts.moved + self.verdicts.len() + self.claims.len() > 0
@@ -181,7 +181,7 @@ fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
     a.cells.iter().filter_map(both).collect()
 }
 
-/// Cells of which one side alone has a value.
+/// Cells with a value on one side alone.
 fn lonely_cells(a: &Side, b: &Side) -> Vec<OneSidedItem> {
     let valued = |side: &Side| {
         let cells = side.cells.iter().filter(|(_, cell)| cell.value.is_some());
@@ -199,7 +199,7 @@ fn lonely_cells(a: &Side, b: &Side) -> Vec<OneSidedItem> {
     [alone("a", &of_a, &of_b), alone("b", &of_b, &of_a)].concat()
 }
 
-/// Verdicts by what they are about. Where a study says the same twice, the second has a number behind it.
+/// Words of verdicts by their value or claim. Repeated ones have a number behind them.
 fn words(verdicts: &[Passed], of_claims: bool) -> BTreeMap<String, String> {
     let mut words = BTreeMap::new();
     for passed in verdicts {

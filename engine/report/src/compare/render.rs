@@ -1,10 +1,10 @@
-//! What two sides differ in, as aligned text and as Markdown.
+//! Differences between two sides, as aligned text and as Markdown.
 
 use super::{Compared, Fate, LEVEL, CellValues, Named, Pair, Setting};
 use presentation::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
 use serde_json::Value;
 
-/// Settings that are longer than this are cut.
+/// Most characters of a setting; longer ones are cut.
 const LONGEST: usize = 60;
 
 /// A heading over a table; the first `words` columns are words.
@@ -15,8 +15,7 @@ struct Section {
     rows: Vec<Vec<String>>,
 }
 
-/// Aligned text for a terminal of `width` columns. Cells that stayed within their intervals are in it where `all` is
-/// asked for.
+/// Aligned text for a terminal of `width` columns. Cells within their intervals are listed only with `all`.
 #[must_use]
 pub fn text(compared: &Compared, all: bool, width: usize) -> String {
     let mut out = vec![sides(compared).join("\n")];
@@ -70,7 +69,7 @@ fn sides(compared: &Compared) -> [String; 2] {
     [side("A", &compared.a), side("B", &compared.b)]
 }
 
-/// The sections that have something to show.
+/// The sections with content.
 fn sections(compared: &Compared, all: bool) -> Vec<Section> {
     let cells = |title: &str, fates: &[Fate]| {
         let those = compared
@@ -170,7 +169,7 @@ fn setting(setting: &Setting) -> Vec<String> {
     vec![setting.key.clone(), word(&setting.a), word(&setting.b)]
 }
 
-/// What it came to, in sentences.
+/// The comparison in sentences.
 fn summary(compared: &Compared) -> String {
     let counts = compared.counts;
     let open = counts.moved + counts.within;

@@ -1,7 +1,7 @@
 //! Every key of the configs of trials as a column: names flattened with dots, values typed.
 //!
-//! Data files stand under the hash of their content, and what is taken from other trials under the trial, as in
-//! the identity of a trial: no path of a machine leaves with the numbers.
+//! Data files stand under the hash of their content, and artifacts under the trial that leaves them, as in the
+//! identity of a trial: no path of a machine leaves with the numbers.
 
 use super::{
     Subject,
@@ -12,7 +12,7 @@ use document::schema_check::View;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// The values of a trial by dotted name, each with the place where its meaning is described.
+/// The values of a trial by dotted name, each with the plugin key that describes it.
 type Leaves = BTreeMap<String, (Value, KeyOrigin)>;
 
 /// The kind and name of a plugin, and the keys that lead to a value in its config.
@@ -113,7 +113,7 @@ impl KeyOrigin {
         below
     }
 
-    /// What the plugin's schema says of the key, and its unit.
+    /// Description of the key in the plugin's schema, and its unit.
     fn describe(&self, subject: &Subject<'_>) -> (String, String) {
         let registry = subject.registry;
         let about: Option<&About> = match self.kind {
@@ -140,8 +140,8 @@ impl KeyOrigin {
     }
 }
 
-/// The narrowest type that holds all values of a column; what is no scalar, and what is now this and now that,
-/// is a text: JSON, but for words.
+/// The narrowest type that holds all values of a column. Values that are no scalars, or of several types, become
+/// text: words as they are, else JSON.
 fn typed(values: &[Option<&Value>]) -> Cells<'static> {
     fn all<T>(values: &[Option<&Value>], read: impl Fn(&Value) -> Option<T>) -> Option<Vec<Option<T>>> {
         values

@@ -1,4 +1,4 @@
-//! Aggregates against an independent computation, and what is said where there is none.
+//! Aggregates against an independent computation, and the notes on missing ones.
 
 use super::*;
 use crate::table::{PublishedRow, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
@@ -75,7 +75,7 @@ fn aggregates_agree_with_an_independent_computation() {
                     continue;
                 };
                 let ends = [&expected["low"], &expected["high"]].map(|end| end.as_f64().unwrap());
-                // Other random numbers; a share moves in steps of one seed.
+                // The reference has other random numbers; a share moves in steps of one seed.
                 let step = if column.name.starts_with("above") {
                     0.06
                 } else {
@@ -217,8 +217,8 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
     );
 }
 
-/// Agents that stand for 0 and 1 move every score: what is published waits for their trials too, and for
-/// their training.
+/// Agents that stand for 0 and 1 move every score: published values wait for their trials too, and for their
+/// training.
 #[test]
 fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();

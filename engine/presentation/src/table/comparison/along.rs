@@ -1,4 +1,4 @@
-//! What varies along rows and columns: agents, environments, settings, or the values of one swept key.
+//! Axes of a table: agents, environments, settings, or the values of one swept key.
 
 use super::{Axis, Comparison};
 use crate::table::{Scope, seeds::listed_first};
@@ -43,11 +43,11 @@ impl From<Axis> for TableAxis {
     }
 }
 
-/// The axes of a comparison, and where its trials stand on them. Where keys are rows or columns, what is left of a
-/// setting is the setting.
+/// The axes of a comparison, and the places of its trials on them. Where keys are rows or columns, the remaining keys
+/// make the setting.
 ///
-/// A study may have a million trials in few cells. So cells are what is looked at, each with its places, and trials are
-/// taken from them at the end.
+/// A study may have a million trials in few cells. So the axes hold cells, each with its places, and take the trials
+/// from them at the end.
 pub(super) struct Axes<'a, 'r> {
     comparison: &'a Comparison,
     apart: Vec<&'a str>,
@@ -86,7 +86,7 @@ impl<'a, 'r> Axes<'a, 'r> {
         axes
     }
 
-    /// A trial's place along one of them; empty where the key is none of its setting's.
+    /// A trial's place along an axis; empty where the trial's setting lacks the key.
     fn place<'t>(&self, along: &TableAxis, trial: &'t TrialResult) -> Cow<'t, str> {
         let point = &trial.trial.cell.point;
         match along {
@@ -113,7 +113,7 @@ impl<'a, 'r> Axes<'a, 'r> {
         (0..self.cells.len()).collect()
     }
 
-    /// Of some cells those at all of these places.
+    /// The cells of `some` that lie at all of these places.
     pub(super) fn at(&self, some: &[usize], places: &[(TableAxis, String)]) -> Cells {
         let is_at = |cell: &usize| {
             places
@@ -133,7 +133,8 @@ impl<'a, 'r> Axes<'a, 'r> {
         }
     }
 
-    /// The places of some cells, as a study lists them and then in the order of the plan.
+    /// The places of some cells along an axis: first in the order that the study lists, then in the order of the
+    /// plan.
     pub(super) fn names(&self, some: &[usize], along: &TableAxis) -> Vec<String> {
         let listed: &[String] = match along {
             TableAxis::Axis(Axis::Agent) => &self.comparison.agents,
@@ -143,7 +144,7 @@ impl<'a, 'r> Axes<'a, 'r> {
         listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
     }
 
-    /// True where cells differ along it.
+    /// Whether cells differ along an axis.
     pub(super) fn vary(&self, along: &TableAxis) -> bool {
         self.names(&self.all(), along).len() > 1
     }

@@ -1,4 +1,4 @@
-//! From results to a grid: which rows and columns there are, and what each cell holds.
+//! From results to a grid: rows and columns, and the value of each cell.
 
 use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, Statistic, along::Axes, measure};
 use crate::table::{Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Reduction, Quantity, Scope, problem};
@@ -58,11 +58,11 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     })
 }
 
-/// How values relate to those of another agent.
+/// Relation of values to those of another agent.
 pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
-    /// The other agent's trials by environment and seed; none where values stand alone.
+    /// The other agent's trials by environment and seed; empty where values stand alone.
     others: HashMap<(&'a str, u64), Vec<&'a TrialResult>>,
 }
 
@@ -118,7 +118,7 @@ impl<'a> Relation<'a> {
         self.to.filter(|_| self.form != Form::Value)
     }
 
-    /// True where a cell can only have one value: an agent beside itself.
+    /// Whether a cell has a fixed value because it compares an agent with itself.
     fn fixes(&self, scope: &Scope<'_>) -> bool {
         let related = self.form != Form::Value && !scope.trials.is_empty();
         related
@@ -161,14 +161,13 @@ impl<'a> Relation<'a> {
             Form::Value => value,
             Form::Difference => value - other,
             Form::Ratio => value / other,
-            // Of a negative return, too, more is more.
+            // More is better for a negative return, too.
             Form::PercentChange => 100.0 * (value / other - 1.0) * other.signum(),
         }
     }
 }
 
-/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not
-/// at the end.
+/// A row or column: its heading, its place on each of its axes, and the step of the learning, unless it is the end.
 struct Place {
     heading: Heading,
     at: Vec<(TableAxis, String)>,
@@ -219,7 +218,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
             at_step: None,
         }],
     };
-    // What varies and is neither row nor column splits the rows: different settings are never averaged as if
+    // An axis that varies and is neither row nor column splits the rows: different settings are never averaged as if
     // they were seeds.
     let splitting: Vec<TableAxis> = all()
         .filter(|along| free(along) && Some(along) != column_axis.as_ref())
@@ -306,7 +305,7 @@ fn label(comparison: &Comparison, name: &str) -> String {
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
-    // A seed without success has ended too: looks wait for it no longer.
+    // A seed without success has ended too, so looks do not wait for it.
     let behind = relation.trials_behind(&scope);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
@@ -331,12 +330,12 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
     summarise(seeds.into_iter().collect(), measure.comparison.statistic, cell)
 }
 
-/// True for the share of seeds with success.
+/// Whether the value is the share of seeds with success.
 pub(super) fn is_share(comparison: &Comparison) -> bool {
     comparison.value == SUCCESS && comparison.resolved_form() == Form::Value
 }
 
-/// A cell with its seeds, and these as one number with its interval.
+/// A cell with its seeds and their reduction to one number with its interval.
 pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
     let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
     let Some(summary) = Summary::of(&values) else {
@@ -379,8 +378,7 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
     }
 }
 
-/// Agents that a row's single published value does not speak of: the one compared with, and rules beside
-/// learners.
+/// Agents that a row's single published value is not about: the one compared with, and rules beside learners.
 pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);

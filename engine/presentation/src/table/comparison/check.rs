@@ -1,4 +1,4 @@
-//! Comparisons against what trials record: metrics, agents, what the rows and columns are.
+//! Comparisons against the names that trials record: metrics, agents, rows and columns.
 
 use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
@@ -30,7 +30,7 @@ pub(super) fn comparison(
     (rows, columns)
 }
 
-/// True where a comparison is written relative to an agent.
+/// Whether a comparison is written relative to an agent.
 pub(super) fn is_relative(spec: &Comparison) -> bool {
     matches!(
         spec.form,
@@ -72,7 +72,7 @@ fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>,
     }
 }
 
-/// Success is judged at the end, and only where the study says what it is.
+/// Checks a comparison of success: it is judged at the end, and only where the study defines it.
 fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if spec.given_success && !names.recorded(picked).contains(SUCCESS) {
         let message = "`given_success` needs a section `success`: the study does not say what a success is";
@@ -113,7 +113,7 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
     }
 }
 
-/// Rows and columns are two things, and settings are there only with a sweep.
+/// Checks that rows and columns are two different axes, and that settings are one only with a sweep.
 fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     if spec.columns.as_ref() == Some(&spec.rows) {
         let help = "choose another of `agent`, `environment`, `setting`";
@@ -172,8 +172,8 @@ fn names_of(along: &TableAxis, names: &Names<'_>, picked: &Picked) -> Vec<String
     }
 }
 
-/// The settings of some agents, in order, and before them that of an agent that no sweep varies; none where it varies
-/// none of them.
+/// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty where no sweep
+/// varies any of them.
 fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let is_of = |key: &String, agent: &String| {
         key.strip_prefix(agent.as_str())
@@ -199,8 +199,8 @@ fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
         .collect()
 }
 
-/// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that
-/// varies and is no row.
+/// Names of the columns: the given steps or axis; else the first of agent, environment and setting that varies and is
+/// no row.
 fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     if !spec.at_steps.is_empty() {
         return spec.at_steps.iter().map(u64::to_string).collect();

@@ -1,4 +1,4 @@
-//! The number of one seed: which of its trial's measurements, and how they relate to another agent's.
+//! The number of one seed: the choice among its trial's measurements, and the relation to another agent's.
 
 use super::{
     Comparison,
@@ -9,14 +9,14 @@ use crate::table::{MissingReason, Scope};
 use contract::{Phase, trial_result::TrialResult};
 use statistics::estimators::{mean, moving_average};
 
-/// What one cell takes from a trial.
+/// Rule for the number of a trial in one cell.
 pub(super) struct Measure<'a> {
     pub(super) comparison: &'a Comparison,
-    /// The step of the column, where columns are steps.
+    /// The step of the column; `None` where columns are no steps.
     pub(super) at_step: Option<u64>,
 }
 
-/// The value of one seed, or why there is none.
+/// The value of one seed, or the reason for its absence.
 pub(super) fn seed_value(
     trial: &TrialResult,
     measure: &Measure<'_>,
@@ -45,7 +45,7 @@ pub(super) fn seed_value(
 }
 
 impl Measure<'_> {
-    /// The trials without those that end before the step of the column.
+    /// The trials that were trained at least up to the step of the column.
     pub(super) fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
         let Some(step) = self.at_step else {
             return scope.clone();
@@ -63,8 +63,8 @@ impl Measure<'_> {
         trial.while_learning(&self.comparison.value)
     }
 
-    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the
-    /// end only.
+    /// The value of a trial, at the end or at a step before it. Agents that do not learn are measured at the end
+    /// only.
     fn of(&self, trial: &TrialResult) -> Result<f64, MissingReason> {
         let curve = self.curve(trial);
         let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
@@ -82,7 +82,7 @@ impl Measure<'_> {
                     end => Ok(at_step(of, &values[..end])),
                 }
             }
-            // The only measurement during learning is the last one, whatever the step.
+            // The only measurement during learning counts as the last one, whatever the step.
             (
                 MeasurementChoice::AtSteps {
                     of: StepMeasurement::Last(last),
@@ -95,7 +95,7 @@ impl Measure<'_> {
         }
     }
 
-    /// What the episodes of the final measurement become.
+    /// The reduction of the episodes of the final measurement to one number.
     fn recorded(
         &self,
         trial: &TrialResult,

@@ -23,7 +23,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use taken::{StepMeasurement, MeasurementChoice};
 
-/// The name of what no sweep varies, beside settings that one does.
+/// Name of the setting of agents that no sweep varies, beside swept settings.
 const AS_GIVEN: &str = "as given";
 
 /// Rows, columns and the value of a comparison. Some options exclude each other.
@@ -105,7 +105,7 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// How values are written: as given, else as a percentage where they are compared with an agent.
+    /// The form of the values: the given one, else a percentage where they are compared with an agent.
     #[must_use]
     pub fn resolved_form(&self) -> Form {
         self.form.unwrap_or(if self.relative_to.is_some() {
@@ -115,7 +115,7 @@ impl Comparison {
         })
     }
 
-    /// How numbers are written; as they need where absent.
+    /// The given format of numbers; `None` for a format that fits the values.
     fn format(&self) -> Option<NumberFormat> {
         let scientific = |digits: usize| NumberFormat::Scientific(digits.saturating_sub(1));
         self.decimals

@@ -1,4 +1,4 @@
-//! Which measurements of a trial become its number in a comparison, and the options that exclude each other.
+//! The choice of measurements for a trial's number in a comparison, and the options that exclude each other.
 
 use super::Comparison;
 use crate::kinds::Contradiction;
@@ -8,8 +8,8 @@ const WEIGHT_UNTIL_ABOVE: f64 = 0.9;
 /// Weight of the past in the moving average of `at_steps`, where a study gives none.
 const WEIGHT_AT_STEPS: f64 = 0.0;
 
-/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
-/// which is taken.
+/// Choice of the measurements that give a trial its number. Agents that do not learn have only a final measurement,
+/// which is taken then.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) enum MeasurementChoice {
     /// The final measurement.
@@ -26,16 +26,16 @@ pub(super) enum MeasurementChoice {
         /// Weight of the past in the moving average.
         smooth: f64,
     },
-    /// What was measured during learning at each of these environment steps, which become the columns.
+    /// The measurements during learning at each of these environment steps, which become the columns.
     AtSteps {
         /// The steps, rising.
         steps: Vec<u64>,
-        /// Which measurements up to a step.
+        /// The measurements up to a step that count.
         of: StepMeasurement,
     },
 }
 
-/// Which measurements up to a step become a number.
+/// Choice among the measurements up to a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum StepMeasurement {
     /// Their moving average with this weight of the past; the last one where it is 0.
@@ -45,7 +45,7 @@ pub(super) enum StepMeasurement {
 }
 
 impl Comparison {
-    /// Which measurements of a trial become its number.
+    /// The choice of measurements that the options state.
     pub(super) fn taken(&self) -> MeasurementChoice {
         let weight = |usual| self.smooth.unwrap_or(usual);
         match (self.steps_until_above, self.last) {
@@ -105,7 +105,7 @@ impl MeasurementChoice {
     }
 }
 
-/// An option that another one excludes, as the first to be removed.
+/// The option that excludes another one; of several the first to be removed.
 pub(super) fn contradiction(of: &Comparison) -> Option<Contradiction> {
     let (over_steps, until) = (!of.at_steps.is_empty(), of.steps_until_above.is_some());
     let found = |key, message: String, help| {

@@ -1,4 +1,4 @@
-//! The matrix of a play against the published one, what lacks, and looks that are planned.
+//! The matrix of a play against the published one, missing cells, and planned looks.
 
 use super::*;
 use crate::table::{Margin, PublishedRow, PublishedCell, TableSpec, build, csv, html, latex, markdown};
@@ -210,7 +210,7 @@ fn later_seeds_move_no_verdict_of_an_earlier_look() {
         "{}",
         later.note()
     );
-    // What is shown beside is of all seeds, and on the same scale.
+    // The last column is over all seeds, and on the same scale.
     assert_ne!(few.cells[0][2].estimate, many.cells[0][2].estimate);
     let scale = |grid: &Grid| {
         grid.notes
@@ -245,6 +245,6 @@ fn a_look_waits_for_every_meeting_of_its_seeds() {
         results.design = Some(Design::new(vec![3, 5]));
         looked_at(&results).cells[0][0].looks.complete()
     };
-    // The last one is of another cell, which the scale is made of as well.
+    // The last trial is of another cell that sets the scale as well.
     assert_eq!([None, Some(2), Some(7), Some(35)].map(complete), [1, 0, 0, 0]);
 }

@@ -1,12 +1,11 @@
-//! Which values of a table are the best: not the largest mean alone, but all that cannot be told from it by
-//! their intervals.
+//! Best values of a table: the largest mean and every value that its interval does not separate from it.
 
 use super::layout::{BestScope, Direction, LatexLayout};
 use crate::table::{Cell, Grid};
 
 /// Whether each value is the best of its row or column, or its interval overlaps that of the best one;
-/// `[row][column]`. A value without an interval counts as exact. Nothing is best where fewer than two are
-/// compared or the direction is not known.
+/// `[row][column]`. A value without an interval counts as exact. No value is best among fewer than two, or without a
+/// known direction.
 pub(super) fn best(grid: &Grid, layout: &LatexLayout) -> Vec<Vec<bool>> {
     let mut best = vec![vec![false; grid.columns.len()]; grid.rows.len()];
     if !layout.bold_best {
@@ -20,7 +19,7 @@ pub(super) fn best(grid: &Grid, layout: &LatexLayout) -> Vec<Vec<bool>> {
     best
 }
 
-/// Among which values the best one is sought.
+/// The values among which the best one is sought.
 pub(super) fn of(grid: &Grid, layout: &LatexLayout) -> BestScope {
     let usual = if grid.row_axis == "environment" {
         BestScope::Row
@@ -69,7 +68,7 @@ fn best_of(grid: &Grid, line: &[(usize, usize)]) -> Places {
     }
 }
 
-/// Lower end, value and upper end, with more being better.
+/// Lower end, value and upper end, with the sign under which more is better.
 fn oriented(cell: &Cell, sign: f64) -> Option<(f64, f64, f64)> {
     let value = cell.estimate?;
     let (low, high) = cell.interval.unwrap_or((value, value));

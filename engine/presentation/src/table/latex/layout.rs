@@ -1,4 +1,4 @@
-//! What a study says of how a table is set in LaTeX.
+//! Options of a study for tables in LaTeX.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -21,7 +21,7 @@ fn set(spec: TableSpec, options: serde_json::Value) -> String {
     latex(&build(&spec, &study()).unwrap(), "table-1")
 }
 
-/// Aggregates, of which less is better in one column, with a published mean.
+/// Aggregates with a published mean; less is better in one column.
 fn aggregates() -> TableSpec {
     let kind = json!({ "aggregate": {
         "value": "cycle_length", "normalise": { "low": "equal", "high": "bound" }, "relative_to": "ddpg",

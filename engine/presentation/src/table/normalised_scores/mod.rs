@@ -48,7 +48,7 @@ impl Bound {
 }
 
 impl Normalise {
-    /// Agents that stand for 0 or for 1 in every environment, with the score.
+    /// Agents that stand for 0 or for 1 in every environment, with that score.
     #[must_use]
     pub fn fixed(&self) -> Vec<(&str, u8)> {
         match self {
@@ -89,7 +89,7 @@ fn everywhere(bounds: &BTreeMap<String, [Bound; 2]>, end: usize) -> Option<&str>
 pub struct ScoreScale {
     /// Its name.
     pub environment: String,
-    /// `None` where an agent that stands for one of them has no value.
+    /// Values of the scores 0 and 1; `None` where an agent that stands for one of them has no value.
     pub ends: Option<[f64; 2]>,
 }
 
@@ -111,7 +111,7 @@ impl ScoreScale {
         Self { environment, ends }
     }
 
-    /// The score of a value; `None` where nothing can be scaled.
+    /// The score of a value; `None` where the scale has no extent or no ends.
     #[must_use]
     pub fn score(&self, value: f64) -> Option<f64> {
         self.ends
@@ -120,7 +120,7 @@ impl ScoreScale {
     }
 }
 
-/// What 0 and 1 stand for in each environment, as a sentence.
+/// A sentence on the values of the scores 0 and 1 in each environment.
 #[must_use]
 pub fn ends_in_words(scales: &[ScoreScale], label: impl Fn(&str) -> String) -> String {
     let of = |scale: &ScoreScale| {
