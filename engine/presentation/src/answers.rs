@@ -7,7 +7,7 @@ use super::summary::{PlaceholderTarget, Summary};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A line as the study file has it.
+/// A line as it is written.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AnswerText {

@@ -7,8 +7,8 @@ use statistics::estimators::mean;
 /// The share of the range from floor to bound that matters, in every study that gives no reason for another.
 const SHARE: f64 = 0.05;
 
-/// Rule for the smallest difference that matters, for claims that state none: a share of the range between an agent
-/// that learned nothing and the best that is possible or known.
+/// Which difference matters for claims that do not say it: a share of the range between an agent that learned nothing
+/// and the best that is possible or known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relevance {
@@ -84,10 +84,11 @@ pub struct ClaimSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub min_effect: Option<f64>,
-    /// What was chosen with the claim in view. That it holds then says nothing: CALIBRATED stands for SUPPORTED.
+    /// A choice that was made with the claim in view. That the claim holds then says nothing: CALIBRATED stands for
+    /// SUPPORTED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
-    /// What was tried to find out why it is refuted; printed where it is.
+    /// Attempts to find out why the claim is refuted; printed where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
     /// True where it was thought of after results were seen; its verdict is counted apart.

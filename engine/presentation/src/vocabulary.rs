@@ -35,7 +35,7 @@ pub struct Vocabulary {
     pub searches: Vec<(String, String)>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
-    /// Units of what is recorded and traced, by name.
+    /// Units of recorded metrics and traced channels, by name.
     pub units: BTreeMap<String, String>,
     /// The plays of these agents.
     pub plays: Vec<Play>,
@@ -83,7 +83,7 @@ pub struct Play {
     pub roles: Vec<(String, Vec<String>)>,
     /// The agents, in the order of the play.
     pub players: Vec<Player>,
-    /// Names of what its trials record.
+    /// Metrics that its trials record.
     pub metrics: BTreeSet<String>,
     /// The environment in which they meet.
     pub arena: Part,
@@ -100,9 +100,9 @@ pub struct Play {
 /// An agent of a play.
 #[derive(Debug, Clone)]
 pub struct Player {
-    /// Whether a trial trains it.
+    /// Its name in the study.
     pub name: String,
-    /// True where a trial trains it.
+    /// Whether a trial trains it.
     pub learns: bool,
     /// Index of its cell, whose trials train it.
     pub cell: usize,

@@ -8,7 +8,7 @@ use super::{
     budgets,
     contents::{ClaimLine, Contents, claim_lines, make_table},
     passed::words,
-    rounds::{RoundVerdict, ConfirmedVerdict},
+    rounds::{ConfirmedVerdict, RoundVerdict},
     sheet::{Entry, NONE, Sheet, Tone},
     study_info::StudyInfo,
 };

@@ -4,7 +4,7 @@ use super::{
     collapses, files, floors,
     kept::{FigureFacts, KeptFigure},
     manifest::Manifest,
-    rounds::{RoundVerdict, ConfirmedVerdict},
+    rounds::{ConfirmedVerdict, RoundVerdict},
     study_info::StudyInfo,
 };
 use analysis::{
@@ -842,7 +842,8 @@ fn margin(
     relevance.margin(&of_agent)
 }
 
-/// The verdict on a claim, or a caution that takes its place.
+/// The verdict on a claim: NOT TRAINED where an agent behind it made no update, CALIBRATED where it agrees with a
+/// choice that was made with the claim in view.
 fn hold(
     claim: &Claim,
     (spec, min_effect): (&ClaimSpec, Option<f64>),

@@ -173,7 +173,7 @@ fn header(parts: &Parts<'_>) -> Markup {
     }
 }
 
-/// Words of verdicts with their numbers, under what is counted.
+/// Words of verdicts with their numbers, under the counted quantity.
 pub(super) fn counted(what: &str, words: &[(&str, usize)]) -> Markup {
     html! {
         div {

@@ -2,7 +2,7 @@
 
 use super::{Contents, StudyInfo};
 use presentation::{
-    summary::{PlaceholderTarget, LookupError, CellField, Piece, Summary, locate},
+    summary::{CellField, LookupError, Piece, PlaceholderTarget, Summary, locate},
     table::Heading,
 };
 

@@ -28,7 +28,7 @@ pub(super) struct Range {
     pub log: bool,
 }
 
-/// The area between the axes of a panel, in points, and what its ends stand for.
+/// The area between the axes of a panel, in points, with the values at its ends.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     pub left: f64,

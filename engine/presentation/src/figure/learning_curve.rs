@@ -26,9 +26,9 @@ use statistics::{Summary, common_steps};
 pub struct LearningCurve {
     /// The metric.
     pub metric: String,
-    /// What the line of an agent shows of its seeds.
+    /// Statistic over its seeds that the line of an agent shows.
     pub line: Line,
-    /// What the band around the line shows.
+    /// Spread of the seeds that the band around the line shows.
     pub band: Band,
     /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
     /// at most five.
@@ -67,7 +67,7 @@ impl Default for LearningCurve {
     }
 }
 
-/// What a line shows of the seeds at each step.
+/// Statistic over seeds that a line shows at each step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Line {
@@ -79,7 +79,7 @@ pub enum Line {
     Iqm,
 }
 
-/// What a band around a line shows.
+/// Spread of the seeds that a band around a line shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Band {
@@ -137,7 +137,7 @@ fn published_curves(kind: &LearningCurve, names: &mut Names<'_>, at: &Place<'_>,
     }
 }
 
-/// One panel per environment, one line per agent and setting, and what others published.
+/// One panel per environment, one line per agent and setting, and the published curves.
 fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
     let x = Scale {
@@ -194,7 +194,7 @@ fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &
         .collect()
 }
 
-/// Measurements of the seeds of an agent during learning, or of an agent that does not learn, at the same steps.
+/// Measurements of the seeds of an agent, at steps of the learning or at the end only.
 struct SeedCurves {
     label: String,
     style: Style,

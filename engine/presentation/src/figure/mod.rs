@@ -48,8 +48,8 @@ pub use bars::Bars;
 pub use best_so_far::BestSoFar;
 pub use build::{Context, build};
 pub use chart::{
-    Cells, Chart, Curve, CurveSource, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface,
-    Tiles,
+    Cells, Chart, Curve, CurveSource, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style,
+    Surface, Tiles,
 };
 pub use contour::Contour;
 pub use crowd::name_the_best;
@@ -81,7 +81,7 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
 kinds! {
-    /// What a figure shows.
+    /// Kind of a figure, with its options.
     FigureKind: Figure {
         "learning_curve" => LearningCurve(LearningCurve),
             "A metric against training steps, one line per agent with its seeds or a band over them.";
@@ -137,7 +137,7 @@ pub(crate) trait Figure {
         None
     }
 
-    /// Checks every name in it against what trials record.
+    /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
 
     /// Kind of artifact that it shows; `None` where it shows recorded metrics.
@@ -162,10 +162,10 @@ pub(crate) trait Figure {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FigureSpec {
-    /// What the figure shows, in one sentence.
+    /// Caption of the figure, in one sentence.
     #[serde(default)]
     pub caption: String,
-    /// What is drawn: exactly one kind.
+    /// Kind of the figure: exactly one.
     #[serde(flatten)]
     pub kind: FigureKind,
     /// Names to print instead of the study's own.

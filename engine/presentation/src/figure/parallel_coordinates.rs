@@ -42,7 +42,11 @@ impl Figure for ParallelCoordinates {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        Ok(chart(&CompletedSettings::of(&self.search, context)?, self.best, spec))
+        Ok(chart(
+            &CompletedSettings::of(&self.search, context)?,
+            self.best,
+            spec,
+        ))
     }
 }
 

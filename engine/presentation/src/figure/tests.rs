@@ -4,7 +4,7 @@ use super::{
     Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, HeatMap, LearningCurve,
     Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
-use crate::table::{TableAxis, Axis, Comparison};
+use crate::table::{Axis, Comparison, TableAxis};
 use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES};
 use std::{

@@ -1,4 +1,4 @@
-//! Claims against what trials record.
+//! Claims against the names that trials record.
 
 use super::typed;
 use crate::{
@@ -302,7 +302,7 @@ impl Names<'_> {
         }
     }
 
-    /// Checks `AGENT.METRIC` against what the agent's trials record.
+    /// Checks `AGENT.METRIC` against the metrics of the agent's trials.
     fn in_trials(&mut self, operand: &Operand, environments: Vec<usize>, text: &Text<'_>) {
         let name = &operand.agent;
         let at_agent = text.part_of(operand, 0, name);

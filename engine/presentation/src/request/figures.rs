@@ -1,4 +1,4 @@
-//! Figures against what trials record and trace.
+//! Figures against the names that trials record and trace.
 
 use crate::{
     figure::{FigureKind, FigureSpec},

@@ -1,4 +1,4 @@
-//! Tables, figures, claims and the sentence against what trials record: every metric, agent, environment,
+//! Tables, figures, claims and the sentence against the names that trials record: every metric, agent, environment,
 //! setting, channel and row.
 
 mod claims;

@@ -4,7 +4,7 @@ use super::claims::Text;
 use crate::{
     answers::{Answer, AnswerText},
     names::Names,
-    summary::{PlaceholderTarget, LookupError, PLACEHOLDERS, Summary, SummaryError, locate},
+    summary::{LookupError, PLACEHOLDERS, PlaceholderTarget, Summary, SummaryError, locate},
 };
 use document::{
     Node,

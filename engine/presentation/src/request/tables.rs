@@ -2,7 +2,7 @@
 
 use crate::{
     names::{Names, Place},
-    table::{Cause, Margin, PublishedRow, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use document::{
     Entry,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use statistics::Verdict;
 use std::collections::BTreeMap;
 
-/// What was tried to find out why values differ: of the whole table, or of each row.
+/// Attempts to find out why values differ: of the whole table, or of each row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Cause {

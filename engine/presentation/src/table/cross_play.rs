@@ -2,8 +2,8 @@
 //! both.
 
 use super::{
-    Cell, FixedReason, Grid, Heading, MissingSeeds, MissingReason, NumberFormat, Quantity, Scope, Statistic, Table,
-    comparison::summarise, problem,
+    Cell, FixedReason, Grid, Heading, MissingReason, MissingSeeds, NumberFormat, Quantity, Scope, Statistic,
+    Table, comparison::summarise, problem,
 };
 use crate::names::{Names, Place};
 use analysis::{cross_play::Encounters, results::Results};

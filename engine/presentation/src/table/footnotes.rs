@@ -263,7 +263,7 @@ fn why(fixed: FixedReason) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{Form, MissingSeeds, MissingReason, Part, Quantity};
+    use crate::table::{Form, MissingReason, MissingSeeds, Part, Quantity};
     use contract::trial_end::EndState;
 
     #[test]
@@ -290,7 +290,8 @@ mod tests {
 
     #[test]
     fn a_cell_says_why_seeds_are_missing() {
-        let missing = [MissingReason::Ended(1, EndState::Oom), MissingReason::NotRun(1)].map(MissingSeeds::of);
+        let missing =
+            [MissingReason::Ended(1, EndState::Oom), MissingReason::NotRun(1)].map(MissingSeeds::of);
         let cell = Cell {
             planned: 2,
             failed: 1,

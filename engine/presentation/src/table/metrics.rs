@@ -18,7 +18,7 @@ const RANKS: &str = "rank_correlation";
 pub struct Metrics {
     /// The metrics, a row each.
     pub values: Vec<String>,
-    /// What the names of further metrics begin with, as `influence_` of the protocol `attribution`.
+    /// Beginning of the names of further metrics, as `influence_` of the protocol `attribution`.
     pub starting_with: String,
     /// The environment; the only one where absent.
     pub environment: String,

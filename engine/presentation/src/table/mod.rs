@@ -28,19 +28,19 @@ pub use best_settings::BestSettings;
 pub(crate) use best_settings::metric_of_search;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
-pub use comparison::{TableAxis, Axis, Comparison, Form, Improvement, Statistic, compare};
+pub use comparison::{Axis, Comparison, Form, Improvement, Statistic, TableAxis, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
-pub use grid::{Cell, FixedReason, Grid, Heading, Reduction, Part, Quantity};
+pub use grid::{Cell, FixedReason, Grid, Heading, Part, Quantity, Reduction};
 pub use html::{html, published_and_verdict, word as verdict_word};
 pub use latex::{BestScope, Direction, LatexLayout, ValueForm, WideTable, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use metrics::Metrics;
-pub use missing::{MissingSeeds, MissingReason};
+pub use missing::{MissingReason, MissingSeeds};
 pub use normalised_scores::{Bound, Normalise, ScoreScale};
 pub use number_format::NumberFormat;
-pub use published::{Margin, PublishedRow, PublishedCell, PublishedValue, StatedMargin};
+pub use published::{Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
 pub use terminal::align;
@@ -59,7 +59,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 
 kinds! {
-    /// What a table shows.
+    /// Kind of a table, with its options.
     TableKind: Table {
         "improvement" => Improvement(Improvement),
             "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
@@ -146,10 +146,10 @@ pub(crate) trait Table {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableSpec {
-    /// What the table shows, in one sentence.
+    /// Caption of the table, in one sentence.
     #[serde(default)]
     pub caption: String,
-    /// What it is made of: exactly one kind.
+    /// Kind of the table: exactly one.
     #[serde(flatten)]
     pub kind: TableKind,
     /// Published values by row, or by row and column.
@@ -163,19 +163,19 @@ pub struct TableSpec {
     /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
     #[serde(default)]
     pub margin: Option<Margin>,
-    /// What was chosen with the published values in view; agreement with them then says nothing, and their
+    /// A choice that was made with the published values in view; agreement with them then says nothing, and their
     /// verdict is CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
-    /// What the published values belong to, where it is another system than the one here: they are printed
-    /// and not judged.
+    /// The system of the published values, where it is another one than the one here: they are printed and not
+    /// judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_another_system: Option<String>,
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
     #[serde(default)]
     pub exploratory: bool,
-    /// What was tried to find out why values differ from the published ones: a paragraph, or one for each
-    /// row. It is printed where a value differs.
+    /// Attempts to find out why values differ from the published ones: a paragraph, or one for each row. It is
+    /// printed where a value differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
     /// Sentences under the table: deviations, sources.

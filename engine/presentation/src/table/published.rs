@@ -32,7 +32,9 @@ impl PublishedRow {
         match self {
             PublishedRow::Value(_) => false,
             PublishedRow::Entry(entry) => entry.calibrated_on.is_some(),
-            PublishedRow::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
+            PublishedRow::Columns(columns) => {
+                columns.values().any(|cell| cell.entry().calibrated_on.is_some())
+            }
         }
     }
 }
@@ -62,7 +64,8 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
-    /// What was chosen with this value in view. Agreement with it then says nothing: CALIBRATED stands for REPRODUCED.
+    /// A choice that was made with this value in view. Agreement with it then says nothing: CALIBRATED stands for
+    /// REPRODUCED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
 }
@@ -407,7 +410,8 @@ mod tests {
         assert!(
             matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), PublishedRow::Entry(entry) if entry.n == Some(5))
         );
-        let PublishedRow::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
+        let PublishedRow::Columns(columns) =
+            read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
         else {
             panic!()
         };

@@ -4,7 +4,7 @@
 //! is that of a bootstrap over the points, since another experiment would have other points. The correlation of each
 //! single seed is kept beside it.
 
-use super::{Axis, Cell, Grid, Heading, NumberFormat, Reduction, Quantity, Scope, Table, problem};
+use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table, problem};
 use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::Error;

@@ -1,6 +1,6 @@
 //! The trials behind a cell or a line, and the value of each seed.
 
-use super::{Axis, MissingSeeds, MissingReason};
+use super::{Axis, MissingReason, MissingSeeds};
 use analysis::results::Results;
 use contract::{
     Phase, standard_metrics::UPDATES, trial::Purpose, trial_end::EndState, trial_result::TrialResult,
@@ -18,7 +18,7 @@ impl Axis {
     /// All axes, in the order in which columns are chosen.
     pub const ALL: [Axis; 3] = [Axis::Agent, Axis::Environment, Axis::Setting];
 
-    /// The word for what varies.
+    /// Name of the axis.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

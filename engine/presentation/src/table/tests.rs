@@ -1,8 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    TableAxis, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, PublishedRow, PublishedCell,
-    PublishedValue, Statistic, TableSpec, build, csv, html, latex, markdown, terminal,
+    Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, PublishedCell, PublishedRow,
+    PublishedValue, Statistic, TableAxis, TableSpec, build, csv, html, latex, markdown, terminal,
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::Success};

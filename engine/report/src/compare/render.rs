@@ -1,6 +1,6 @@
 //! Differences between two sides, as aligned text and as Markdown.
 
-use super::{Compared, Fate, LEVEL, CellValues, Named, Pair, Setting};
+use super::{CellValues, Compared, Fate, LEVEL, Named, Pair, Setting};
 use presentation::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
 use serde_json::Value;
 

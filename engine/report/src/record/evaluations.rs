@@ -250,7 +250,10 @@ fn owned((environment, agent, setting, seed): (&str, &str, &str, u64)) -> (CellN
     ((environment.into(), agent.into(), setting.into()), seed)
 }
 
-fn put(trials: &mut BTreeMap<(CellName, u64), BlockReader>, read: Option<((&str, &str, &str, u64), BlockReader)>) {
+fn put(
+    trials: &mut BTreeMap<(CellName, u64), BlockReader>,
+    read: Option<((&str, &str, &str, u64), BlockReader)>,
+) {
     if let Some((key, reading)) = read {
         trials.insert(owned(key), reading);
     }

@@ -12,7 +12,7 @@
 mod cells;
 mod evaluations;
 
-pub use cells::{Cell, RecordedTrial, Part, Source, forget_success};
+pub use cells::{Cell, Part, RecordedTrial, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
@@ -59,7 +59,7 @@ pub struct Record {
     /// The results of searches, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub searches: BTreeMap<String, Searched>,
-    /// The verdicts that were seen, by what was judged: by table and cell, or claim and place.
+    /// The verdicts that were seen, by table and cell, or by claim and place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen: Option<SeenVerdicts>,
     /// Facts on figures that cannot be drawn from the record.

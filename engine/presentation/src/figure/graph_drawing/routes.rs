@@ -113,7 +113,11 @@ impl<'a> Plan<'a> {
             Some((false, _)) => (f64::NEG_INFINITY, f64::NEG_INFINITY),
             None => (middle(edge.to), middle(edge.from)),
         };
-        let out = if way == ArrowRouting::Over { Side::High } else { Side::Low };
+        let out = if way == ArrowRouting::Over {
+            Side::High
+        } else {
+            Side::Low
+        };
         let track = match self.around.get(&index) {
             Some((true, track)) => count(*track),
             Some((false, track)) => -count(*track),

@@ -92,7 +92,12 @@ fn is_inside(graph: &Graph, arrangement: &Arrangement, (from, to): (usize, usize
 }
 
 /// Gives each arrow of a stack the nearest free track, short arrows first; returns the number of tracks.
-fn assign(graph: &Graph, arrangement: &Arrangement, ways: &mut [ArrowRouting], (stack, side): (usize, bool)) -> usize {
+fn assign(
+    graph: &Graph,
+    arrangement: &Arrangement,
+    ways: &mut [ArrowRouting],
+    (stack, side): (usize, bool),
+) -> usize {
     let span = |edge: usize| {
         let edge = &graph.edges[edge];
         (arrangement.ranks[edge.from], arrangement.ranks[edge.to])

@@ -23,8 +23,8 @@ pub struct IntervalEstimates {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`), or floor and ceiling by
-    /// environment, each a number or an agent.
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
+    /// each a number or an agent.
     pub normalise: Normalise,
     /// Which agents, in this order; all where empty.
     #[serde(default)]

@@ -26,9 +26,9 @@ pub struct ProbabilityOfImprovement {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`), or floor and ceiling by
-    /// environment, each a number or an agent. Here they say no more than which of two values is better: a
-    /// floor above its ceiling is that of a metric of which less is better.
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
+    /// each a number or an agent. Here they say no more than which of two values is better: a floor above its ceiling
+    /// is that of a metric of which less is better.
     pub normalise: Normalise,
     /// Which agents, in this order; all where empty.
     #[serde(default)]

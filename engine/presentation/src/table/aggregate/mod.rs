@@ -9,8 +9,8 @@
 mod check;
 
 use super::{
-    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingSeeds, MissingReason, Normalise, NumberFormat, Reduction,
-    Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
+    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingReason, MissingSeeds, Normalise, NumberFormat,
+    Quantity, Reduction, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::names::{Names, Place};
 use analysis::results::Results;
@@ -34,7 +34,7 @@ pub struct Aggregate {
     /// The metric.
     #[serde(default = "default_metric")]
     pub value: String,
-    /// What the scores 0 and 1 stand for in each environment: the means of two agents, or two numbers.
+    /// Meaning of the scores 0 and 1 in each environment: the means of two agents, or two numbers.
     pub normalise: Normalise,
     /// The agent over which the probability of improvement is shown; no such column where absent.
     #[serde(default)]
@@ -330,7 +330,9 @@ impl<'s> Suite<'s> {
                 .filter_map(|(seed, value)| Some((*seed, scale.score(*value)?)))
                 .collect();
             if scaled.len() < raw.len() {
-                scores.missing.push(MissingSeeds::of(MissingReason::NoScale).within(label));
+                scores
+                    .missing
+                    .push(MissingSeeds::of(MissingReason::NoScale).within(label));
             }
             scores.by_environment.push(scaled);
         }

@@ -1,7 +1,7 @@
 //! Aggregates against an independent computation, and the notes on missing ones.
 
 use super::*;
-use crate::table::{PublishedRow, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
+use crate::table::{PublishedCell, PublishedRow, TableSpec, csv, html, latex, markdown, terminal};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::TrialResult};
 use serde_json::Value;
 use statistics::{Design, Verdict};

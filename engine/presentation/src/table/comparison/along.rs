@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};
 
-/// What varies along a table's rows or columns.
+/// Axis of a table's rows or columns.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum TableAxis {
@@ -18,7 +18,7 @@ pub enum TableAxis {
 }
 
 impl TableAxis {
-    /// The word for what varies.
+    /// Name of the axis.
     #[must_use]
     pub fn name(&self) -> Cow<'static, str> {
         match self {

@@ -1,7 +1,9 @@
 //! From results to a grid: rows and columns, and the value of each cell.
 
-use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, Statistic, along::Axes, measure};
-use crate::table::{Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Reduction, Quantity, Scope, problem};
+use super::{AS_GIVEN, Axis, Comparison, Form, Statistic, TableAxis, along::Axes, measure};
+use crate::table::{
+    Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Quantity, Reduction, Scope, problem,
+};
 use analysis::results::Results;
 use contract::{Error, standard_metrics::SUCCESS, trial_result::TrialResult};
 use measure::{Measure, seed_value};
@@ -232,7 +234,11 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
-fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(TableAxis, String)>>, along: &TableAxis) -> Vec<Vec<(TableAxis, String)>> {
+fn split(
+    axes: &Axes<'_, '_>,
+    rows: Vec<Vec<(TableAxis, String)>>,
+    along: &TableAxis,
+) -> Vec<Vec<(TableAxis, String)>> {
     let parts = |row: Vec<(TableAxis, String)>| {
         axes.names(&axes.at(&axes.all(), &row), along)
             .into_iter()

@@ -1,6 +1,6 @@
 //! Comparisons against the names that trials record: metrics, agents, rows and columns.
 
-use super::{AS_GIVEN, TableAxis, Axis, Comparison, Form, taken::MeasurementChoice};
+use super::{AS_GIVEN, Axis, Comparison, Form, TableAxis, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;

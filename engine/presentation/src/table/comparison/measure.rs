@@ -3,7 +3,7 @@
 use super::{
     Comparison,
     build::Relation,
-    taken::{StepMeasurement, MeasurementChoice},
+    taken::{MeasurementChoice, StepMeasurement},
 };
 use crate::table::{MissingReason, Scope};
 use contract::{Phase, trial_result::TrialResult};

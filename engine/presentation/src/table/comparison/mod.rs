@@ -21,7 +21,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use taken::{StepMeasurement, MeasurementChoice};
+use taken::{MeasurementChoice, StepMeasurement};
 
 /// Name of the setting of agents that no sweep varies, beside swept settings.
 const AS_GIVEN: &str = "as given";
@@ -30,10 +30,10 @@ const AS_GIVEN: &str = "as given";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Comparison {
-    /// What the rows are: `agent`, `environment`, `setting`, or a swept key.
+    /// Axis of the rows: `agent`, `environment`, `setting`, or a swept key.
     pub rows: TableAxis,
-    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
-    /// row, or none.
+    /// Axis of the columns; where absent, the first of agent, environment and setting that varies and is no row, or
+    /// none.
     pub columns: Option<TableAxis>,
     /// The metric.
     pub value: String,
@@ -222,7 +222,7 @@ impl Table for Improvement {
     }
 }
 
-/// What trials differ by.
+/// Axis along which trials differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {

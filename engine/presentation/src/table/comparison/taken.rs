@@ -55,7 +55,10 @@ impl Comparison {
                 smooth: weight(WEIGHT_UNTIL_ABOVE),
             },
             (None, last) if !self.at_steps.is_empty() => {
-                let of = last.map_or(StepMeasurement::Average(weight(WEIGHT_AT_STEPS)), StepMeasurement::Last);
+                let of = last.map_or(
+                    StepMeasurement::Average(weight(WEIGHT_AT_STEPS)),
+                    StepMeasurement::Last,
+                );
                 MeasurementChoice::AtSteps {
                     steps: self.at_steps.clone(),
                     of,
@@ -168,7 +171,10 @@ mod tests {
         let cases = [
             (json!({}), MeasurementChoice::Final),
             (json!({"last": 5}), MeasurementChoice::Last(5)),
-            (json!({"root_mean_square": true}), MeasurementChoice::RootMeanSquare),
+            (
+                json!({"root_mean_square": true}),
+                MeasurementChoice::RootMeanSquare,
+            ),
             (
                 json!({"steps_until_above": 3.0}),
                 MeasurementChoice::StepsUntilAbove {

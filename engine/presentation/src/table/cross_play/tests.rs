@@ -1,7 +1,7 @@
 //! The matrix of a play against the published one, missing cells, and planned looks.
 
 use super::*;
-use crate::table::{Margin, PublishedRow, PublishedCell, TableSpec, build, csv, html, latex, markdown};
+use crate::table::{Margin, PublishedCell, PublishedRow, TableSpec, build, csv, html, latex, markdown};
 use contract::trial_result::TrialResult;
 use statistics::Verdict;
 use testing::encounters::{crossed, encounter, trained};

@@ -23,7 +23,7 @@ pub struct LatexLayout {
     pub verdicts: bool,
     /// Align the decimal points of a column. It takes no package.
     pub align_decimals: bool,
-    /// What becomes of a table that is wider than the text.
+    /// Handling of a table that is wider than the text.
     pub wide: WideTable,
     /// Width of the text in millimetres; 122 is that of `article` at 10 points.
     #[schemars(range(min = 40.0, max = 400.0))]
@@ -83,7 +83,7 @@ pub enum ValueForm {
     Alone,
 }
 
-/// What becomes of a table that is wider than the text.
+/// Handling of a table that is wider than the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WideTable {

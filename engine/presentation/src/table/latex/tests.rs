@@ -1,7 +1,7 @@
 //! Tables set as studies ask, by snapshot and by LaTeX itself where it is installed.
 
 use super::*;
-use crate::table::{Axis, Comparison, PublishedRow, PublishedCell, TableSpec, build, tests::improvement};
+use crate::table::{Axis, Comparison, PublishedCell, PublishedRow, TableSpec, build, tests::improvement};
 use serde_json::json;
 use std::{collections::BTreeMap, fs, process::Command};
 use testing::synthetic::study;

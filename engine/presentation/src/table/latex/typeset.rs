@@ -45,7 +45,7 @@ impl Text {
         Self::words(signs(&escape(text)), width::width(text, Face::Plain))
     }
 
-    /// A number with what follows it; `tail` is LaTeX with its width.
+    /// A number and the text after it; `tail` is LaTeX with its width.
     fn number(number: &str, is_bold: bool, tail: (String, f64)) -> Self {
         let at = number.find(['.', 'e']).unwrap_or(number.len());
         let (before, after) = number.split_at(at);

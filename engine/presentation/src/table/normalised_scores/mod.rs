@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use statistics::estimators::mean;
 use std::collections::BTreeMap;
 
-/// What the scores 0 and 1 stand for.
+/// Meaning of the scores 0 and 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, deny_unknown_fields)]
 pub enum Normalise {
@@ -28,7 +28,7 @@ pub enum Normalise {
     ByEnvironment(BTreeMap<String, [Bound; 2]>),
 }
 
-/// What one of the scores 0 and 1 stands for in an environment.
+/// Meaning of one of the scores 0 and 1 in an environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Bound {
