@@ -37,9 +37,9 @@ pub enum Piece {
 pub struct Slot {
     /// The value or verdict that it stands for.
     pub asks: PlaceholderTarget,
-    /// Where it begins, in bytes from the start of the text.
+    /// Byte from the start of the text at which it begins.
     pub start: usize,
-    /// Its bytes, braces included.
+    /// Length in bytes, braces included.
     pub length: usize,
 }
 
@@ -48,7 +48,7 @@ pub struct Slot {
 pub enum PlaceholderTarget {
     /// A value or verdict of a table's cell.
     Cell {
-        /// The table's name.
+        /// Name of the table.
         table: String,
         /// Row, or row and column with a comma between; see [`locate`].
         place: String,
@@ -62,11 +62,11 @@ pub enum PlaceholderTarget {
 /// The part of a cell that a placeholder stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellField {
-    /// The reproduced value.
+    /// The reproduced value, without its interval.
     Value,
     /// The published value.
     Published,
-    /// The verdict.
+    /// The verdict on the published value.
     Verdict,
 }
 

@@ -29,7 +29,7 @@ pub struct Vocabulary {
     pub swept: Vec<String>,
     /// Values of each swept key, as words.
     pub swept_values: BTreeMap<String, Vec<String>>,
-    /// The seeds.
+    /// Seeds of the study.
     pub seeds: Vec<u64>,
     /// The searches, each with the metric by which it compares settings.
     pub searches: Vec<(String, String)>,
@@ -37,7 +37,7 @@ pub struct Vocabulary {
     pub metrics: Vec<Metric>,
     /// Units of recorded metrics and traced channels, by name.
     pub units: BTreeMap<String, String>,
-    /// The plays of these agents.
+    /// Plays among these agents.
     pub plays: Vec<Play>,
     /// Warnings about parts that can run but are probably not meant.
     pub warnings: Vec<Diagnostic>,
@@ -87,7 +87,7 @@ pub struct Play {
     pub metrics: BTreeSet<String>,
     /// The environment in which they meet.
     pub arena: Part,
-    /// Episodes of each trial.
+    /// Number of episodes of each trial.
     pub episodes: u64,
     /// Pairing of seeds.
     pub pairs: Pairs,
@@ -100,7 +100,7 @@ pub struct Play {
 /// An agent of a play.
 #[derive(Debug, Clone)]
 pub struct Player {
-    /// Its name in the study.
+    /// Name of the agent in the study.
     pub name: String,
     /// Whether a trial trains it.
     pub learns: bool,

@@ -28,7 +28,7 @@ pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
     families.into_iter().map(sheet).collect()
 }
 
-/// The same in Markdown.
+/// The answers of some studies by family, in Markdown.
 #[must_use]
 pub fn answers_as_markdown(studies: &[(String, &Verdicts)]) -> Vec<(String, String)> {
     let sheets = sheets(studies).into_iter();

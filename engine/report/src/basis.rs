@@ -118,7 +118,7 @@ impl Combinations {
         counts
     }
 
-    /// The same in words, as in `3 combinations used 4, 1 used 10`.
+    /// Numbers of combinations and seeds in words, as in `3 combinations used 4, 1 used 10`.
     fn sentence(&self) -> String {
         let phrase = |(index, (used, count)): (usize, (usize, usize))| match (index, count) {
             (0, 1) => format!("1 combination used {used}"),

@@ -27,7 +27,7 @@ const HOW_READ: &str = "The last word is that of all seeds together. Rounds that
 /// The results of a confirmation, and their verdicts alone.
 #[derive(Debug, Clone, Default)]
 pub struct Round {
-    /// Its trials.
+    /// Results of the trials of the round.
     pub results: Results,
     /// Its claims, and the tables whose published values it confirms.
     pub contents: Contents,

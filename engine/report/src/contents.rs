@@ -50,9 +50,9 @@ const NOT_RECORDED: &str = "what it shows is in no record";
 /// instead.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
-    /// Tables by name.
+    /// Tables by name; the reason where a table could not be made.
     pub tables: Vec<(String, Result<Grid, String>)>,
-    /// Figures by name.
+    /// Figures by name; the reason where a figure could not be made.
     pub figures: Vec<(String, Result<Chart, String>)>,
     /// Claims, one line for each environment and setting of their evaluation.
     pub claims: Vec<ClaimLine>,
@@ -543,7 +543,7 @@ impl ClaimLine {
         u32::try_from(claim.n).ok().map(|n| n + more)
     }
 
-    /// The word of the verdict.
+    /// Word of the verdict, [`UNREAD`] where the claim cannot be read.
     #[must_use]
     pub fn word(&self) -> &'static str {
         self.verdict

@@ -23,9 +23,9 @@ const HEAD: [&str; 7] = [
 /// A family with its counts.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Family {
-    /// Its name.
+    /// Name of the family.
     pub family: String,
-    /// Its studies.
+    /// Number of its studies.
     pub studies: usize,
     /// Number of judged values and claims.
     pub judged: usize,

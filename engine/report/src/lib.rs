@@ -88,9 +88,9 @@ pub const REHEARSAL: &str = "smoke";
 /// Paths of a written report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportPaths {
-    /// The page.
+    /// Path of `index.html`.
     pub page: PathBuf,
-    /// The report in Markdown.
+    /// Path of `report.md`.
     pub markdown: PathBuf,
     /// Files of tables, figures and verdicts.
     pub files: Vec<PathBuf>,

@@ -63,7 +63,7 @@ fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
 pub struct Decided {
     /// Judged values and claims.
     pub judged: usize,
-    /// Decided ones.
+    /// Decided values and claims.
     pub decided: usize,
     /// Decided ones that rest on several rounds of seeds.
     pub confirmed: usize,

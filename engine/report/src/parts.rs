@@ -20,7 +20,7 @@ pub(super) struct Parts<'a> {
     pub(super) answered: Option<Sheet>,
     /// Every published value and claim with its verdict.
     pub(super) answers: Option<Sheet>,
-    /// The counts at the head.
+    /// Counted words at the head of the report.
     pub(super) head: Vec<Line>,
     pub(super) claims: Option<Sheet>,
     pub(super) confirmed: Option<Sheet>,

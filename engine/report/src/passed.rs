@@ -13,7 +13,7 @@ use statistics::{Judgement, Verdict};
 /// Word for published values of a table that could not be made.
 const NOT_MADE: &str = "NOT MADE";
 
-/// One verdict.
+/// Verdict on a published value or a claim.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Passed {
     /// The published value or claim, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in

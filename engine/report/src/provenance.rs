@@ -16,9 +16,9 @@ pub struct Provenance {
     pub program: String,
     /// Plugins by kind and name, with their versions.
     pub plugins: Vec<(String, u32)>,
-    /// Kind of processor.
+    /// Kind of processor that the report was made on.
     pub cpu: String,
-    /// Operating system.
+    /// Operating system that the report was made on.
     pub operating_system: String,
     /// The seeds of the study.
     pub seeds: Vec<u64>,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 pub struct RoundVerdict {
     /// The seeds, as in `100-115`.
     pub seeds: String,
-    /// The verdict.
+    /// Word of the verdict.
     pub verdict: String,
     /// The value or difference, with its interval.
     #[serde(default, skip_serializing_if = "String::is_empty")]

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 /// An entry of a study: an agent, an entry of `prepare`, or a play.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Stage {
-    /// Its name in the study.
+    /// Name of the entry in the study.
     pub name: String,
     /// Number of its trials.
     pub trials: usize,

@@ -18,7 +18,7 @@ use study::{Confirmation, Repeats};
 pub struct StudyInfo {
     /// Its name, which is the name of its folder.
     pub name: String,
-    /// Its title.
+    /// Title of the study.
     pub title: String,
     /// Source that it reproduces.
     pub source: String,
@@ -36,7 +36,7 @@ pub struct StudyInfo {
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
     pub figures: Vec<(String, FigureSpec)>,
-    /// Claims.
+    /// Claims of the study, in its order.
     pub claims: Vec<ClaimSpec>,
     /// Rounds of claims and published values on further seeds.
     pub confirm: Vec<Confirmation>,

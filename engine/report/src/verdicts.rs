@@ -18,7 +18,7 @@ use statistics::TrainingShare;
 pub struct Verdicts {
     /// Name of the study.
     pub study: String,
-    /// Its title.
+    /// Title of the study.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub title: String,
     /// Summary of the study, in its own sentence.
@@ -34,7 +34,7 @@ pub struct Verdicts {
     /// The verdicts that are read together with those of this study; its own alone where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<String>,
-    /// Trials that ended.
+    /// Number of trials that ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials: Option<usize>,
     /// Wall-clock time of these trials in seconds, rounded to tenths.
@@ -48,11 +48,11 @@ pub struct Verdicts {
     pub changed_settings: Vec<String>,
     /// Line on allowed and used seeds, and on exploratory parts.
     pub basis: String,
-    /// Published values and claims that the seeds were to decide.
+    /// Number of published values and claims that the seeds were to decide.
     pub judged: usize,
-    /// Those of them that are decided, either way.
+    /// Number of those that are decided, either way.
     pub decided: usize,
-    /// Those of them that differ or are refuted.
+    /// Number of those that differ or are refuted.
     pub differing: usize,
     /// Number of verdicts that were thought of after results were seen; the other numbers leave them out.
     pub exploratory: usize,
@@ -61,7 +61,7 @@ pub struct Verdicts {
 }
 
 impl Verdicts {
-    /// The verdicts of a report.
+    /// Collects the verdicts of a report.
     #[must_use]
     pub fn of(study: &StudyInfo, results: &Results, contents: &Contents) -> Self {
         let tables = study.tables.iter().zip(&contents.tables);
@@ -155,7 +155,7 @@ fn places(asks: &PlaceholderTarget, verdicts: &[Passed]) -> Vec<usize> {
 /// Answer in a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
-    /// Everything holds.
+    /// Everything that the line names holds.
     Yes,
     /// Some of it holds, and the rest does not or is open.
     Partly,
@@ -168,7 +168,7 @@ pub enum Word {
 }
 
 impl Word {
-    /// All of them.
+    /// All words, in the order of their declaration.
     pub const ALL: [Self; 5] = [
         Self::Yes,
         Self::Partly,

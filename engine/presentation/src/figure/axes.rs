@@ -20,7 +20,7 @@ const LINE: f64 = 8.8;
 /// The smallest positive number.
 const SMALLEST: f64 = f64::from_bits(1);
 
-/// The ends of an axis.
+/// Lower and upper end of an axis, and whether it is logarithmic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Range {
     pub low: f64,

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Results and names that every figure of a study shares.
 #[derive(Debug, Clone, Copy)]
 pub struct Context<'a> {
-    /// The results.
+    /// Results of all trials.
     pub results: &'a Results,
     /// The study's agents in its order, which gives each its colour.
     pub agents: &'a [String],
@@ -114,7 +114,7 @@ impl Context<'_> {
     }
 }
 
-/// The name to print.
+/// The printed name: the label from the study, else the name itself.
 pub(super) fn label(spec: &FigureSpec, name: &str) -> String {
     spec.labels.get(name).cloned().unwrap_or_else(|| name.into())
 }

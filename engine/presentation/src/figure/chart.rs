@@ -6,9 +6,9 @@ use contract::drawing::{Graph, Image};
 /// A figure as data, for the drawing and for the CSV file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Chart {
-    /// The panels, row by row.
+    /// Panels of the figure, row by row.
     pub panels: Vec<Panel>,
-    /// Panels in a row.
+    /// Number of panels in a row.
     pub columns: usize,
     /// Whether all panels of a column share one horizontal axis, written under the lowest.
     pub shared_x: bool,
@@ -34,15 +34,15 @@ pub struct Paper {
 pub struct Panel {
     /// Title above the panel.
     pub title: String,
-    /// The horizontal axis.
+    /// Horizontal axis, shared within a column where `shared_x` is set.
     pub x: Scale,
-    /// The vertical axis.
+    /// Vertical axis, shared within a row where `shared_y` is set.
     pub y: Scale,
     /// Series of the panel, the first at the bottom.
     pub series: Vec<Series>,
 }
 
-/// An axis.
+/// An axis of a panel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scale {
     /// Label: the quantity and its unit.
@@ -64,7 +64,7 @@ pub struct Series {
     pub seeds: Option<(usize, usize)>,
     /// Colour, dash and marker.
     pub style: Style,
-    /// The data.
+    /// Points or other data, with the form of their drawing.
     pub shape: Shape,
 }
 
@@ -142,7 +142,7 @@ pub struct RunLine {
     pub points: Vec<Point>,
 }
 
-/// The data of a series.
+/// The data of a series in the form of their drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A line through points.
@@ -177,7 +177,7 @@ pub enum Shape {
     Axes(Vec<Vec<Tick>>),
 }
 
-/// Images in rows.
+/// Images in rows, in one panel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tiles {
     /// Id of the trial that left the images; its folder holds the file with all of them.
@@ -193,9 +193,9 @@ pub struct Tiles {
 /// A point, with the interval of its vertical value where there is one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Point {
-    /// Horizontal value.
+    /// Value on the horizontal axis.
     pub x: f64,
-    /// Vertical value.
+    /// Value on the vertical axis.
     pub y: f64,
     /// Lower and upper end of the interval of `y`.
     pub interval: Option<(f64, f64)>,
@@ -221,7 +221,7 @@ pub struct Surface {
     pub x: Vec<f64>,
     /// Increasing grid positions along the vertical axis.
     pub y: Vec<f64>,
-    /// Heights, `[y][x]`.
+    /// Heights at the grid positions, `[y][x]`.
     pub z: Vec<Vec<f64>>,
 }
 

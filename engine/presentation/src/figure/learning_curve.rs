@@ -200,7 +200,7 @@ struct SeedCurves {
     style: Style,
     learns: bool,
     runs: Vec<Run>,
-    /// Ids of their trials.
+    /// Ids of the trials, in the order of `runs`.
     trials: Vec<String>,
     /// Number of seeds with results, and number of seeds planned.
     seeds: (usize, usize),

@@ -61,7 +61,7 @@ impl Drawing {
 /// A position in points, from the upper left corner.
 pub(super) type Place = (f64, f64);
 
-/// Something to paint.
+/// A shape, a text or an image to paint.
 #[derive(Clone)]
 pub(super) enum Mark {
     Line {

@@ -5,9 +5,9 @@ use super::chart::{Hue, Style};
 /// Red, green, blue.
 pub type Rgb = (u8, u8, u8);
 
-/// Text and frames.
+/// Colour of text and frames.
 pub const INK: Rgb = (0x22, 0x22, 0x22);
-/// Grid lines.
+/// Colour of grid lines.
 pub const FAINT: Rgb = (0xe2, 0xe2, 0xe2);
 
 /// Palette by Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow
@@ -58,7 +58,7 @@ impl Style {
         }
     }
 
-    /// The colour.
+    /// Colour of the series on white paper.
     #[must_use]
     pub fn color(self) -> Rgb {
         match self.hue {
@@ -127,7 +127,7 @@ impl Style {
         )
     }
 
-    /// The marker.
+    /// Marker at the points of the series.
     #[must_use]
     pub fn marker(self) -> Marker {
         [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond][self.variant % 4]

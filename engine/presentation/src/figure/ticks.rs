@@ -3,7 +3,7 @@
 /// A tick: its place and its text, empty for one without text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// The value on the axis.
+    /// Value on the axis, in its unit.
     pub value: f64,
     /// Text at the tick; empty for a tick without text.
     pub text: String,

@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Checker of tables, figures and claims against the names that trials record; collects their mistakes.
 pub struct Names<'a> {
-    /// The known names.
+    /// Names that trials may record.
     pub vocabulary: &'a Vocabulary,
     pub(crate) sources: &'a Sources,
     /// Rows and columns of the tables by name; none where a table cannot be read.

@@ -30,11 +30,11 @@ use std::path::Path;
 /// Tables, figures, claims and sentences that a study asks for, with the mistakes in them.
 #[derive(Debug, Default)]
 pub struct Request {
-    /// Tables by name.
+    /// Tables by name, in the order of the study.
     pub tables: Vec<(String, TableSpec)>,
-    /// Figures by name.
+    /// Figures by name, in the order of the study.
     pub figures: Vec<(String, FigureSpec)>,
-    /// Claims.
+    /// Claims that could be read, in the order of the study.
     pub claims: Vec<ClaimSpec>,
     /// The sentence that sums the study up.
     pub summary: Option<Summary>,

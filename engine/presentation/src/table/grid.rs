@@ -48,7 +48,7 @@ pub struct Grid {
 /// Quantity in the cells of a table. Its display is a phrase, as in `cycle length, change from equal, by seed`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Quantity {
-    /// The quantity of one agent.
+    /// Phrase for the quantity of one agent.
     pub value: String,
     /// Form of values relative to an agent, and the agent's name; `None` for values that stand alone.
     pub relative: Option<(Form, String)>,
@@ -101,7 +101,7 @@ pub enum Reduction {
 }
 
 impl Reduction {
-    /// The name in words.
+    /// Name of the reduction in words.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -308,7 +308,7 @@ impl Cell {
         self.seeds.len() < self.planned
     }
 
-    /// The published number.
+    /// The published number; `None` where there is none.
     #[must_use]
     pub fn published(&self) -> Option<f64> {
         self.judgement.as_ref().map(|judgement| judgement.reference.value)

@@ -8,61 +8,61 @@ use std::fmt;
 pub struct MissingSeeds {
     /// The environment, where a cell covers several.
     pub within: Option<String>,
-    /// The reason.
+    /// Reason, the same for all of these seeds.
     pub why: MissingReason,
 }
 
 /// Reason for seeds without a number.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MissingReason {
-    /// So many trials have not run.
+    /// This many trials have not run.
     NotRun(usize),
-    /// So many trials ended in this state.
+    /// This many trials ended in this state.
     Ended(usize, EndState),
     /// The moving average of a seed was never above the level.
     NeverAbove {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The level.
+        /// Level that the study sets, in the unit of the metric.
         level: f64,
     },
     /// A seed was not measured until the step.
     NotMeasured {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The step.
+        /// Environment step of the column.
         until: u64,
     },
     /// A seed has no final measurement of the metric.
     NotRecorded {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The metric.
+        /// Metric of the table.
         metric: String,
         /// Whether it was recorded during learning, where `last` takes its values.
         while_learning: bool,
     },
     /// The agent that a seed is compared with has no trial of it.
     NoCounterpart {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
     },
     /// The other agent's trial has no result.
     CounterpartFailed {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
     },
     /// The other agent's value is zero.
     DivisionByZero {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
-        /// The metric.
+        /// Metric of the table.
         metric: String,
     },
     /// All cells have the same mean, so the scale has no extent.

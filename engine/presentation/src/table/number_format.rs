@@ -34,7 +34,7 @@ impl NumberFormat {
         }
     }
 
-    /// Writes a number.
+    /// Writes a number in this format.
     #[must_use]
     pub fn write(self, number: f64) -> String {
         let text = match self {

@@ -21,7 +21,7 @@ pub const LEVEL: f64 = 0.95;
 /// The second value less the first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Difference {
-    /// The difference itself.
+    /// Value of the second cell less that of the first, in the unit of the metric.
     pub difference: f64,
     /// Its interval; `None` where there is none.
     pub interval: Option<Interval>,
@@ -64,7 +64,7 @@ pub enum Fate {
 }
 
 impl Basis {
-    /// The word in a table.
+    /// Word for the judgement in a table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

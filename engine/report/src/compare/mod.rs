@@ -23,7 +23,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Compared {
     /// The first side, the earlier one as a rule.
     pub a: Named,
-    /// The second side.
+    /// The second side, the later one as a rule.
     pub b: Named,
     /// Number of cells by judgement.
     pub counts: Counts,
@@ -94,7 +94,7 @@ pub struct ChangedVerdict {
 /// A cell, verdict or claim that one side has alone.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct OneSidedItem {
-    /// `a` or `b`.
+    /// Side that has it, `a` or `b`.
     pub side: &'static str,
     /// `cell`, `verdict` or `claim`.
     pub kind: &'static str,
@@ -105,7 +105,7 @@ pub struct OneSidedItem {
 /// A key of the resolved study that differs; a side without the key has no value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Setting {
-    /// The dotted key.
+    /// Dotted key in the resolved study.
     pub key: String,
     /// Its value in the first side.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -29,7 +29,7 @@ pub fn text(compared: &Compared, all: bool, width: usize) -> String {
     out.join("\n\n")
 }
 
-/// The same as a Markdown document.
+/// The comparison as a Markdown document, with all cells where `all` is set.
 #[must_use]
 pub fn markdown(compared: &Compared, all: bool) -> String {
     let mut out = vec![

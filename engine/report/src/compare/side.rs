@@ -44,7 +44,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// The values of a cell.
+/// Values of a cell with their seeds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct CellValues {
     /// Reduction of seeds to one number, in the words of the table's CSV file.

@@ -52,7 +52,7 @@ pub enum Form {
 
 /// A study with its stored trials.
 pub struct Subject<'a> {
-    /// Its name.
+    /// Name of the study.
     pub name: &'a str,
     /// Title of the study; empty where it has none.
     pub title: &'a str,

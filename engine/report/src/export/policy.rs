@@ -28,7 +28,7 @@ struct PolicyFile {
 
 /// A trial whose policies are converted.
 pub struct PolicySubject<'a> {
-    /// Its id.
+    /// Id of the trial.
     pub trial: &'a str,
     /// The file that acknowledges the trial.
     pub file: &'a TrialFile,

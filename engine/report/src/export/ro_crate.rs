@@ -38,7 +38,7 @@ pub struct Piece {
 pub struct Crate {
     /// Folder of the crate, with the pieces in it.
     pub folder: PathBuf,
-    /// The files.
+    /// Files of the crate, without its description.
     pub pieces: Vec<Piece>,
     /// Path of the study file among the pieces.
     pub study: String,

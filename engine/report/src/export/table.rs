@@ -10,22 +10,22 @@ use std::{borrow::Cow, path::Path};
 /// Cells of a column; `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cells<'a> {
-    /// Words.
+    /// Texts.
     Text(Vec<Option<Cow<'a, str>>>),
-    /// Counts.
+    /// Numbers of items.
     Count(Vec<Option<u64>>),
-    /// Whole numbers.
+    /// Whole numbers of any sign.
     Whole(Vec<Option<i64>>),
-    /// Numbers.
+    /// Floating-point numbers.
     Number(Vec<Option<f64>>),
-    /// True or false.
+    /// Truth values.
     Flag(Vec<Option<bool>>),
 }
 
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column<'a> {
-    /// Its name.
+    /// Name of the column.
     pub name: String,
     /// Description in one line.
     pub about: String,
@@ -33,7 +33,7 @@ pub struct Column<'a> {
     pub unit: String,
     /// Whether the column has a cell per trial, instead of one per row.
     pub per_trial: bool,
-    /// The cells.
+    /// Cells of the column, one per trial or per row.
     pub cells: Cells<'a>,
 }
 

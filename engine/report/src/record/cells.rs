@@ -49,9 +49,9 @@ impl Part {
 pub struct Cell {
     /// Environment, play or entry of `prepare`.
     pub environment: String,
-    /// Agent.
+    /// Agent of the trials.
     pub agent: String,
-    /// Setting.
+    /// Setting of the trials.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
     /// Part of the study that the trials belong to.
@@ -72,9 +72,9 @@ pub struct Cell {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedTrial {
-    /// Its seed.
+    /// Seed of the trial.
     pub seed: u64,
-    /// Its id.
+    /// Id of the trial; `None` in records without ids.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
     /// End state other than `ok`.

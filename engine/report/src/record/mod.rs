@@ -33,14 +33,14 @@ use std::{collections::BTreeMap, path::Path};
 pub const FILE: &str = "record.json";
 /// File name of the measurements.
 pub const EVALUATIONS: &str = "evaluations.parquet";
-/// Version of the form.
+/// Version of the form of the record.
 const SCHEMA: u32 = 1;
 
 /// A record, without its measurements.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// Version of the form.
+    /// Version of the form of the record.
     pub schema: u32,
     /// Name of the study.
     pub study: String,
@@ -79,16 +79,16 @@ pub struct Record {
 pub struct FinalValue {
     /// Environment of the trial.
     pub environment: String,
-    /// Its agent.
+    /// Agent of the trial.
     pub agent: String,
-    /// Its setting.
+    /// Setting of the trial.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
-    /// Its seed.
+    /// Seed of the trial.
     pub seed: u64,
     /// The metric, as in `rms(error)`.
     pub metric: String,
-    /// The value.
+    /// Value of the metric, a mean over episodes or their root mean square.
     pub value: f64,
 }
 

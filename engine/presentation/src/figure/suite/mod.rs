@@ -80,7 +80,7 @@ impl SuiteOptions<'_> {
     }
 }
 
-/// The scores of all agents.
+/// The scores of all agents in the environments of a figure.
 struct Suite<'a> {
     asked: SuiteOptions<'a>,
     spec: &'a FigureSpec,

@@ -69,7 +69,7 @@ impl Aggregate {
         self.normalise.fixed()
     }
 
-    /// Names of the columns.
+    /// Names of the columns, in their order.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {
         Column::all(self).iter().map(Column::name).collect()
@@ -228,7 +228,7 @@ impl Column {
     }
 }
 
-/// The scores of one agent.
+/// The scores of one agent in the environments of the suite.
 struct Scores {
     /// Scores by seed, one map per environment in the order of the suite.
     by_environment: Vec<BTreeMap<u64, f64>>,

@@ -27,7 +27,7 @@ impl TableAxis {
         }
     }
 
-    /// The swept key.
+    /// The swept key; `None` for another axis.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
@@ -108,7 +108,7 @@ impl<'a, 'r> Axes<'a, 'r> {
         place.map_or("", |(_, name)| name)
     }
 
-    /// All cells.
+    /// The numbers of all cells.
     pub(super) fn all(&self) -> Cells {
         (0..self.cells.len()).collect()
     }

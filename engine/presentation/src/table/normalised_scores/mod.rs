@@ -87,7 +87,7 @@ fn everywhere(bounds: &BTreeMap<String, [Bound; 2]>, end: usize) -> Option<&str>
 /// An environment with the values that its scores 0 and 1 stand for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreScale {
-    /// Its name.
+    /// Name of the environment.
     pub environment: String,
     /// Values of the scores 0 and 1; `None` where an agent that stands for one of them has no value.
     pub ends: Option<[f64; 2]>,
