@@ -17,7 +17,7 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// The effort of so many seeds of these combinations.
+    /// The effort of this many seeds of these combinations.
     pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
         let seconds = f64::from(seeds) * seconds_per_seed(rests_on, results);
         Self {

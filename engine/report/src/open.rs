@@ -58,16 +58,16 @@ fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
     seconds(one).total_cmp(&seconds(other))
 }
 
-/// Number of judged values and claims, and of decided ones.
+/// Counts of judged and of decided values and claims.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Decided {
-    /// Judged values and claims.
+    /// Number of judged values and claims.
     pub judged: usize,
-    /// Decided values and claims.
+    /// Number of decided values and claims.
     pub decided: usize,
-    /// Decided ones that rest on several rounds of seeds.
+    /// Number of decided ones that rest on several rounds of seeds.
     pub confirmed: usize,
-    /// Ones that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    /// Number of those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
     pub equivalent: usize,
 }
 

@@ -17,13 +17,13 @@ pub struct Period {
 }
 
 impl Period {
-    /// The period of the known dates among so many trials; `None` without a known date.
+    /// The period of the known dates among `trials` trials; `None` without a known date.
     #[cfg(test)]
     pub(crate) fn of(dates: impl Iterator<Item = String>, trials: usize) -> Option<Self> {
         dates.fold(None, |period, date| Some(Self::with(period, date, trials)))
     }
 
-    /// The period with one more date among so many trials.
+    /// The period with one more date among `trials` trials.
     #[must_use]
     pub fn with(period: Option<Self>, date: String, trials: usize) -> Self {
         let Some(Self {

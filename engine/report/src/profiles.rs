@@ -19,13 +19,13 @@ pub struct ProfileState {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileTrials {
-    /// Number of all trials.
+    /// Number of planned trials.
     pub planned: usize,
-    /// Trials that ended `ok`.
+    /// Number of trials that ended `ok`.
     pub ok: usize,
-    /// Trials that ended otherwise.
+    /// Number of trials that ended otherwise.
     pub failed: usize,
-    /// Trials that ended and belong to no other profile: agents that do not learn mostly share theirs.
+    /// Number of trials that ended and belong to no other profile: agents that do not learn mostly share theirs.
     pub own: usize,
 }
 

@@ -43,7 +43,7 @@ impl Range {
     /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
     /// on each side. Both ends are finite and differ, and of a logarithmic range are positive.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
-        /// Values that lie closer together than this lie at one place: steps between smaller numbers are none.
+        /// Distance below which two values share one place, since differences of smaller numbers vanish.
         const CLOSEST: f64 = 1e-300;
         let usable = values
             .filter(|value| value.is_finite() && (!log || *value > 0.0))

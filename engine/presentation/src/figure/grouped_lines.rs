@@ -51,7 +51,7 @@ impl Figure for GroupedLines {
     }
 }
 
-/// Says where the key is none that the study sweeps.
+/// Says where no sweep of the study varies the key.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
     let swept = &names.vocabulary.swept;
     if swept.is_empty() {

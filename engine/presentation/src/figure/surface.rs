@@ -167,7 +167,7 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
             opacity: 1.0,
         });
     }
-    // A low bar has a few numbers all the same.
+    // Even a low bar has a few numbers.
     let length = (bar.bottom - bar.top).max(72.0);
     for tick in axes::ticks(&Scale::default(), heights, length, false) {
         marks.push(text(

@@ -110,7 +110,7 @@ impl Names<'_> {
     }
 }
 
-/// The position of a part of a text that stands on one line as it is read; else that of the whole text.
+/// The position of a part of a text on one line of the file; that of the whole text where it spans several.
 fn within(text: &Text<'_>, start: usize, length: usize) -> (Span, String) {
     let characters = text.text.chars().count();
     if [characters, characters + 2].contains(&text.span.length) {

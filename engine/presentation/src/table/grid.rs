@@ -308,13 +308,13 @@ impl Cell {
         self.seeds.len() < self.planned
     }
 
-    /// The published number; `None` where there is none.
+    /// The published number; `None` where nothing is published for the cell.
     #[must_use]
     pub fn published(&self) -> Option<f64> {
         self.judgement.as_ref().map(|judgement| judgement.reference.value)
     }
 
-    /// The verdict on the seeds against the published number.
+    /// The verdict of the seeds on the published number; `None` where nothing is published.
     #[must_use]
     pub fn verdict(&self) -> Option<Verdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)

@@ -38,7 +38,7 @@ pub use latex::{BestScope, Direction, LatexLayout, ValueForm, WideTable, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use metrics::Metrics;
 pub use missing::{MissingReason, MissingSeeds};
-pub use normalised_scores::{Bound, Normalise, ScoreScale};
+pub use normalised_scores::{Bound, Normalisation, ScoreScale};
 pub use number_format::NumberFormat;
 pub use published::{Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;

@@ -23,7 +23,7 @@ pub const LEVEL: f64 = 0.95;
 pub struct Difference {
     /// Value of the second cell less that of the first, in the unit of the metric.
     pub difference: f64,
-    /// Its interval; `None` where there is none.
+    /// Its 95 % interval; `None` where the seeds give none.
     pub interval: Option<Interval>,
     /// Basis of the interval, or of the judgement without one; `None` where there is neither.
     pub basis: Option<Basis>,

@@ -40,13 +40,13 @@ pub enum Form {
     Parquet,
     /// Tidy tables as comma-separated values.
     Csv,
-    /// Event files of TensorBoard, one folder per trial; values have single precision there.
+    /// Event files of TensorBoard, one folder a trial; values have single precision there.
     Tensorboard,
-    /// Times of trials, as a trace for Perfetto and the tracing page of Chromium.
+    /// When trials ran: a trace that Perfetto and the tracing page of Chromium show.
     Trace,
-    /// A research object crate: study, report, tables and metrics with their hashes, and the programs behind them.
+    /// A research object crate: study, report, tables, metrics with their hashes, and who computed them.
     RoCrate,
-    /// Policies of trials as ONNX files, in a folder per trial, and `policies.json`.
+    /// The policies that trials left as ONNX files, in a folder per trial, and `policies.json`.
     Onnx,
 }
 

@@ -9,7 +9,7 @@ use crate::{
         chart::{Chart, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use schemars::JsonSchema;
@@ -25,7 +25,7 @@ pub struct IntervalEstimates {
     pub metric: String,
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
     /// each a number or an agent.
-    pub normalise: Normalise,
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,

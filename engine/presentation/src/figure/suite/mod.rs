@@ -24,7 +24,7 @@ use super::{
 use crate::{
     names::{Names, Picked, Place},
     table::{
-        Axis, Normalise, Scope, ScoreScale,
+        Axis, Normalisation, Scope, ScoreScale,
         normalised_scores::{PoolWording, ends_in_words, normalised},
     },
 };
@@ -38,7 +38,7 @@ const FEW: usize = 10;
 #[derive(Debug, Clone, Copy)]
 struct SuiteOptions<'a> {
     metric: &'a str,
-    normalise: &'a Normalise,
+    normalise: &'a Normalisation,
     agents: &'a [String],
     environments: &'a [String],
     resamples: u32,

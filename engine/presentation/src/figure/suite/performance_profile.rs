@@ -8,7 +8,7 @@ use crate::{
         chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use schemars::JsonSchema;
@@ -24,7 +24,7 @@ pub struct PerformanceProfile {
     pub metric: String,
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
     /// each a number or an agent.
-    pub normalise: Normalise,
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,

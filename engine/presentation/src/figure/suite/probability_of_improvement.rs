@@ -10,7 +10,7 @@ use crate::{
     },
     kinds::Contradiction,
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use document::diagnostic::suggest;
@@ -29,7 +29,7 @@ pub struct ProbabilityOfImprovement {
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
     /// each a number or an agent. Here they say no more than which of two values is better: a floor above its ceiling
     /// is that of a metric of which less is better.
-    pub normalise: Normalise,
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,

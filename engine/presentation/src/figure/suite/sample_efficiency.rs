@@ -9,7 +9,7 @@ use crate::{
         chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::{Axis, Normalise, ScoreScale},
+    table::{Axis, Normalisation, ScoreScale},
 };
 use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
@@ -25,7 +25,7 @@ pub struct SampleEfficiency {
     pub metric: String,
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`) at the end, or floor and ceiling by
     /// environment, each a number or an agent.
-    pub normalise: Normalise,
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
     #[serde(default)]
     pub agents: Vec<String>,

@@ -9,8 +9,8 @@
 mod check;
 
 use super::{
-    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingReason, MissingSeeds, Normalise, NumberFormat,
-    Quantity, Reduction, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
+    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingReason, MissingSeeds, Normalisation,
+    NumberFormat, Quantity, Reduction, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::names::{Names, Place};
 use analysis::results::Results;
@@ -35,7 +35,7 @@ pub struct Aggregate {
     #[serde(default = "default_metric")]
     pub value: String,
     /// Meaning of the scores 0 and 1 in each environment: the means of two agents, or two numbers.
-    pub normalise: Normalise,
+    pub normalise: Normalisation,
     /// The agent over which the probability of improvement is shown; no such column where absent.
     #[serde(default)]
     pub relative_to: Option<String>,
@@ -429,14 +429,14 @@ impl<'s> Suite<'s> {
             .cloned()
             .unwrap_or_else(|| self.spec.value.replace('_', " "));
         let ends = match &self.spec.normalise {
-            Normalise::Agents { low, high } => {
+            Normalisation::Agents { low, high } => {
                 format!(
                     "0 stands for the mean of {} and 1 for that of {}",
                     self.spec.label(low),
                     self.spec.label(high)
                 )
             }
-            Normalise::ByEnvironment(_) => "scaled".into(),
+            Normalisation::ByEnvironment(_) => "scaled".into(),
         };
         format!("{value}, {ends} in each of {} environments", self.scales.len())
     }

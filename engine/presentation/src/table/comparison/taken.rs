@@ -17,7 +17,7 @@ pub(super) enum MeasurementChoice {
     Final,
     /// The root of the mean square over the episodes of the final measurement.
     RootMeanSquare,
-    /// The mean of the last so many measurements during learning.
+    /// The mean of this many last measurements during learning.
     Last(u64),
     /// The environment steps until the moving average of the measurements during learning is above a level.
     StepsUntilAbove {
@@ -40,7 +40,7 @@ pub(super) enum MeasurementChoice {
 pub(super) enum StepMeasurement {
     /// Their moving average with this weight of the past; the last one where it is 0.
     Average(f64),
-    /// The mean of the last so many.
+    /// The mean of this many last measurements.
     Last(u64),
 }
 
@@ -108,7 +108,7 @@ impl MeasurementChoice {
     }
 }
 
-/// The option that excludes another one; of several the first to be removed.
+/// The option that another one excludes; of several, the first to be removed.
 pub(super) fn contradiction(of: &Comparison) -> Option<Contradiction> {
     let (over_steps, until) = (!of.at_steps.is_empty(), of.steps_until_above.is_some());
     let found = |key, message: String, help| {

@@ -1,6 +1,6 @@
 //! Normalisation of scores against the names that trials record: environments, agents, settings that would be pooled.
 
-use super::{Bound, Normalise};
+use super::{Bound, Normalisation};
 use crate::names::{Names, Picked, Place, quoted};
 use document::diagnostic::suggest;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ pub(crate) struct PoolWording {
 /// Checks the ends of the scale in every environment, that no settings are mixed, and that listed agents have trials
 /// in all environments.
 pub(crate) fn normalised(
-    normalise: &Normalise,
+    normalise: &Normalisation,
     pooled: &PoolWording,
     names: &mut Names<'_>,
     place: &Place<'_>,
@@ -24,8 +24,8 @@ pub(crate) fn normalised(
 ) {
     suite(pooled, names, place, picked);
     match normalise {
-        Normalise::Agents { low, high } => two_agents(names, low, high, place, picked),
-        Normalise::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
+        Normalisation::Agents { low, high } => two_agents(names, low, high, place, picked),
+        Normalisation::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
     }
 }
 

@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// Meaning of the scores 0 and 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, deny_unknown_fields)]
-pub enum Normalise {
+pub enum Normalisation {
     /// Two agents, whose means in an environment become 0 and 1.
     Agents {
         /// The agent of score 0.
@@ -47,7 +47,7 @@ impl Bound {
     }
 }
 
-impl Normalise {
+impl Normalisation {
     /// Agents that stand for 0 or for 1 in every environment, with that score.
     #[must_use]
     pub fn fixed(&self) -> Vec<(&str, u8)> {
@@ -96,7 +96,7 @@ pub struct ScoreScale {
 impl ScoreScale {
     /// The scale of an environment; `all` holds the trials of all agents.
     #[must_use]
-    pub fn of(normalise: &Normalise, metric: &str, environment: String, all: &Scope<'_>) -> Self {
+    pub fn of(normalise: &Normalisation, metric: &str, environment: String, all: &Scope<'_>) -> Self {
         let value = |bound: &Bound| match bound {
             Bound::Number(number) => Some(*number),
             Bound::Agent(agent) => {
@@ -143,7 +143,7 @@ mod tests {
     use serde_json::json;
     use testing::synthetic::study;
 
-    fn read(value: serde_json::Value) -> Normalise {
+    fn read(value: serde_json::Value) -> Normalisation {
         serde_json::from_value(value).unwrap()
     }
 
@@ -151,7 +151,7 @@ mod tests {
     fn ends_are_agents_numbers_or_one_of_each() {
         let results = study();
         let all = Scope::of(&results, &[], &[]);
-        let ends = |normalise: &Normalise| {
+        let ends = |normalise: &Normalisation| {
             ScoreScale::of(normalise, "cycle_length", "four_cells".into(), &all)
                 .ends
                 .unwrap()
