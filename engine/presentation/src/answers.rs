@@ -1,9 +1,9 @@
-//! Printed items of a source, or questions, beside what the study found: each is a line in the answers of all studies.
+//! Answers of a study: its findings beside printed items of the source or beside questions, one line each.
 //!
-//! Nobody writes the answer itself: it follows from the verdicts on the claims and published values that the line
-//! rests on.
+//! The answer itself is computed: it follows from the verdicts on the claims and published values that the line
+//! names.
 
-use super::summary::{Asks, Summary};
+use super::summary::{PlaceholderTarget, Summary};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -28,13 +28,13 @@ pub struct AnswerText {
     pub system: String,
 }
 
-/// A line that was held against the study.
+/// A line after the check against the study.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Answer {
-    /// The line as it is written.
+    /// The line as the study file has it.
     pub text: AnswerText,
-    /// The finding, with its placeholders.
+    /// The finding, with its placeholders parsed.
     pub here: Summary,
-    /// The claims and values that it rests on.
-    pub by: Vec<Asks>,
+    /// The claims and values that decide the answer.
+    pub by: Vec<PlaceholderTarget>,
 }

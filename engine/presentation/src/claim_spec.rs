@@ -32,14 +32,15 @@ fn share() -> f64 {
 }
 
 impl Relevance {
-    /// True where the share is another one without a reason.
+    /// Whether the share differs from the usual one without a reason.
     pub(super) fn lacks_reason(&self) -> bool {
         #[allow(clippy::float_cmp, reason = "a constant, or another number")]
         let is_another = self.share != SHARE;
         is_another && self.why.trim().is_empty()
     }
 
-    /// The smallest difference that matters, from the values of floor and bound; `None` where one has none.
+    /// The smallest difference that matters, from the values of floor and bound; `None` where one of them has no
+    /// value.
     #[must_use]
     pub fn margin(&self, values: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<f64> {
         let of = |agent: &str| {
@@ -83,10 +84,11 @@ pub struct ClaimSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub min_effect: Option<f64>,
-    /// What was chosen with the claim in view. That it holds then says nothing: CALIBRATED stands for SUPPORTED.
+    /// A choice that was made with the claim in view. That the claim holds then says nothing: CALIBRATED stands for
+    /// SUPPORTED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
-    /// What was tried to find out why it is refuted; printed where it is.
+    /// Attempts to find out why the claim is refuted; printed where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
     /// True where it was thought of after results were seen; its verdict is counted apart.

@@ -1,5 +1,5 @@
-//! Tables, figures, claims and sentences that a study asks for: held against the names of what its trials record, and
-//! built, drawn and written from results.
+//! Tables, figures, claims and sentences of a study: checked against the names that its trials record, built from
+//! results, drawn and written.
 
 pub mod answers;
 pub mod claim_spec;

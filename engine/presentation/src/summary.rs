@@ -1,4 +1,4 @@
-//! The sentence that sums a study up, with placeholders for what its tables and claims say.
+//! The sentence that sums a study up, with placeholders for values of its tables and verdicts on its claims.
 //!
 //! ```text
 //! summary     = { TEXT | "{{" | "}}" | "{" placeholder "}" }
@@ -10,11 +10,11 @@
 //! published value, `verdict` for the verdict. `{claim 2}` is the verdict on the second claim. `{{` and `}}`
 //! are braces.
 
-/// What a placeholder may be, for messages.
+/// Grammar of a placeholder, for messages.
 pub const PLACEHOLDERS: &str = "write `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}`, with `published` or `verdict` \
                                 after it where that is asked for, or `{claim N}`; `{{` and `}}` are braces";
 
-/// A sentence as it is written, and what it is made of.
+/// A sentence as text and as its parts.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Summary {
     /// The text as the study has it.
@@ -26,59 +26,59 @@ pub struct Summary {
 /// A part of a sentence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Piece {
-    /// Words that stand as they are.
+    /// Literal words.
     Text(String),
-    /// Something to be filled in.
+    /// A placeholder.
     Slot(Slot),
 }
 
-/// A placeholder and where it stands.
+/// A placeholder with its position.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Slot {
-    /// What it asks for.
-    pub asks: Asks,
-    /// Where it begins, in bytes from the start of the text.
+    /// The value or verdict that it stands for.
+    pub asks: PlaceholderTarget,
+    /// Byte from the start of the text at which it begins.
     pub start: usize,
-    /// Its bytes, braces included.
+    /// Length in bytes, braces included.
     pub length: usize,
 }
 
-/// What a placeholder asks for.
+/// The value or verdict that a placeholder stands for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Asks {
-    /// Something of a cell of a table.
+pub enum PlaceholderTarget {
+    /// A value or verdict of a table's cell.
     Cell {
-        /// The table's name.
+        /// Name of the table.
         table: String,
         /// Row, or row and column with a comma between; see [`locate`].
         place: String,
-        /// What of the cell.
-        of: OfCell,
+        /// The part of the cell.
+        of: CellField,
     },
     /// The verdict on a claim, by its number in the study, from 1.
     Claim(usize),
 }
 
-/// What of a cell is asked for.
+/// The part of a cell that a placeholder stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OfCell {
-    /// The reproduced value.
+pub enum CellField {
+    /// The reproduced value, without its interval.
     Value,
     /// The published value.
     Published,
-    /// The verdict.
+    /// The verdict on the published value.
     Verdict,
 }
 
-/// Why a sentence cannot be read.
+/// Error of a sentence that does not fit the grammar.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message} (at byte {start})")]
 pub struct SummaryError {
-    /// Where, in bytes from the start of the text.
+    /// Byte from the start of the text at which the mistake begins.
     pub start: usize,
-    /// How many bytes are meant.
+    /// Length of the mistake in bytes.
     pub length: usize,
-    /// What is wrong.
+    /// Sentence on the mistake.
     pub message: String,
 }
 
@@ -102,8 +102,8 @@ impl Summary {
     /// Reads a placeholder without its braces.
     ///
     /// # Errors
-    /// A sentence on what it is instead.
-    pub fn asks(text: &str) -> Result<Asks, String> {
+    /// A sentence on the mistake.
+    pub fn asks(text: &str) -> Result<PlaceholderTarget, String> {
         asks(text.trim())
     }
 
@@ -158,27 +158,27 @@ fn piece(text: &str, at: usize) -> Result<(Piece, usize), SummaryError> {
     }
 }
 
-fn asks(text: &str) -> Result<Asks, String> {
+fn asks(text: &str) -> Result<PlaceholderTarget, String> {
     let Some((table, place)) = text.split_once(':') else {
         return claim(text);
     };
     let (table, place) = (table.trim(), place.trim());
     let (place, of) = match place.rsplit_once(char::is_whitespace) {
-        Some((place, "published")) => (place.trim_end(), OfCell::Published),
-        Some((place, "verdict")) => (place.trim_end(), OfCell::Verdict),
-        _ => (place, OfCell::Value),
+        Some((place, "published")) => (place.trim_end(), CellField::Published),
+        Some((place, "verdict")) => (place.trim_end(), CellField::Verdict),
+        _ => (place, CellField::Value),
     };
     if table.is_empty() || place.is_empty() {
         return Err(format!("`{{{text}}}` names no cell of a table"));
     }
-    Ok(Asks::Cell {
+    Ok(PlaceholderTarget::Cell {
         table: table.into(),
         place: place.into(),
         of,
     })
 }
 
-fn claim(text: &str) -> Result<Asks, String> {
+fn claim(text: &str) -> Result<PlaceholderTarget, String> {
     let number = text
         .strip_prefix("claim")
         .filter(|rest| rest.starts_with(char::is_whitespace));
@@ -186,32 +186,32 @@ fn claim(text: &str) -> Result<Asks, String> {
         return Err(format!("`{{{text}}}` is no placeholder"));
     };
     match number.trim().parse() {
-        Ok(number) if number > 0 => Ok(Asks::Claim(number)),
+        Ok(number) if number > 0 => Ok(PlaceholderTarget::Claim(number)),
         _ => Err(format!("`{}` is no number of a claim", number.trim())),
     }
 }
 
-/// Why a place is in no table.
+/// Reason for a place that is in no table.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Lost {
+pub enum LookupError {
     /// No row has this name.
     Row(String),
-    /// The row is there, but no column has this name.
+    /// The row with this index exists, but no column has this name.
     Column(usize, String),
-    /// The row is there, and it is not said which of several columns is meant.
+    /// The row exists, but the table has several columns and the place names none.
     WhichColumn,
 }
 
-/// Row and column of `ROW`, in a table of one column, or of `ROW, COLUMN`. Names may have commas themselves,
-/// so that every comma is tried.
+/// Row and column of `ROW`, in a table of one column, or of `ROW, COLUMN`. Names may have commas themselves, so every
+/// comma is tried.
 ///
 /// # Errors
-/// Which of the names is not there.
-pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), Lost> {
+/// The name that is in no table, or the lack of a column.
+pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), LookupError> {
     let row_of = |name: &str| rows.iter().position(|known| *known == name);
     if let Some(row) = row_of(place) {
         return if columns.len() > 1 {
-            Err(Lost::WhichColumn)
+            Err(LookupError::WhichColumn)
         } else {
             Ok((row, 0))
         };
@@ -222,11 +222,11 @@ pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, us
         let Some(row) = row_of(row) else { continue };
         match columns.iter().position(|known| *known == column) {
             Some(column) => return Ok((row, column)),
-            None => lost = Some(Lost::Column(row, column.into())),
+            None => lost = Some(LookupError::Column(row, column.into())),
         }
     }
     let first = place.split(',').next().unwrap_or(place).trim();
-    Err(lost.unwrap_or_else(|| Lost::Row(first.into())))
+    Err(lost.unwrap_or_else(|| LookupError::Row(first.into())))
 }
 
 #[cfg(test)]
@@ -234,8 +234,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cell(table: &str, place: &str, of: OfCell) -> Asks {
-        Asks::Cell {
+    fn cell(table: &str, place: &str, of: CellField) -> PlaceholderTarget {
+        PlaceholderTarget::Cell {
             table: table.into(),
             place: place.into(),
             of,
@@ -246,12 +246,12 @@ mod tests {
     fn every_placeholder_of_the_grammar_is_read() {
         let text = "Ours {t: a} against {t: a published}: { t:a,b  verdict }, {claim 12}; {{x}}.";
         let summary = Summary::parse(text).unwrap();
-        let asked: Vec<Asks> = summary.slots().map(|slot| slot.asks.clone()).collect();
+        let asked: Vec<PlaceholderTarget> = summary.slots().map(|slot| slot.asks.clone()).collect();
         let expected = [
-            cell("t", "a", OfCell::Value),
-            cell("t", "a", OfCell::Published),
-            cell("t", "a,b", OfCell::Verdict),
-            Asks::Claim(12),
+            cell("t", "a", CellField::Value),
+            cell("t", "a", CellField::Published),
+            cell("t", "a,b", CellField::Verdict),
+            PlaceholderTarget::Claim(12),
         ];
         assert_eq!(asked, expected);
         let written = |slot: &Slot| text[slot.start..slot.start + slot.length].to_owned();
@@ -266,8 +266,8 @@ mod tests {
     #[test]
     fn a_row_may_be_called_like_what_is_asked_for() {
         let asked = |text: &str| Summary::parse(text).unwrap().slots().next().unwrap().asks.clone();
-        assert_eq!(asked("{t: published}"), cell("t", "published", OfCell::Value));
-        assert_eq!(asked("{claim: 2}"), cell("claim", "2", OfCell::Value));
+        assert_eq!(asked("{t: published}"), cell("t", "published", CellField::Value));
+        assert_eq!(asked("{claim: 2}"), cell("claim", "2", CellField::Value));
     }
 
     #[test]
@@ -293,9 +293,9 @@ mod tests {
         assert_eq!(found("a,b"), Ok((0, 0)));
         assert_eq!(found("a, b, b"), Ok((1, 0)));
         assert_eq!(found("c, x, y"), Ok((2, 1)));
-        assert_eq!(found("a, b"), Err(Lost::WhichColumn));
-        assert_eq!(found("c, z"), Err(Lost::Column(2, "z".into())));
-        assert_eq!(found("z, b"), Err(Lost::Row("z".into())));
+        assert_eq!(found("a, b"), Err(LookupError::WhichColumn));
+        assert_eq!(found("c, z"), Err(LookupError::Column(2, "z".into())));
+        assert_eq!(found("z, b"), Err(LookupError::Row("z".into())));
         assert_eq!(locate("c", &rows, &[]), Ok((2, 0)));
     }
 

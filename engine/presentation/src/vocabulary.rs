@@ -10,7 +10,7 @@ use std::{
     sync::Arc,
 };
 
-/// What the trials of a study record, and the names they have.
+/// Names of a study's environments, agents and settings, and of the metrics, artifacts and channels of its trials.
 #[derive(Debug, Default)]
 pub struct Vocabulary {
     /// Names of the environments.
@@ -19,36 +19,36 @@ pub struct Vocabulary {
     pub agents: Vec<String>,
     /// Metrics by environment and agent; pairs without trials are absent.
     pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
-    /// What protocols leave for others, by environment and agent.
+    /// Kinds of artifacts that protocols leave, by environment and agent.
     pub left: BTreeMap<(usize, usize), BTreeSet<ArtifactKind>>,
-    /// Names of what traces hold, by environment.
+    /// Names of traced channels, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
     pub settings: Vec<Arc<str>>,
     /// The swept keys, each as its last word and as a whole.
     pub swept: Vec<String>,
-    /// The values of each of them, as words.
+    /// Values of each swept key, as words.
     pub swept_values: BTreeMap<String, Vec<String>>,
-    /// The seeds.
+    /// Seeds of the study.
     pub seeds: Vec<u64>,
     /// The searches, each with the metric by which it compares settings.
     pub searches: Vec<(String, String)>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
-    /// Units of what is recorded and traced, by name.
+    /// Units of recorded metrics and traced channels, by name.
     pub units: BTreeMap<String, String>,
-    /// The plays of these agents.
+    /// Plays among these agents.
     pub plays: Vec<Play>,
-    /// What can be run and is probably not meant.
+    /// Warnings about parts that can run but are probably not meant.
     pub warnings: Vec<Diagnostic>,
-    /// True where an environment was not tried out, since it is known what it announced.
+    /// Whether no environment was started, because the announcements of all are known.
     pub is_recalled: bool,
-    /// What environments that are not this program's own announced when they were tried out, by id.
+    /// Announcements of environments that are not built in, by id.
     pub announced: BTreeMap<String, Value>,
 }
 
 impl Vocabulary {
-    /// Takes in what the trials of an environment and an agent record.
+    /// Adds the metrics that the trials of an environment and an agent record.
     pub fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
         let recorded = self.recorded.entry(pair).or_default();
         for metric in metrics {
@@ -72,7 +72,7 @@ pub enum Pairs {
     All,
 }
 
-/// Agents of one environment that are set against each other after they were trained.
+/// Agents of one environment that meet each other after they were trained.
 #[derive(Debug, Clone)]
 pub struct Play {
     /// Its name, which stands for the environment in tables and claims.
@@ -83,15 +83,15 @@ pub struct Play {
     pub roles: Vec<(String, Vec<String>)>,
     /// The agents, in the order of the play.
     pub players: Vec<Player>,
-    /// Names of what its trials record.
+    /// Metrics that its trials record.
     pub metrics: BTreeSet<String>,
     /// The environment in which they meet.
     pub arena: Part,
-    /// Episodes of each trial.
+    /// Number of episodes of each trial.
     pub episodes: u64,
-    /// Which seeds meet.
+    /// Pairing of seeds.
     pub pairs: Pairs,
-    /// How they are measured.
+    /// Protocol of the measurement.
     pub protocol: Part,
     /// The keys that differ between `environment` and `arena`, as given.
     pub environment_config: Node,
@@ -100,9 +100,9 @@ pub struct Play {
 /// An agent of a play.
 #[derive(Debug, Clone)]
 pub struct Player {
-    /// Its name in the study.
+    /// Name of the agent in the study.
     pub name: String,
-    /// True where a trial trains it.
+    /// Whether a trial trains it.
     pub learns: bool,
     /// Index of its cell, whose trials train it.
     pub cell: usize,

@@ -1,17 +1,17 @@
-//! Findings of studies on printed items of their source, or on questions: a line each, whose answer follows from
-//! the verdicts that it rests on.
+//! Findings of studies on printed items of their source, or on questions: one line each, with an answer that follows
+//! from its verdicts.
 
 use super::{
     sheet::{Entry, NONE, Sheet, Tone},
-    verdicts::{Answered, Verdicts, Word},
+    verdicts::{AnswerLine, Verdicts, Word},
 };
 use presentation::table::{escape_markdown, markdown_row};
 use std::collections::BTreeMap;
 
 const SHARE: &str = "share of the source's training";
 
-/// The answers of some studies by family, each study with the way to its report. Studies without a family stand
-/// together under an empty name. Lines that rest on nothing, and families without a line, are left out.
+/// The answers of some studies by family, each study with the link to its report. Studies without a family stand
+/// together under an empty name. Lines without verdicts, and families without a line, are left out.
 pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
     let mut families: BTreeMap<String, Vec<Line<'_>>> = BTreeMap::new();
     for (way, study) in studies {
@@ -28,14 +28,14 @@ pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
     families.into_iter().map(sheet).collect()
 }
 
-/// The same in Markdown.
+/// The answers of some studies by family, in Markdown.
 #[must_use]
 pub fn answers_as_markdown(studies: &[(String, &Verdicts)]) -> Vec<(String, String)> {
     let sheets = sheets(studies).into_iter();
     sheets.map(|(family, sheet)| (family, sheet.markdown())).collect()
 }
 
-/// How many lines of each family have which answer.
+/// Number of lines with each answer, by family.
 #[must_use]
 pub fn counts_as_markdown<'a>(studies: impl Iterator<Item = &'a Verdicts>) -> String {
     let mut families: BTreeMap<String, [usize; Word::ALL.len()]> = BTreeMap::new();
@@ -63,7 +63,7 @@ pub fn counts_as_markdown<'a>(studies: impl Iterator<Item = &'a Verdicts>) -> St
     sheet.markdown()
 }
 
-/// The items of sources in their order, each with the studies that are about it and the ways to their files.
+/// The items of sources in their order, each with the studies about it and the links to their files.
 #[must_use]
 pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
     let mut items: BTreeMap<Vec<(String, u64)>, (&str, Vec<Entry>)> = BTreeMap::new();
@@ -89,7 +89,7 @@ pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
 struct Line<'a> {
     way: &'a str,
     study: &'a Verdicts,
-    answered: &'a Answered,
+    answered: &'a AnswerLine,
 }
 
 /// The answers of one study; `None` where it has none.
@@ -101,7 +101,7 @@ pub(super) fn of_study(study: &Verdicts) -> Option<Sheet> {
         answered,
     });
     let mut sheet = sheet(&lines.collect::<Vec<_>>());
-    // The page is the study's own.
+    // The page is the study's own, so it needs no column with the study.
     sheet.head.pop();
     sheet.words -= 1;
     sheet.rows.iter_mut().for_each(|row| drop(row.pop()));
@@ -165,7 +165,7 @@ impl Line<'_> {
     }
 }
 
-/// A text so that numbers in it are compared as numbers.
+/// A key of a text that sorts numbers in it as numbers.
 fn natural(text: &str) -> Vec<(String, u64)> {
     let mut parts = vec![(String::new(), 0_u64)];
     for letter in text.chars() {
@@ -194,12 +194,12 @@ mod tests {
 
     #[test]
     fn items_stand_in_the_order_of_their_numbers_and_questions_have_fewer_columns() {
-        let line = |item: &str| Answered {
+        let line = |item: &str| AnswerLine {
             item: item.into(),
             printed: "a > b".into(),
             here: "`a` 2, b 1".into(),
             lines: vec![0],
-            ..Answered::default()
+            ..AnswerLine::default()
         };
         let study = |family: &str, answers| Verdicts {
             study: "one".into(),
@@ -208,7 +208,7 @@ mod tests {
             verdicts: vec![passed("claim 1: a.x > b.x", "SUPPORTED")],
             ..Verdicts::default()
         };
-        let drawn = Answered {
+        let drawn = AnswerLine {
             lines: Vec::new(),
             ..line("figure 1.1")
         };

@@ -1,4 +1,4 @@
-//! The first lines of a report: a line for each published value and claim, with what was found and what that says.
+//! The first lines of a report: a line for each published value and claim, with the finding and its meaning.
 
 use super::{
     ClaimLine, Contents,
@@ -8,11 +8,11 @@ use presentation::table::{Cell, Grid};
 use statistics::Verdict;
 
 const HEAD: [&str; 4] = ["question", "answer", "value or difference", "published"];
-/// So many deviations stand at the head of a report; the study names those that matter most first.
+/// The most deviations at the head of a report; the study lists them by importance.
 pub(super) const FIRST_DEVIATIONS: usize = 3;
 
-/// The answers to what the study asks, in its order; `None` where nothing is published or claimed. What is exploratory
-/// answers nothing.
+/// The answers to the study's published values and claims, in its order; `None` where there are none. Exploratory
+/// values and claims answer nothing.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
     let values = grids.flat_map(values);

@@ -1,5 +1,5 @@
-//! What a report rests on, as one line at its head: how many seeds the study's design allowed, how many were
-//! used, and what was thought of after results were seen.
+//! The basis of a report, as one line at its head: seeds that the design allows, seeds that were used, and
+//! exploratory parts.
 
 use super::{Contents, StudyInfo};
 use analysis::results::{Results, search_sentence};
@@ -31,14 +31,14 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     )
 }
 
-/// Which verdicts are taken together with those of the study, where others are.
+/// Sentence on the verdicts that are taken together with those of the study; empty where there are none.
 fn family(study: &StudyInfo) -> String {
     let words =
         |family| format!(" Verdicts are each alone; the overview takes those of {family} together (Holm).");
     study.family.as_ref().map_or_else(String::new, words)
 }
 
-/// How many rounds follow on further seeds; empty where none does.
+/// Sentence on the number of rounds on further seeds; empty where there are none.
 fn confirmations(study: &StudyInfo) -> String {
     match study.confirm.len() {
         0 => String::new(),
@@ -63,7 +63,7 @@ fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>, is_l
         (None, None) if is_lost => "as the study has it now".into(),
         (None, None) => "fixed before the first trial".into(),
     };
-    // Where every combination used all of them nothing else is to be said.
+    // Where every combination used all seeds, no other number is needed.
     let used = if combinations.are_complete() {
         String::new()
     } else {
@@ -72,19 +72,19 @@ fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>, is_l
     format!("{}, {when}{used}", combinations.most_planned())
 }
 
-/// How many seeds of each combination are planned, and how many ended well.
+/// Number of seeds planned and number of seeds that ended well, by combination.
 struct Combinations(BTreeMap<CellName, (usize, usize)>);
 
 impl Combinations {
     fn of(results: &Results) -> Self {
         let mut seeds: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
-        // The trials of a play are encounters of combinations, which are counted themselves.
+        // The trials of a play are meetings of combinations, which are counted themselves.
         for trial in results
             .trials
             .iter()
             .filter(|it| it.trial.cell.purpose == Purpose::Cell)
         {
-            // Settings of a search that are the same are one trial.
+            // Equal settings of a search are one trial.
             seeds
                 .entry(trial.cell())
                 .or_default()
@@ -109,7 +109,7 @@ impl Combinations {
         self.0.values().all(|(_, used)| *used == most)
     }
 
-    /// How many combinations used how many seeds.
+    /// Number of combinations by number of used seeds.
     fn used(&self) -> BTreeMap<usize, usize> {
         let mut counts = BTreeMap::new();
         for (_, used) in self.0.values() {
@@ -118,7 +118,7 @@ impl Combinations {
         counts
     }
 
-    /// The same in words, as in `3 combinations used 4, 1 used 10`.
+    /// Numbers of combinations and seeds in words, as in `3 combinations used 4, 1 used 10`.
     fn sentence(&self) -> String {
         let phrase = |(index, (used, count)): (usize, (usize, usize))| match (index, count) {
             (0, 1) => format!("1 combination used {used}"),
@@ -142,7 +142,7 @@ fn seen_before(contents: &Contents) -> Option<u32> {
     cells.filter_map(|cell| cell.seen_at).chain(claims).min()
 }
 
-/// How many verdicts are passed by something that was changed after they were seen; `None` where none is.
+/// Sentence on the number of verdicts with a rule that was changed after they were seen; `None` where there are none.
 fn changed(contents: &Contents) -> Option<String> {
     let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
     let cells = grids.flat_map(|grid| grid.cells.iter().flatten());
@@ -160,7 +160,7 @@ fn changed(contents: &Contents) -> Option<String> {
     }
 }
 
-/// What is exploratory, as far as that is known.
+/// Sentence on exploratory tables and claims, as far as they are known.
 fn exploratory(study: &StudyInfo, contents: &Contents) -> String {
     let lost = contents.lost_record.as_ref().map(|record| {
         format!(
@@ -205,7 +205,7 @@ mod tests {
     use statistics::Design;
     use testing::synthetic::{ended, trial};
 
-    /// So many seeds of each agent, named by its place.
+    /// Results with so many seeds of each agent; an agent is named by its place.
     fn results(seeds: &[u64]) -> Results {
         let agents = seeds.iter().enumerate();
         let of_agent = |(agent, seeds): (usize, &u64)| {

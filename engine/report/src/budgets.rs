@@ -1,4 +1,4 @@
-//! What every agent was given: steps, updates, measured episodes and time.
+//! The budget of every agent: steps, updates, measured episodes and time.
 
 use super::{
     StudyInfo,
@@ -32,7 +32,7 @@ struct Budget<'a> {
 /// The words behind a number of updates that is 0.
 const NOT_TRAINED: &str = ": not trained";
 
-/// Statements of a report on all trials together, computed from them.
+/// Statements of a report on all trials together, computed from their results.
 #[must_use]
 pub fn told(study: &StudyInfo, results: &Results) -> Told {
     Told {
@@ -132,7 +132,7 @@ pub(super) fn cost(results: &Results) -> Cost {
     )
 }
 
-/// In the order of the plan; all casts of a play are one.
+/// Budgets in the order of the plan; all pairings of a play are one.
 fn budgets(results: &Results) -> Vec<Budget<'_>> {
     let mut budgets: Vec<Budget<'_>> = Vec::new();
     let mut places: BTreeMap<(&str, &str), usize> = BTreeMap::new();
@@ -148,7 +148,7 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
         } else {
             &trial.trial.cell.agent
         };
-        // The name of a search stands for the environment, as that of an entry of `prepare` does.
+        // The name of a search, or of an entry of `prepare`, stands for the environment.
         let environment = match &trial.trial.cell.purpose {
             Purpose::Tried(search) => search,
             _ => trial.trial.cell.environment.as_str(),
@@ -211,7 +211,7 @@ impl Budget<'_> {
         self.ok().filter(|trial| trial.updates() == Some(0.0)).count()
     }
 
-    /// Steps that the agent learned from: those done when the last measurement was made.
+    /// Steps behind the learning of the agent: those up to its last measurement.
     fn steps(&self, learns: bool) -> Entry {
         let learning = self.ok().filter(|trial| learns || trial.trains());
         let last = |trial: &TrialResult| {
@@ -259,7 +259,7 @@ impl Budget<'_> {
     }
 }
 
-/// How many measurements of a phase a trial has, and how many episodes in all of them.
+/// Number of measurements of a phase in a trial, and number of episodes in all of them.
 fn measured(trial: &TrialResult, phase: Phase) -> (usize, usize) {
     let (mut measurements, mut episodes, mut last) = (0, 0, None);
     for row in trial.select(phase, EPISODE_LENGTH) {
@@ -270,7 +270,7 @@ fn measured(trial: &TrialResult, phase: Phase) -> (usize, usize) {
     (measurements, episodes)
 }
 
-/// The smallest and the largest of whole numbers, or the one that all of them are.
+/// The smallest and the largest of whole numbers, or the one number where they are equal.
 fn range(numbers: impl Iterator<Item = f64>) -> String {
     let ends = numbers.fold(None, |ends: Option<(f64, f64)>, number| {
         Some(ends.map_or((number, number), |(low, high)| {

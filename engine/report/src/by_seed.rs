@@ -27,7 +27,7 @@ pub(super) fn csv(grid: &Grid) -> Result<String, Error> {
     write_csv(lines)
 }
 
-/// How many values there are.
+/// Number of values by seed in a table.
 pub(super) fn count(grid: &Grid) -> usize {
     grid.cells.iter().flatten().map(|cell| cell.seeds.len()).sum()
 }
@@ -55,7 +55,7 @@ pub(super) fn sheet(grid: &Grid) -> Sheet {
             .map(Entry::plain)
             .collect()
     };
-    // Cells that no trial belongs to have nothing to show.
+    // Cells without a trial are left out.
     let rows = grid
         .places()
         .filter(|(_, cell)| cell.planned > 0)

@@ -1,4 +1,4 @@
-//! The claims of a study and what the seeds say of them, as a table.
+//! The claims of a study with their verdicts, as a table.
 
 use super::{
     Contents,
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
 
-/// A row for each claim and place that it is held against; `None` without claims.
+/// A row for each claim and place of its evaluation; `None` without claims.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let row = |line: &ClaimLine| {
         vec![
@@ -39,8 +39,8 @@ fn in_one_line(notes: &[String]) -> String {
     notes.join("; ")
 }
 
-/// What stands under the claims: why claims are refuted, where the study says it; with how many seeds no
-/// permutation test could decide anything; and that times are of the machine.
+/// Notes under the claims: causes of refuted claims that the study states, numbers of seeds too small for a
+/// permutation test to decide anything, and the dependence of times on the machine.
 pub(super) fn notes(contents: &Contents) -> Vec<String> {
     let note = |claim: &ClaimVerdict| Some(format!("{}: {}.", claim.size(), claim.permutation?.note(0.05)?));
     let claims = contents
@@ -54,7 +54,7 @@ pub(super) fn notes(contents: &Contents) -> Vec<String> {
     notes
 }
 
-/// Why claims are refuted, each said once however many environments it is refuted in.
+/// Causes of refuted claims, each once, in however many environments the claim is refuted.
 fn causes(contents: &Contents) -> Vec<String> {
     let mut causes: Vec<String> = Vec::new();
     for line in &contents.claims {

@@ -1,4 +1,4 @@
-//! Learners whose seeds split in two: those that are no better than an agent that learned nothing, and the rest.
+//! Learners with seeds in two groups: those that are no better than an agent that learned nothing, and the rest.
 //!
 //! A mean over both describes neither, and its t interval covers too rarely where one seed in fifty collapses.
 
@@ -8,7 +8,8 @@ use contract::{Better, Phase, trial::CellName};
 use presentation::table::{Cell, Grid};
 use statistics::{MeanEstimate, Share, estimators::mean};
 
-/// A sentence for each value of a table whose seeds split in two; none where numbers are relative to those of an agent.
+/// A sentence for each value of a table with such a split of seeds; none where numbers are relative to those of an
+/// agent.
 pub(super) fn notes(grid: &Grid, metric: &str, study: &StudyInfo, results: &Results) -> Vec<String> {
     if grid.quantity.relative.is_some() || study.floors.is_empty() {
         return Vec::new();
@@ -21,8 +22,7 @@ pub(super) fn notes(grid: &Grid, metric: &str, study: &StudyInfo, results: &Resu
     grid.places().filter_map(note).collect()
 }
 
-/// The better direction, and the best that an agent of the study does that learned nothing, beside the one learner
-/// behind a cell.
+/// The better direction, and the best value of an agent that learned nothing, for the one learner behind a cell.
 fn floor_of(cell: &Cell, metric: &str, study: &StudyInfo, results: &Results) -> Option<(Better, f64)> {
     let better = *study.better.get(metric)?;
     let mut behind = cell.rests_on.iter();

@@ -1,14 +1,14 @@
-//! Confirmations in a report: what each round of seeds says alone, and the last word, which is that of all of them.
+//! Confirmations in a report: the verdict of each round of seeds alone, and the final verdict over all of them.
 //!
-//! Rounds that were not planned together are looks at one growing sample. The level is divided among all of them, those
-//! that had decided included, and the sample of the last one decides. The seeds of an exploratory claim are no round of
-//! it: they are those by which it was found.
+//! Rounds that were not planned together are looks at one growing sample. The level is divided among all of them,
+//! including rounds with an earlier decision, and the sample of the last one decides. The seeds of an exploratory
+//! claim are no round of it, since the claim was found with them.
 
 use super::{
     budgets,
     contents::{ClaimLine, Contents, claim_lines, make_table},
     passed::words,
-    rounds::{Alone, Confirmed},
+    rounds::{ConfirmedVerdict, RoundVerdict},
     sheet::{Entry, NONE, Sheet, Tone},
     study_info::StudyInfo,
 };
@@ -24,19 +24,19 @@ const HOW_READ: &str = "The last word is that of all seeds together. Rounds that
                         at one sample, and the level is divided among all looks. A round on fresh seeds alone is a \
                         replication.";
 
-/// The results of a confirmation, and what they say alone.
+/// The results of a confirmation, and their verdicts alone.
 #[derive(Debug, Clone, Default)]
 pub struct Round {
-    /// Its trials.
+    /// Results of the trials of the round.
     pub results: Results,
     /// Its claims, and the tables whose published values it confirms.
     pub contents: Contents,
-    /// When it was fixed, as a sentence.
+    /// Sentence on the date at which the round was fixed.
     pub fixed: Option<String>,
 }
 
 impl Contents {
-    /// Holds what the confirmations of a study are about against all seeds; `rounds` are those of its confirmations, in
+    /// Evaluates the confirmed claims and values over all seeds; `rounds` are those of the study's confirmations, in
     /// their order.
     pub fn confirm(&mut self, study: &StudyInfo, results: &Results, rounds: &[Round]) {
         for index in 0..study.claims.len() {
@@ -53,7 +53,7 @@ impl Contents {
     fn confirm_claim(&mut self, index: usize, study: &StudyInfo, results: &Results, rounds: &[Round]) {
         let number = index + 1;
         let own: Vec<ClaimLine> = self.claims_of(number).cloned().collect();
-        // The claims of a round are counted in their order.
+        // Claims of a round are numbered in their order.
         let lines_of = |round: &Round, confirmation: &Confirmation| -> Vec<ClaimLine> {
             let place = confirmation.claims.iter().position(|claim| *claim == index);
             let lines = place.map(|place| round.contents.claims_of(place + 1).cloned().collect());
@@ -82,7 +82,7 @@ impl Contents {
         let mut lines = claim_lines(number, &spec, study, &pooled);
         for line in &mut lines {
             line.rounds = alone(line);
-            self.confirmed.push(Confirmed {
+            self.confirmed.push(ConfirmedVerdict {
                 about: format!("{} {}", spec.claim, place_in_words(&line.place)),
                 rounds: line.rounds.clone(),
                 all: self::alone(line, &pooled),
@@ -125,12 +125,12 @@ impl Contents {
                 let (_, cell) = grid.places().find(|(known, _)| *known == place)?;
                 Some(value_alone(grid, cell, results))
             });
-            let confirmed = Confirmed {
+            let confirmed = ConfirmedVerdict {
                 about: format!("{name}: {place}"),
                 rounds: here.filter(|round| !round.seeds.is_empty()).collect(),
                 all: value_alone(&grid, cell, &pooled),
             };
-            // A row that no round is about has the seeds of the study alone.
+            // A row without a round has the seeds of the study alone.
             self.confirmed
                 .extend((confirmed.rounds.len() > 1).then_some(confirmed));
         }
@@ -146,7 +146,7 @@ impl Contents {
         self.claims.iter().filter(move |line| line.number == number)
     }
 
-    /// Trials and times of the study and its confirmations.
+    /// Number and time of the trials of the study and its confirmations.
     pub(super) fn cost(&self, results: &Results) -> Cost {
         let mut cost = budgets::cost(results);
         for round in &self.rounds {
@@ -157,7 +157,7 @@ impl Contents {
     }
 }
 
-/// True where some of its trials ended.
+/// Whether some trials of the line have ended.
 fn has_run(line: &ClaimLine) -> bool {
     line.verdict.as_ref().is_ok_and(|claim| claim.n > 0)
 }
@@ -173,18 +173,18 @@ fn place_in_words(place: &str) -> String {
     }
 }
 
-fn alone(line: &ClaimLine, results: &Results) -> Alone {
-    Alone {
+fn alone(line: &ClaimLine, results: &Results) -> RoundVerdict {
+    RoundVerdict {
         seeds: seeds(&line.rests_on, results),
         verdict: line.word().into(),
         value: line.difference().unwrap_or_default(),
     }
 }
 
-fn value_alone(grid: &Grid, cell: &Cell, results: &Results) -> Alone {
+fn value_alone(grid: &Grid, cell: &Cell, results: &Results) -> RoundVerdict {
     let verdict = cell.verdict().map_or(NONE, |verdict| verdict.word());
     let value = cell.estimate.map(|value| grid.format.write(value));
-    Alone {
+    RoundVerdict {
         seeds: seeds(&cell.rests_on, results),
         verdict: verdict.into(),
         value: value.unwrap_or_default(),
@@ -201,10 +201,10 @@ fn seeds(cells: &BTreeSet<CellName>, results: &Results) -> String {
     seed_ranges(&seeds.into_iter().collect::<Vec<_>>())
 }
 
-/// A row for each round and one for all of them; `None` where nothing was confirmed.
+/// A row for each round and one for all rounds together; `None` without a confirmed claim or value.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
-    let rows = |it: &Confirmed| {
-        let row = |about: Entry, round: &Alone, seeds: String| {
+    let rows = |it: &ConfirmedVerdict| {
+        let row = |about: Entry, round: &RoundVerdict, seeds: String| {
             let verdict = Entry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone());
             vec![
                 about,
@@ -215,7 +215,7 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
         };
         let about = Entry::of(Tone::Code, it.about.clone());
         let all = row(about, &it.all, format!("all: {}", it.all.seeds));
-        // One round says what all say.
+        // A single round equals all rounds together.
         let rounds = it.rounds.iter().filter(|_| it.rounds.len() > 1);
         let rounds = rounds.map(|round| row(Entry::default(), round, round.seeds.clone()));
         std::iter::once(all).chain(rounds).collect::<Vec<_>>()
@@ -231,7 +231,7 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     })
 }
 
-/// The same word, as one of those that verdicts have.
+/// The static word of a verdict that equals `word`.
 fn known_word(word: &str) -> &'static str {
     words().into_iter().find(|known| *known == word).unwrap_or(NONE)
 }

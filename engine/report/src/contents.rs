@@ -1,10 +1,10 @@
-//! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
+//! Computed contents of a report: grids, charts, claims, and the number of each outcome.
 
 use super::{
     collapses, files, floors,
-    kept::{FigureFacts, Kept},
+    kept::{FigureFacts, KeptFigure},
     manifest::Manifest,
-    rounds::{Alone, Confirmed},
+    rounds::{ConfirmedVerdict, RoundVerdict},
     study_info::StudyInfo,
 };
 use analysis::{
@@ -40,75 +40,76 @@ use std::{
 /// The word for a claim that cannot be read.
 pub const UNREAD: &str = "NOT READ";
 
-/// Up to so many imported entries have a sentence each where they are shown.
+/// The most imported entries with a sentence each; more share one.
 const MOST_ORIGINS: usize = 5;
 
-/// Why a figure is not made of a record.
+/// Reason for a figure that cannot be made from a record.
 const NOT_RECORDED: &str = "what it shows is in no record";
 
-/// Everything that a report shows, in the order of the study. What could not be made holds the reason in its
-/// place.
+/// Everything that a report shows, in the order of the study. An entry that could not be made holds the reason
+/// instead.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
-    /// Tables by name.
+    /// Tables by name; the reason where a table could not be made.
     pub tables: Vec<(String, Result<Grid, String>)>,
-    /// Figures by name.
+    /// Figures by name; the reason where a figure could not be made.
     pub figures: Vec<(String, Result<Chart, String>)>,
-    /// Claims, a line for each environment and setting that they are held against.
+    /// Claims, one line for each environment and setting of their evaluation.
     pub claims: Vec<ClaimLine>,
-    /// Figures that are drawn otherwise than they are written, a sentence for each.
+    /// Sentences on figures whose drawing departs from the study.
     pub warnings: Vec<String>,
-    /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen
-    /// before then is not known.
+    /// Path of the damaged record of seen verdicts, inside the store; `None` where the record is intact. Earlier
+    /// looks are unknown then.
     pub lost_record: Option<PathBuf>,
-    /// True where the study is one of a family, whose verdicts are taken together elsewhere.
+    /// Whether the study belongs to a family, whose verdicts are taken together elsewhere.
     pub(super) has_family: bool,
     /// Claims and values with several rounds of seeds.
-    pub(super) confirmed: Vec<Confirmed>,
+    pub(super) confirmed: Vec<ConfirmedVerdict>,
     /// Number and time of the trials of each confirmation.
     pub(super) rounds: Vec<Cost>,
-    /// When the rounds of its confirmations were fixed, a sentence each.
+    /// Sentences on the dates at which the rounds of confirmations were fixed.
     pub(super) fixed: Vec<String>,
-    /// Figures of an earlier report that stay, by name; each stands for one that could not be made.
-    pub kept: BTreeMap<String, Kept>,
+    /// Drawings of an earlier report by figure; each replaces a figure that could not be made.
+    pub kept: BTreeMap<String, KeptFigure>,
 }
 
 /// A claim in one environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimLine {
-    /// Its number in the study, from 1.
+    /// Number of the claim in the study, from 1.
     pub number: usize,
     /// The claim as the study has it.
     pub spec: ClaimSpec,
     /// The environment, and the setting where there are several.
     pub place: String,
-    /// What the seeds say; the reason where the claim cannot be read.
+    /// The verdict of the seeds; the reason where the claim cannot be read.
     pub verdict: Result<ClaimVerdict, String>,
-    /// The smallest difference that matters to it; `None` where any does.
+    /// The smallest difference that matters to the claim, in the unit of its metric; `None` where any difference
+    /// matters.
     pub min_effect: Option<f64>,
-    /// How much of the source's training is behind it; `None` where the study does not say it.
+    /// Share of the source's training behind the claim; `None` where the study does not state it.
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
-    /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
+    /// First rule of the verdict, where it was changed after the verdict was seen: then the verdict is exploratory.
     pub first_judged_by: Option<String>,
-    /// Which seeds the verdict may rest on.
+    /// Seeds that the verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind it.
     pub rests_on: BTreeSet<CellName>,
-    /// The verdict of each round alone, where there are several; `verdict` is that of all.
-    pub rounds: Vec<Alone>,
+    /// The verdict of each round alone, where there are several; `verdict` is that of all rounds together.
+    pub rounds: Vec<RoundVerdict>,
 }
 
-/// How many there are of each word; words that nothing has are left out.
+/// Number of items by word; words with no item are left out.
 pub type Counts = Vec<(&'static str, usize)>;
 
-/// Something that is judged and that the seeds leave open.
+/// A judged value or claim that the seeds leave open.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Open<'a> {
-    /// The combinations whose seeds would decide it.
+    /// The combinations whose further seeds would decide it.
     pub rests_on: &'a BTreeSet<CellName>,
-    /// How many of the planned looks are complete.
+    /// Number of planned looks that are complete.
     pub complete: usize,
 }
 
@@ -152,7 +153,7 @@ impl Contents {
         }
     }
 
-    /// Computes tables and claims alone: all that is judged.
+    /// Computes only tables and claims, which carry all verdicts.
     #[must_use]
     pub fn judged(study: &StudyInfo, results: &Results) -> Self {
         let grid = |spec: &TableSpec| make_table(spec, study, results).map_err(|error| error.to_string());
@@ -178,8 +179,8 @@ impl Contents {
         contents
     }
 
-    /// Leaves to an earlier report what this one has nothing for: a table in which there is no number would take
-    /// the place of one with numbers. The text in its place says so.
+    /// Keeps tables and figures of an earlier report where this one lacks their data, so that an empty table does not
+    /// replace one with numbers. A note on it stands in their place.
     pub fn leave_to(&mut self, earlier: &Manifest) {
         let has = |files: &[String]| files.iter().any(|file| earlier.names(file));
         let are = "; its files are those of an earlier report";
@@ -202,10 +203,10 @@ impl Contents {
         }
     }
 
-    /// Takes the drawings of an earlier report for the figures that could not be made, as far as `facts` are known.
+    /// Keeps drawings of an earlier report for figures that could not be made, as far as `facts` on them are known.
     ///
     /// # Errors
-    /// [`Error::Record`](contract::Error::Record) where a drawing is not as its report wrote it.
+    /// [`Error::Record`](contract::Error::Record) where a drawing does not have the hash of its report.
     pub fn keep(
         &mut self,
         folder: &Path,
@@ -214,13 +215,13 @@ impl Contents {
     ) -> Result<(), contract::Error> {
         for (name, _) in self.figures.iter().filter(|(_, chart)| chart.is_err()) {
             let Some(facts) = facts.get(name) else { continue };
-            let kept = Kept::read(folder, earlier, name, facts)?;
+            let kept = KeptFigure::read(folder, earlier, name, facts)?;
             self.kept.extend(kept.map(|kept| (name.clone(), kept)));
         }
         Ok(())
     }
 
-    /// True where every table and figure is shown, be it as an earlier report drew it.
+    /// Whether every table and figure is shown, including kept drawings of an earlier report.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         let has_chart =
@@ -239,8 +240,8 @@ impl Contents {
             .collect()
     }
 
-    /// Says how strictly each value and claim is decided, and takes those of the study together (Holm) where it
-    /// is a family of its own. Exploratory values and claims are in no family.
+    /// Sets the strictness of the decision on each value and claim, and takes those of the study together (Holm)
+    /// where the study is a family of its own. Exploratory values and claims are in no family.
     pub fn adjust(&mut self) {
         self.leave_families();
         let is_family = !self.has_family;
@@ -289,7 +290,7 @@ impl Contents {
         }
     }
 
-    /// Passes no verdict on anything.
+    /// Withdraws all verdicts.
     fn judge_nothing(&mut self) {
         let grids = self.tables.iter_mut().filter_map(|(_, grid)| grid.as_mut().ok());
         let cells = grids.flat_map(|grid| grid.cells.iter_mut().flatten());
@@ -323,27 +324,27 @@ impl Contents {
         claims.for_each(|claim| claim.adjusted = None);
     }
 
-    /// How many published values have each verdict, those that are exploratory apart.
+    /// Number of published values by verdict, for exploratory or for planned ones.
     #[must_use]
     pub fn verdicts(&self, exploratory: bool) -> Counts {
         count_verdicts(self.cells(exploratory).filter_map(table::Cell::verdict))
     }
 
-    /// The same where all judged values are taken together (Holm); what is not judged, or not yet, keeps its
-    /// verdict.
+    /// Number of published values by verdict, with all judged values taken together (Holm). A value without a
+    /// judgement yet keeps its verdict.
     #[must_use]
     pub fn verdicts_together(&self) -> Counts {
         let judgements = self.cells(false).filter_map(|cell| cell.judgement.as_ref());
         count_verdicts(judgements.map(|judgement| judgement.adjusted.unwrap_or(judgement.verdict)))
     }
 
-    /// How many claims have each outcome, exploratory ones apart; a claim counts once per environment.
+    /// Number of claims by outcome, for exploratory or for planned ones; a claim counts once per environment.
     #[must_use]
     pub fn outcomes(&self, exploratory: bool) -> Counts {
         count_outcomes(self.lines(exploratory).map(ClaimLine::word))
     }
 
-    /// The same where all claims are taken together (Holm); what is not judged, or not yet, keeps its
+    /// Number of claims by outcome, with all claims taken together (Holm). A claim without a judgement yet keeps its
     /// outcome.
     #[must_use]
     pub fn outcomes_together(&self) -> Counts {
@@ -353,7 +354,7 @@ impl Contents {
         )
     }
 
-    /// True where a published value differs or a claim is refuted.
+    /// Whether a published value differs or a claim is refuted.
     #[must_use]
     pub fn contradicts(&self) -> bool {
         let refuted =
@@ -363,7 +364,7 @@ impl Contents {
             || self.lines(false).any(refuted)
     }
 
-    /// What is judged and still open, apart from what is exploratory.
+    /// Judged values and claims that are still open, without exploratory ones.
     #[must_use]
     pub fn open(&self) -> Vec<Open<'_>> {
         let is_open = |verdict: Verdict, complete| {
@@ -427,7 +428,7 @@ fn count_outcomes(words: impl Iterator<Item = &'static str>) -> Counts {
     )
 }
 
-/// How often each word of a list occurs, in the order of the list.
+/// Number of occurrences of each word in a list, in the order of the list.
 fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Counts {
     let words: Vec<&str> = words.collect();
     let counted = list
@@ -458,7 +459,8 @@ fn shows(chart: &Chart, label: &str) -> bool {
     })
 }
 
-/// Notes with sentences on the agents that are shown: on imported runs, and on programs that were computed twice.
+/// Notes with sentences on the agents in the table or figure: on imported runs, and on programs that were computed
+/// twice.
 fn with_agents(
     mut notes: Vec<String>,
     results: &Results,
@@ -480,7 +482,7 @@ fn with_agents(
     notes
 }
 
-/// Notes with the sentence on times, where a table or figure shows some.
+/// Notes with the sentence on times, where a table or figure shows times.
 fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
     notes.extend(names_times(spec).then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
     notes
@@ -533,7 +535,7 @@ pub(super) fn make_table(
 }
 
 impl ClaimLine {
-    /// About how many fresh seeds would decide a claim that is open and has no look left.
+    /// Approximate number of fresh seeds that would decide an open claim without looks left.
     pub(super) fn seeds_to_decide(&self) -> Option<u32> {
         let claim = self.verdict.as_ref().ok()?;
         let open = claim.verdict.is_open();
@@ -541,7 +543,7 @@ impl ClaimLine {
         u32::try_from(claim.n).ok().map(|n| n + more)
     }
 
-    /// The word of the verdict.
+    /// Word of the verdict, [`UNREAD`] where the claim cannot be read.
     #[must_use]
     pub fn word(&self) -> &'static str {
         self.verdict
@@ -549,8 +551,7 @@ impl ClaimLine {
             .map_or(UNREAD, |verdict| verdict.verdict.word())
     }
 
-    /// The verdict that all claims of the study have together (Holm), where it is another than that of the
-    /// claim alone.
+    /// The verdict with all claims of the study taken together (Holm), where it differs from that of the claim alone.
     #[must_use]
     pub fn together(&self) -> Option<ClaimOutcome> {
         self.verdict
@@ -559,7 +560,7 @@ impl ClaimLine {
             .and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict))
     }
 
-    /// The verdict, and the one that all claims of the study have together where it is another.
+    /// The verdict, followed by the verdict with all claims together (Holm) where that differs.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
         let at = match self.training {
@@ -571,8 +572,8 @@ impl ClaimLine {
         format!("{}{at}{holm}", self.word())
     }
 
-    /// The difference between the sides with its interval, its level and the number of seeds; empty where nothing has
-    /// run.
+    /// The difference between the sides with its interval, its level and the number of seeds; empty before trials
+    /// have run.
     #[must_use]
     pub fn numbers(&self) -> String {
         let (Ok(verdict), Some(difference)) = (&self.verdict, self.difference()) else {
@@ -585,7 +586,7 @@ impl ClaimLine {
         format!("{difference}{level}, {}", verdict.size())
     }
 
-    /// The difference between the sides with its interval; `None` where nothing has run.
+    /// The difference between the sides with its interval; `None` before trials have run.
     pub(super) fn difference(&self) -> Option<String> {
         let verdict = self.verdict.as_ref().ok()?;
         let difference = verdict.difference?;
@@ -597,7 +598,7 @@ impl ClaimLine {
         Some(format!("{}{interval}", format.write(difference)))
     }
 
-    /// What was found out about why the claim is refuted; `None` where it is not or nothing is written.
+    /// The cause of a refuted claim; `None` where the claim is not refuted or the study states no cause.
     #[must_use]
     pub fn cause(&self) -> Option<&str> {
         let refuted = matches!(&self.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
@@ -605,13 +606,13 @@ impl ClaimLine {
         Some(text).filter(|text| !text.is_empty())
     }
 
-    /// True where it, or what it is judged by, was thought of after results were seen.
+    /// Whether the claim, or the rule of its verdict, was thought of after results were seen.
     #[must_use]
     pub fn is_exploratory(&self) -> bool {
         self.spec.exploratory || self.first_judged_by.is_some()
     }
 
-    /// What the reader must know besides.
+    /// Cautions and remarks on the verdict.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let exploratory = self
@@ -674,7 +675,7 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
-/// A claim held against results, a line for each environment and setting.
+/// The lines of a claim, one for each environment and setting.
 pub(super) fn claim_lines(
     number: usize,
     spec: &ClaimSpec,
@@ -689,7 +690,7 @@ pub(super) fn claim_lines(
         let held = held_in(&claim, (spec, study), results, scope, setting);
         held.line(number, spec, place, results)
     };
-    // Settings are named behind the place where there are several.
+    // Settings are named after the place where there are several.
     let in_settings = |scope: &Scope<'_>, place: &str| {
         let line = |setting: Option<String>| {
             let named = |setting: &String| format!("{place}, {setting}");
@@ -716,7 +717,7 @@ pub(super) fn claim_lines(
     environments.iter().flat_map(in_environment).collect()
 }
 
-/// A line that rests on nothing yet.
+/// A line without trials behind it yet.
 fn claim_line(
     number: usize,
     spec: &ClaimSpec,
@@ -738,7 +739,7 @@ fn claim_line(
     }
 }
 
-/// The plays that a claim speaks of, where it speaks of nothing else.
+/// The plays that a claim is about; `None` where it is about trials too.
 fn plays_of(claim: &Claim) -> Option<String> {
     let plays = claim
         .operands()
@@ -748,17 +749,17 @@ fn plays_of(claim: &Claim) -> Option<String> {
     Some(plays.into_iter().collect::<Vec<_>>().join(", "))
 }
 
-/// A claim that was held against what the seeds say.
-struct Held<'r> {
+/// The verdict on a claim, with the trials behind it.
+struct JudgedClaim<'r> {
     verdict: ClaimVerdict,
-    /// The smallest difference that matters; `None` where any does.
+    /// The smallest difference that matters, in the unit of the metric; `None` where any difference matters.
     min_effect: Option<f64>,
-    /// The trials that it rests on.
+    /// The trials behind the verdict.
     trials: Vec<&'r TrialResult>,
     looks: Seeds,
 }
 
-impl Held<'_> {
+impl JudgedClaim<'_> {
     fn line(self, number: usize, spec: &ClaimSpec, place: String, results: &Results) -> ClaimLine {
         let training = training_share::behind(&self.trials, results);
         let verdict = ClaimVerdict {
@@ -775,15 +776,14 @@ impl Held<'_> {
     }
 }
 
-/// The verdict on a claim in a scope, in one setting of agents that have several, with the trials that it
-/// rests on.
+/// The verdict on a claim in a scope, in one setting of agents with several, and the trials behind it.
 fn held_in<'r>(
     claim: &Claim,
     (spec, study): (&ClaimSpec, &StudyInfo),
     results: &'r Results,
     scope: &Scope<'r>,
     setting: Option<&str>,
-) -> Held<'r> {
+) -> JudgedClaim<'r> {
     let operands = claim.operands().into_iter();
     let trials: Vec<&TrialResult> = operands
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
@@ -811,7 +811,7 @@ fn held_in<'r>(
         is_there.then(|| name.to_owned())
     };
     verdict.notes = with_agents(notes, results, Programs::OnlyLacking, named);
-    Held {
+    JudgedClaim {
         verdict,
         min_effect,
         trials,
@@ -842,7 +842,8 @@ fn margin(
     relevance.margin(&of_agent)
 }
 
-/// The verdict on a claim, unless something keeps it from meaning what it says.
+/// The verdict on a claim: NOT TRAINED where an agent behind it made no update, CALIBRATED where it agrees with a
+/// choice that was made with the claim in view.
 fn hold(
     claim: &Claim,
     (spec, min_effect): (&ClaimSpec, Option<f64>),
@@ -878,7 +879,7 @@ fn hold(
     verdict
 }
 
-/// The trials that an operand is measured in, whether they have run or not.
+/// The trials of an operand, including those that have not run.
 fn trials_behind<'r>(
     scope: &Scope<'r>,
     results: &'r Results,
@@ -891,7 +892,7 @@ fn trials_behind<'r>(
     }
 }
 
-/// The trials of an operand's agent, of the setting where it has several.
+/// The trials of an operand's agent, in one setting where it has several.
 fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -> Scope<'r> {
     let scope = told_apart(scope, operand);
     match setting.filter(|_| scope.varies(Axis::Setting)) {
@@ -900,7 +901,7 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
     }
 }
 
-/// The trials of an operand's agent, those with the values of swept keys that the claim names.
+/// The trials of an operand's agent with the values of swept keys that the claim names.
 fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
     let mut scope = scope.at(Axis::Agent, &operand.agent);
     if let Some(environment) = &operand.environment {
@@ -912,8 +913,8 @@ fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
     scope
 }
 
-/// The settings that a claim is held against one by one: those of its agents that have several. Settings are
-/// never pooled.
+/// The settings in which a claim is evaluated one by one: those of its agents with several. Settings are never
+/// pooled.
 fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     let mut settings: Vec<Option<String>> = Vec::new();
     for operand in claim.operands() {
@@ -929,8 +930,8 @@ fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     if settings.is_empty() { vec![None] } else { settings }
 }
 
-/// One value per seed below a limit of an agent in a role of a play: the mean over its trained opponents, which are of
-/// seeds below it, too; `None` for what plays do not have.
+/// Values by seed below a limit of an agent in a role of a play: the mean over its trained opponents, with seeds
+/// below the limit, too. `None` for operands outside plays.
 fn in_play(results: &Results, operand: &Operand, limit: u64) -> Option<Vec<(u64, f64)>> {
     let within = operand
         .within
@@ -941,7 +942,7 @@ fn in_play(results: &Results, operand: &Operand, limit: u64) -> Option<Vec<(u64,
     Some(values.into_iter().collect())
 }
 
-/// One value per seed of an operand, of the setting where its agent has several; `None` where there is none.
+/// Values by seed of an operand, in one setting where its agent has several; `None` where there is none.
 fn values(scope: &Scope<'_>, operand: &Operand, setting: Option<&str>) -> Option<Vec<(u64, f64)>> {
     let scope = of_setting(scope, operand, setting);
     let value = |trial: &&TrialResult| {

@@ -1,5 +1,5 @@
-//! What was set: keys of configs that differ between the agents (environments, protocols) of a study, or from
-//! the default.
+//! Settings in a study: keys of configs that differ between its agents (environments, protocols), or from the
+//! default.
 
 use super::{
     StudyInfo,
@@ -10,12 +10,12 @@ use contract::{complete_config::CompleteConfig, part::Part, trial::Purpose, tria
 use serde_json::{Map, Value};
 use std::{collections::BTreeSet, path::Path};
 
-/// Values of one key that are written out; of more, the first ones and their number.
+/// The most values of one key that are written out; of more, the first ones and their number.
 const MOST_VALUES: usize = 6;
-/// Characters of one value that are written out.
+/// The most characters of one value that are written out.
 const MOST_CHARACTERS: usize = 48;
 
-/// Which part of a trial is looked at.
+/// Kind of a trial's part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Agent,
@@ -31,15 +31,15 @@ struct Variant<'a> {
 }
 
 /// An agent or environment of the study with all its configs of one plugin.
-struct User<'a> {
+struct PluginUser<'a> {
     name: &'a str,
     variants: Vec<Variant<'a>>,
 }
 
-/// A plugin with all that use it, in the order of the plan.
+/// A plugin with all its users, in the order of the plan.
 struct Plugin<'a> {
     name: &'a str,
-    users: Vec<User<'a>>,
+    users: Vec<PluginUser<'a>>,
 }
 
 /// A table for every plugin whose configs differ from each other or from its default: agents, protocols,
@@ -76,7 +76,7 @@ impl Kind {
         }
     }
 
-    /// Protocols are told apart by the agents that they were given.
+    /// The user of a trial's part. The user of a protocol is the agent that it trains.
     fn user(self, trial: &TrialResult) -> &str {
         if self == Kind::Environment {
             &trial.trial.cell.environment
@@ -86,12 +86,13 @@ impl Kind {
     }
 }
 
-/// A protocol is shown for agents that learn, since training budgets do not reach the others.
+/// Plugins of a kind with their users. A protocol is shown for agents that learn, since training budgets do not
+/// affect the others.
 fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugin<'a>> {
     let learns = |trial: &TrialResult| study.learners.contains(&trial.trial.cell.agent);
     let all = kind != Kind::Protocol || !results.trials.iter().any(learns);
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
-    // The trials of a plan share their configs, and neighbours mostly have the same one.
+    // Trials of a plan share their configs, and neighbours mostly have the same one.
     let mut last: Option<(&str, &str, &str, &CompleteConfig)> = None;
     for trial in results
         .trials
@@ -139,14 +140,14 @@ fn note<'a>(plugins: &mut Vec<Plugin<'a>>, plugin: &'a str, user: &'a str, varia
     let users = &mut plugins[at].users;
     match users.iter_mut().find(|known| known.name == user) {
         Some(known) => known.variants.push(variant),
-        None => users.push(User {
+        None => users.push(PluginUser {
             name: user,
             variants: vec![variant],
         }),
     }
 }
 
-/// The config with data files named without their folders, by the content that determines numbers.
+/// The config with data files named by the content that determines numbers, without their folders.
 fn shown(part: &Part) -> Value {
     let mut config = part.config.whole().into_owned();
     for (pointer, content) in &part.files {
@@ -208,7 +209,7 @@ fn sheet(kind: Kind, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
     })
 }
 
-/// Users with the values of the keys; those that have all in common stand together.
+/// Users with the values of the keys; users with equal values share a column.
 fn columns<'a>(plugin: &Plugin<'a>, paths: &[Vec<&str>]) -> Vec<(Vec<&'a str>, Vec<String>)> {
     let mut columns: Vec<(Vec<&str>, Vec<String>)> = Vec::new();
     for user in &plugin.users {
@@ -253,9 +254,8 @@ fn at<'a>(config: &'a Value, path: &[&str]) -> Option<&'a Value> {
     path.iter().try_fold(config, |value, key| value.get(key))
 }
 
-impl User<'_> {
-    /// The value of a key; where it has several, all of them with the environments that they belong to, or in
-    /// the order of settings.
+impl PluginUser<'_> {
+    /// The value of a key. Several values are listed with their environments, or in the order of settings.
     fn text(&self, path: &[&str]) -> String {
         let mut places: Vec<(String, BTreeSet<&str>)> = Vec::new();
         for variant in &self.variants {
@@ -309,7 +309,7 @@ fn some_of(values: &[(String, BTreeSet<&str>)]) -> String {
     }
 }
 
-/// A value as a study would have it, cut where it is long.
+/// A value as in a study file, cut where it is long.
 fn word(value: Option<&Value>) -> String {
     let text = match value {
         None => return NONE.into(),

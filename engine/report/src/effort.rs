@@ -1,23 +1,23 @@
-//! The seeds and the time that would decide an open verdict.
+//! Seeds and time that would decide an open verdict.
 
 use analysis::results::Results;
 use contract::{trial::CellName, trial_result::TrialResult};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// About what would decide an open verdict with a power of 80 %, on seeds that nobody has seen, if mean and spread
+/// Approximate effort that would decide an open verdict with a power of 80 %, on unseen seeds, if mean and spread
 /// stay as they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Seeds in all, none of those that there are among them.
+    /// Number of seeds in all, without those that have run.
     pub seeds: u32,
-    /// Wall-clock time of their trials in seconds, one after another, with what these take from others; rounded to
-    /// tenths.
+    /// Wall-clock time of their trials in seconds, one after another, including trials that they take artifacts from;
+    /// rounded to tenths.
     pub trial_time_s: f64,
 }
 
 impl Effort {
-    /// So many seeds of these combinations.
+    /// The effort of this many seeds of these combinations.
     pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
         let seconds = f64::from(seeds) * seconds_per_seed(rests_on, results);
         Self {
@@ -27,7 +27,7 @@ impl Effort {
     }
 }
 
-/// Time of all ended trials of these combinations and of those that they take from, each once, by the number of
+/// Time of all ended trials of these combinations and of their source trials, each once, divided by the number of
 /// their seeds.
 fn seconds_per_seed(rests_on: &BTreeSet<CellName>, results: &Results) -> f64 {
     let own: Vec<&TrialResult> = results
@@ -42,7 +42,7 @@ fn seconds_per_seed(rests_on: &BTreeSet<CellName>, results: &Results) -> f64 {
     seconds / seeds
 }
 
-/// Seconds by id, of these trials and of all that they take from.
+/// Seconds by id, of these trials and of all their source trials.
 fn with_sources<'a>(trials: Vec<&'a TrialResult>, results: &'a Results) -> BTreeMap<&'a str, f64> {
     let all = [&results.prepared, &results.tried, &results.trials];
     let by_id: BTreeMap<&str, &TrialResult> = all
@@ -104,7 +104,7 @@ mod tests {
         );
         let other: BTreeSet<CellName> = [name("other")].into();
         assert_eq!(Effort::of(3, &other, &results).trial_time_s, 3.0);
-        // What has not run costs nothing that is known.
+        // Trials that have not run have no known time.
         assert_eq!(
             Effort::of(3, &[name("nobody")].into(), &results).trial_time_s,
             0.0

@@ -1,5 +1,5 @@
-//! Verdicts that a reader reads together, such as those of a chapter, over several studies: which of them hold
-//! when all of them are asked at once (Holm), and how many there are of each word.
+//! Verdicts that are read together over several studies, such as those of a chapter: those that hold with all of the
+//! family taken together (Holm), and the number of each word.
 
 use super::{
     passed::Passed,
@@ -23,24 +23,24 @@ const HEAD: [&str; 7] = [
 /// A family with its counts.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Family {
-    /// Its name.
+    /// Name of the family.
     pub family: String,
-    /// Its studies.
+    /// Number of its studies.
     pub studies: usize,
-    /// Values and claims that are judged.
+    /// Number of judged values and claims.
     pub judged: usize,
-    /// Those that are decided, each for itself.
+    /// Number of those that are decided, each for itself.
     pub decided: usize,
-    /// Those that are decided when all of the family are taken together.
+    /// Number of those that are decided with all of the family taken together (Holm).
     pub together: usize,
-    /// Those of them that differ, or are refuted.
+    /// Number of those that differ or are refuted.
     pub against: usize,
-    /// Judged values and claims that rest on several rounds of seeds.
+    /// Number of judged values and claims that rest on several rounds of seeds.
     pub confirmed: usize,
 }
 
-/// Takes the verdicts of each family together. Studies without a family are one each, and have been taken
-/// together by their reports.
+/// Takes the verdicts of each family together. A study without a family is a family of its own, and its report has
+/// taken its verdicts together.
 pub fn take_together(studies: &mut [Verdicts]) {
     let mut families: BTreeMap<String, Vec<&mut Passed>> = BTreeMap::new();
     for study in studies {
@@ -57,7 +57,7 @@ pub fn take_together(studies: &mut [Verdicts]) {
     }
 }
 
-/// The families in the order of their names, once their verdicts were taken together.
+/// The families in the order of their names, after [`take_together`].
 #[must_use]
 pub fn families(studies: &[Verdicts]) -> Vec<Family> {
     let mut families: BTreeMap<&str, Family> = BTreeMap::new();
@@ -78,7 +78,7 @@ pub fn families(studies: &[Verdicts]) -> Vec<Family> {
     families.into_values().collect()
 }
 
-/// A row for each family; `None` where there is none.
+/// A row for each family; `None` without families.
 pub(super) fn sheet(families: &[Family]) -> Option<Sheet> {
     let row = |it: &Family| {
         let counts = [
@@ -101,7 +101,7 @@ pub(super) fn sheet(families: &[Family]) -> Option<Sheet> {
     })
 }
 
-/// The same in Markdown; empty where there is no family.
+/// The families in Markdown; empty without families.
 #[must_use]
 pub fn families_as_markdown(families: &[Family]) -> String {
     sheet(families).map_or_else(String::new, |sheet| sheet.markdown())
@@ -144,7 +144,7 @@ mod tests {
             .flat_map(|it| &it.verdicts)
             .map(Passed::in_all)
             .collect();
-        // Three are judged in the first family: 0.2 of 1/3 of the level is enough, 0.4 of 1/2 as well.
+        // The first family has three judged verdicts: 0.2 of 1/3 of the level is enough, 0.4 of 1/2 as well.
         assert_eq!(
             words,
             [

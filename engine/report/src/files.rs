@@ -1,18 +1,18 @@
-//! Files that appear whole or not at all.
+//! Files that are written whole or not at all.
 
 use contract::Error;
 use execution::world::{fs, process};
 use std::path::Path;
 
-/// Writes a file and the folder it lies in.
+/// Writes a file, after creating its folder.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     write_with(path, |temporary| {
         fs::write(temporary, bytes).map_err(Error::file("write", temporary))
     })
 }
 
-/// Lets `fill` write a temporary file beside `path` and renames it. Its name ends as that of `path` does,
-/// since a writer may choose its format by the ending.
+/// Lets `fill` write a temporary file beside `path` and renames it. The temporary name has the same ending, since a
+/// writer may choose its format by the ending.
 pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Error>) -> Result<(), Error> {
     let dir = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(dir).map_err(Error::file("create", dir))?;
@@ -21,7 +21,7 @@ pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Err
     let filled =
         fill(&temporary).and_then(|()| fs::rename(&temporary, path).map_err(Error::file("write", path)));
     if filled.is_err() {
-        // The first error is the one to report; what is left over is hidden and harmless.
+        // The first error is the one to report; the temporary file is hidden and harmless.
         let _ = fs::remove_file(&temporary);
     }
     filled
@@ -32,7 +32,7 @@ pub(super) const TABLES: &str = "tables";
 /// The folder of figures in that of a report.
 pub(super) const FIGURES: &str = "figures";
 
-/// A file name made of a table's or figure's name.
+/// A file name for a table or figure.
 pub(super) fn name(name: &str, extension: &str) -> String {
     format!("{}.{extension}", slug(name))
 }

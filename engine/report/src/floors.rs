@@ -1,8 +1,8 @@
-//! Whether trained agents are better than those that learned nothing.
+//! Check whether trained agents are better than agents that learned nothing.
 //!
-//! An order among agents none of which is better than doing nothing says how they fail. A claim that compares two
-//! trained agents is therefore judged only where one of them is better than every floor of the study, by the 95 %
-//! interval of the difference.
+//! An order among agents that are no better than doing nothing only shows the ways in which they fail. A claim that
+//! compares two trained agents is therefore judged only where one of them is better than every floor of the study, by
+//! the 95 % interval of the difference.
 
 use super::StudyInfo;
 use analysis::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
@@ -10,10 +10,10 @@ use contract::Better;
 use statistics::Seeds;
 use std::collections::BTreeSet;
 
-/// Values of an operand by seed, below a number.
+/// Values of an operand by seed, below a limit.
 type Values<'a> = &'a dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>;
 
-/// False where a claim compares two trained agents and neither is better than all floors.
+/// Whether a claim may be judged: not where it compares two trained agents and neither is better than all floors.
 pub(super) fn are_passed(
     claim: &Claim,
     study: &StudyInfo,
@@ -35,12 +35,12 @@ pub(super) fn are_passed(
         .any(|side| passes(side, relation, &study.floors, values))
 }
 
-/// That no trained agent passed the floors.
+/// Sentence on a claim without a trained agent above the floors.
 pub(super) fn in_words(floors: &[String]) -> String {
     format!("neither is better than {}", floors.join(" and "))
 }
 
-/// The relation of a good agent to a floor. In a play each role has its own interest, which is the claim's.
+/// The relation of a good agent to a floor. In a play each role has its own interest, which is that of the claim.
 fn better(claim: &Claim, operand: &Operand, study: &StudyInfo) -> Option<Relation> {
     let is_claimed_higher = matches!(claim.relation, Relation::Greater | Relation::GreaterOrEqual);
     let is_higher = match operand.within {
@@ -54,7 +54,7 @@ fn better(claim: &Claim, operand: &Operand, study: &StudyInfo) -> Option<Relatio
     })
 }
 
-/// True where an agent is better than each floor that was measured as it was.
+/// Whether an agent is better than each floor that was measured in the same place.
 fn passes(agent: &Operand, relation: Relation, floors: &[String], values: Values<'_>) -> bool {
     let side = |operand: Operand| Quantity::Measured { factor: 1.0, operand };
     floors.iter().all(|floor| {
@@ -103,20 +103,20 @@ mod tests {
         let world = |a, b| [("a", a), ("b", b), ("nothing", middle), ("rule", low)];
         let up = |a, b| passed("a.x > b.x", Better::Higher, &world(a, b));
         assert!(up(high, low) && up(low, high) && !up(low, middle) && !up(low, low));
-        // Where less is better.
+        // Less is better.
         assert!(!passed("a.x < b.x", Better::Lower, &world(high, middle)));
         assert!(passed("a.x < b.x", Better::Lower, &world(low, high)));
-        // The interest of a role of a play is the claim's.
+        // In a play the interest of a role is that of the claim.
         assert!(passed(
             "p.prey.a.x < p.prey.b.x",
             Better::Higher,
             &world(low, high)
         ));
-        // A comparison with a rule or a number is judged, and so is that two are near each other.
+        // A comparison with a rule or a number is judged, and so is a claim that two values are near each other.
         for claim in ["a.x > rule.x", "a.x > 2", "a.x within 1 of b.x"] {
             assert!(passed(claim, Better::Higher, &world(low, low)), "{claim}");
         }
-        // Without a measured floor nothing is known.
+        // Without a measured floor the claim is judged.
         assert!(passed("a.x > b.x", Better::Higher, &[("a", low), ("b", low)]));
     }
 }

@@ -2,16 +2,16 @@
 
 use super::{Contents, Counts, StudyInfo};
 
-/// A line of the head: what is counted, and how many there are of each word that occurs.
+/// A line of the head: a quantity, and the number of each word that occurs.
 pub(super) struct Line {
-    /// What is counted.
+    /// The quantity that is counted.
     pub(super) what: String,
-    /// Words with their numbers, none of them 0.
+    /// Words with their numbers, all above 0.
     pub(super) words: Counts,
 }
 
-/// Published values and claims, taken together (Holm) and one by one where that differs, and what is
-/// exploratory; what does not occur is left out, and everything where nothing is judged.
+/// Published values and claims, taken together (Holm), and one by one where that differs, and exploratory ones. Words
+/// without a count are left out, and so is everything where nothing is judged.
 pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<Line> {
     if study.is_rehearsal {
         return Vec::new();
@@ -33,7 +33,7 @@ pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<Line> {
         .collect()
 }
 
-/// The same things, counted in three ways.
+/// Counts of one quantity in three ways.
 struct Families {
     alone: Counts,
     together: Counts,
@@ -41,7 +41,7 @@ struct Families {
 }
 
 impl Families {
-    /// Together first, one by one only where that is another.
+    /// The line with all taken together, then the line one by one where that differs.
     fn lines(self, what: &str) -> Vec<Line> {
         let differs = self.together != self.alone;
         let named = if differs {

@@ -1,5 +1,5 @@
-//! One page over many studies: what each came to, its verdicts, its figures small, and what it took. It is made of
-//! what reports wrote into their folders, so it says nothing that no report says.
+//! One page over many studies: the outcome of each, its verdicts, its figures at small size, and its cost. It is made
+//! of the files that reports wrote into their folders, so it says nothing that no report says.
 
 use super::{
     Verdicts, answered, families, open,
@@ -13,21 +13,21 @@ use presentation::table::prose;
 
 const STYLE: &str = include_str!("index.css");
 
-/// A study as the index shows it.
+/// A study in the index.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct IndexEntry {
-    /// Its folder of results, seen from the index.
+    /// Folder of results, relative to the index.
     pub folder: String,
-    /// What its report passes a verdict on.
+    /// Verdicts of its report.
     pub verdicts: Verdicts,
-    /// Its drawings, seen from its folder, as `figures/voltages.svg`.
+    /// Paths of its drawings, relative to its folder, as `figures/voltages.svg`.
     pub drawings: Vec<String>,
 }
 
 const TITLE: &str = "Results of all studies";
 
-/// The page. `options` are those of the command line that all the studies were asked for with; `unread` are folders
-/// whose reports left nothing to read here.
+/// The page. `options` are the options of the command line that all the studies share; `unread` are folders without
+/// readable verdicts.
 #[must_use]
 pub fn index(entries: &[IndexEntry], options: &[String], unread: &[String]) -> String {
     let body = html! {
@@ -88,12 +88,12 @@ fn study(entry: &IndexEntry) -> Markup {
     }
 }
 
-/// The page of a study, seen from the index.
+/// Path of the page of a study, relative to the index.
 fn page(entry: &IndexEntry) -> String {
     format!("{}/index.html", entry.folder)
 }
 
-/// The answers, family by family; empty where no study has one.
+/// The answers by family; empty where no study has one.
 fn answers(entries: &[IndexEntry]) -> Markup {
     let studies = entries.iter().map(|entry| (page(entry), &entry.verdicts));
     let studies: Vec<(String, &Verdicts)> = studies.collect();
@@ -107,7 +107,7 @@ fn answers(entries: &[IndexEntry]) -> Markup {
     }
 }
 
-/// The counts by family; empty where there is none.
+/// The counts by family; empty without families.
 fn by_family(entries: &[IndexEntry]) -> Markup {
     let studies: Vec<Verdicts> = entries.iter().map(|entry| entry.verdicts.clone()).collect();
     html! {
@@ -120,7 +120,7 @@ fn by_family(entries: &[IndexEntry]) -> Markup {
     }
 }
 
-/// What is open in any of the studies; empty where nothing is.
+/// Open verdicts of all studies; empty where there is none.
 fn still_open(entries: &[IndexEntry]) -> Markup {
     let studies = || entries.iter().map(|entry| &entry.verdicts);
     html! {
@@ -141,7 +141,7 @@ fn took(verdicts: &Verdicts) -> String {
     }
 }
 
-/// Lines of counted words: published values, claims, and what is exploratory; none of what does not occur.
+/// Lines of counted words: published values, claims, and exploratory ones; lines without counts are left out.
 fn counts<'a>(passed: impl Iterator<Item = &'a super::Passed> + Clone) -> Markup {
     let is_claim = |it: &super::Passed| it.about.starts_with("claim ");
     let groups: [(&str, &dyn Fn(&super::Passed) -> bool); 3] = [
@@ -165,7 +165,7 @@ fn counts<'a>(passed: impl Iterator<Item = &'a super::Passed> + Clone) -> Markup
     }
 }
 
-/// The figures, small, each of which leads to its place on the study's page; empty where there is none.
+/// The figures at small size, each linked to its place on the study's page; empty without figures.
 fn drawings(entry: &IndexEntry) -> Markup {
     html! {
         @if !entry.drawings.is_empty() {

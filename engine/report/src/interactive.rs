@@ -1,5 +1,5 @@
-//! What makes the learning curves of a page answer: their lines as data, and the scripts that plot them. All of it
-//! stands in the page, and the page says the same without it.
+//! Interactive learning curves of a page: their lines as data, and the scripts that plot them. All of it is inside
+//! the page, and the page is complete without it.
 
 use maud::{Markup, PreEscaped, html};
 use presentation::figure::{Chart, plot_data};
@@ -15,12 +15,12 @@ const OWN: &str = include_str!("page.js");
 pub(super) struct Lines(Value);
 
 impl Lines {
-    /// Those of learning curves; `None` of any other chart.
+    /// The lines of learning curves; `None` for any other chart.
     pub(super) fn of(chart: &Chart) -> Option<Self> {
         plot_data(chart).map(Self)
     }
 
-    /// The element that holds them. No text in it can end it.
+    /// The element that holds the data. No text in the data can end it.
     pub(super) fn element(&self) -> Markup {
         let data = self.0.to_string().replace('<', "\\u003c");
         html! { script.lines type="application/json" { (PreEscaped(data)) } }
@@ -29,7 +29,7 @@ impl Lines {
 
 /// uPlot with its licence, and the page's own script.
 pub(super) fn script() -> Markup {
-    // The first line of the published file is a comment with an address; the name and the licence are said here.
+    // The first line of the published file is a comment with an address; the script states name and licence itself.
     let uplot = UPLOT.split_once('\n').map_or(UPLOT, |(_, code)| code);
     let code = format!("\n/* uPlot 1.6.32\n\n{LICENCE}\n*/\n{uplot}\n{OWN}");
     html! { script { (PreEscaped(code)) } }

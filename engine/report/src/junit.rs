@@ -1,8 +1,7 @@
-//! How trials ended as JUnit XML, which continuous integration shows as tests: a suite per study, a test case
-//! per trial.
+//! Ends of trials as JUnit XML for continuous integration: a suite per study, a test case per trial.
 //!
-//! A trial whose plugin reported something (`failed`, `nan`) is a failure, one that broke or was ended
-//! (`panicked`, `timeout`, `oom`, `killed`) an error, one that has not run is skipped.
+//! A trial whose plugin reported a problem (`failed`, `nan`) is a failure. One that broke or was ended (`panicked`,
+//! `timeout`, `oom`, `killed`) is an error, and one that has not run is skipped.
 
 use super::outcome::Outcome;
 use contract::{
@@ -72,12 +71,12 @@ fn status(end: Option<&TrialEnd>) -> TestCaseStatus {
     status
 }
 
-/// A text without the two characters that XML cannot hold and the writer lets pass.
+/// A text without the two characters that XML cannot hold and the writer does not escape.
 fn text(text: &str) -> String {
     text.replace(['\u{fffe}', '\u{ffff}'], "\u{fffd}")
 }
 
-/// A wall time; a stored one is never negative.
+/// A wall time as a duration; stored times are never negative.
 fn seconds(wall_s: f64) -> Duration {
     Duration::try_from_secs_f64(wall_s).unwrap_or_default()
 }

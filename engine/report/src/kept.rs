@@ -1,5 +1,5 @@
-//! Figures of an earlier report that stay where their data are not at hand: their drawings lie in the folder, and
-//! a record tells the rest.
+//! Figures of an earlier report that are kept where their data are absent: their drawings lie in the folder, and the
+//! record holds the facts on them.
 
 use super::files;
 use crate::Manifest;
@@ -9,26 +9,26 @@ use presentation::figure::{Chart, Shades, is_wide};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The endings of the files of a figure, as pages name them.
+/// Endings of the files of a figure, in the order of links on pages.
 pub(super) const ENDINGS: [&str; 4] = ["svg", "pdf", "png", "csv"];
 
-/// The facts on a figure that a page needs besides its drawing and what the study says of it.
+/// Facts on a figure that a page needs besides the drawing and the study.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FigureFacts {
-    /// A description for those who cannot see it.
+    /// A description for readers who cannot see the figure.
     pub words: String,
-    /// Sentences under it.
+    /// Sentences under the figure.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// True where it is as wide as two columns of a paper.
+    /// Whether it is as wide as two columns of a paper.
     pub is_wide: bool,
-    /// The treatment of its colours on a dark page.
+    /// Colours on a dark page.
     pub shades: Shades,
 }
 
 impl FigureFacts {
-    /// Those of a chart.
+    /// Facts on a chart.
     #[must_use]
     pub fn of(chart: &Chart) -> Self {
         Self {
@@ -40,22 +40,22 @@ impl FigureFacts {
     }
 }
 
-/// A figure that stays.
+/// A figure of an earlier report.
 #[derive(Debug, Clone)]
-pub struct Kept {
-    /// The facts on it.
+pub struct KeptFigure {
+    /// Facts on the figure.
     pub facts: FigureFacts,
-    /// Its drawing.
+    /// Its drawing, as SVG.
     pub svg: String,
-    /// The endings of its files, as far as there are some.
+    /// Endings of its files that exist.
     pub endings: Vec<&'static str>,
 }
 
-impl Kept {
-    /// The figure of a name in a folder; `None` where its report drew none.
+impl KeptFigure {
+    /// The figure of this name in a folder; `None` where the report there drew none.
     ///
     /// # Errors
-    /// [`Error::Record`] where the drawing is not as its report wrote it.
+    /// [`Error::Record`] where the drawing does not have the hash of its report.
     pub fn read(
         folder: &Path,
         manifest: &Manifest,

@@ -20,7 +20,7 @@ pub(super) fn entries(contents: &Contents) -> Vec<(&'static str, &'static str)> 
         .collect()
 }
 
-/// The meaning of a word; empty for what is no verdict.
+/// The meaning of a word; empty for words that are no verdicts.
 fn meaning(word: &str) -> &'static str {
     let value = Verdict::ALL.into_iter().find(|verdict| verdict.word() == word);
     let claim = ClaimOutcome::ALL

@@ -1,8 +1,8 @@
-//! The report of a study: tables, figures and claims with what they rest on, as files and as one
-//! self-contained page.
+//! The report of a study: tables, figures and claims with the trials behind them, as files and as one self-contained
+//! page.
 //!
-//! Everything is a function of what is passed in: no clock, no random number and no version control is read
-//! here, so that the same results give the same bytes.
+//! Everything is a function of the arguments: no clock, no random number and no version control is read here, so that
+//! the same results give the same bytes.
 
 mod answered;
 mod answers;
@@ -58,20 +58,20 @@ pub use families::{Family, families, families_as_markdown, take_together};
 pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
-pub use kept::{FigureFacts, Kept};
+pub use kept::{FigureFacts, KeptFigure};
 pub use manifest::{Manifest, Replaced};
-pub use open::{Decided, StillOpen, open_as_markdown, still_open};
+pub use open::{Decided, OpenVerdict, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use passed::Passed;
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
 pub use provenance::Provenance;
-pub use rounds::Alone;
+pub use rounds::RoundVerdict;
 pub use sentence::sentence;
 pub use stages::{Stage, Take};
 pub use study_info::StudyInfo;
 pub use summary::{summary, tinted};
-pub use verdicts::{Answered, Verdicts, Word};
+pub use verdicts::{AnswerLine, Verdicts, Word};
 
 use analysis::results::{Ran, Results};
 use contract::Error;
@@ -82,15 +82,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The profile that tries a study out: nothing that is computed under it is a result.
+/// Name of the profile for trying a study out; its trials are no results.
 pub const REHEARSAL: &str = "smoke";
 
-/// Where a report was written.
+/// Paths of a written report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportPaths {
-    /// The page.
+    /// Path of `index.html`.
     pub page: PathBuf,
-    /// The report in Markdown.
+    /// Path of `report.md`.
     pub markdown: PathBuf,
     /// Files of tables, figures and verdicts.
     pub files: Vec<PathBuf>,
@@ -101,7 +101,7 @@ pub struct ReportPaths {
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the
-/// report says why. A figure whose drawing is refused becomes one of these in `contents`.
+/// report states the reason. A figure whose drawing is refused becomes one of these in `contents`.
 pub fn write(
     dir: &Path,
     study: &StudyInfo,
@@ -175,8 +175,8 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5
     Ok(paths)
 }
 
-/// Writes the files of all figures and returns the SVG of each, by name. A drawing that is refused costs that figure
-/// alone, whose data are written all the same.
+/// Writes the files of all figures and returns the SVG of each, by name. Where a drawing is refused, only that figure
+/// lacks its drawing; its data are still written.
 fn write_figures(
     dir: &Path,
     contents: &mut Contents,
@@ -203,7 +203,7 @@ fn write_figures(
     Ok(drawings)
 }
 
-/// Writes the drawing of a figure, as SVG, which is returned too, PNG and PDF: all of them, or none where one is
+/// Writes the drawing of a figure as SVG, PNG and PDF, and returns the SVG. No file is written where one of them is
 /// refused.
 fn write_drawing(vector: &Path, pixels: &Path, page: &Path, chart: &figure::Chart) -> Result<String, Error> {
     let svg = figure::svg(chart)?;

@@ -1,6 +1,5 @@
-//! `manifest.json` of a folder of results: which study file they are of, and which files a report wrote. With
-//! it the next report takes away what it does not write any more, such as a table that was renamed, and
-//! nothing else.
+//! `manifest.json` of a folder of results: its study file, and the files that a report wrote. By this list the next
+//! report removes files that it no longer writes, such as those of a renamed table, and no others.
 
 use super::files;
 use contract::Error;
@@ -12,41 +11,41 @@ use std::{
 };
 
 const NAME: &str = "manifest.json";
-/// Folders in which reports put files of changing names.
+/// Folders of a report with files of changing names.
 const FOLDERS: [&str; 2] = [files::TABLES, files::FIGURES];
 
-/// What a folder of results says of itself.
+/// Manifest of a folder of results.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Name of the study.
     pub study: String,
-    /// The study file, seen from the folder.
+    /// Path of the study file, relative to the folder.
     pub spec: String,
-    /// Options of the command line, where the results are not of the study as it is written.
+    /// Options of the command line, where they change the study.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub options: Vec<String>,
     /// Hashes of the files that the report wrote, by their names inside the folder.
     pub files: BTreeMap<String, String>,
-    /// The same of an earlier report, whose tables and figures this one could not make.
+    /// Hashes of files of an earlier report, of tables and figures that this one could not make.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub earlier: BTreeMap<String, String>,
 }
 
-/// What became of files that an earlier report wrote and this one did not; names inside the folder.
+/// Files of an earlier report that the present one did not write, by names inside the folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Replaced {
-    /// They were removed.
+    /// Files that were removed.
     pub removed: Vec<String>,
-    /// They were left, because somebody changed them since.
+    /// Files that were left because they were changed since.
     pub changed: Vec<String>,
-    /// They were left, because this report could not make what they show.
+    /// Files that were left because this report could not make their tables or figures.
     pub kept: Vec<String>,
-    /// Where no earlier report noted what it wrote: files beside its tables and figures, which were left.
+    /// Files beside tables and figures that were left because the folder had no manifest.
     pub unknown: Vec<String>,
 }
 
 impl Manifest {
-    /// The manifest of a folder; `None` where there is none that can be read.
+    /// The manifest of a folder; `None` where there is no readable one.
     #[must_use]
     pub fn read(folder: &Path) -> Option<Self> {
         serde_json::from_slice(&fs::read(folder.join(NAME)).ok()?).ok()
@@ -80,7 +79,7 @@ impl Manifest {
         })
     }
 
-    /// Whether a file of the folder is of the report, or of an earlier one.
+    /// Whether a file of the folder belongs to the report, or to an earlier one.
     #[must_use]
     pub fn names(&self, file: &str) -> bool {
         self.files.contains_key(file) || self.earlier.contains_key(file)
@@ -89,7 +88,7 @@ impl Manifest {
     /// The manifest of a folder whose files are to be read.
     ///
     /// # Errors
-    /// [`Error::Record`] where there is none, or none that can be read.
+    /// [`Error::Record`] where there is no readable one.
     pub fn of_record(folder: &Path) -> Result<Self, Error> {
         Self::read(folder).ok_or_else(|| Error::Record {
             path: folder.join(NAME),
@@ -97,10 +96,10 @@ impl Manifest {
         })
     }
 
-    /// The bytes of a file of the folder, held against their hash.
+    /// The bytes of a file of the folder, checked against their hash.
     ///
     /// # Errors
-    /// [`Error::Record`] where it is not as the report wrote it.
+    /// [`Error::Record`] where the hash differs.
     pub fn checked(&self, folder: &Path, name: &str) -> Result<Vec<u8>, Error> {
         let wrong = |problem: &str| Error::Record {
             path: folder.join(name),
@@ -116,8 +115,7 @@ impl Manifest {
         }
     }
 
-    /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists; those of
-    /// `unmade` stay.
+    /// Replaces the folder's manifest, and removes the files that only the earlier one lists; those of `unmade` stay.
     ///
     /// # Errors
     /// [`Error::File`] where a file cannot be removed or written.
@@ -178,8 +176,7 @@ impl Manifest {
     }
 }
 
-/// What a file inside the folder holds; `None` where the name leads out of it or to something else than a
-/// file.
+/// The bytes of a file inside the folder; `None` where the name leads out of it or to anything but a file.
 fn own_file(folder: &Path, name: &str) -> Option<Vec<u8>> {
     let inside = fs::is_inside(Path::new(name));
     let mut way = folder.to_owned();
@@ -196,7 +193,7 @@ fn own_file(folder: &Path, name: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    /// Writes files and what a report of them notes.
+    /// Writes files as a report does, and its manifest.
     fn report(folder: &Path, names: &[&str]) -> Replaced {
         let paths: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
         for path in &paths {
@@ -214,8 +211,8 @@ mod tests {
         replaced
     }
 
-    /// Tables and figures that a report cannot make stay as an earlier one made them, however many such reports
-    /// follow, until one makes them or the study has them no more.
+    /// Tables and figures that a report cannot make stay as an earlier one made them, through any number of such
+    /// reports, until one makes them or the study drops them.
     #[test]
     fn what_could_not_be_made_stays_until_it_is_made_or_no_more_asked_for() {
         let dir = tempfile::tempdir().unwrap();

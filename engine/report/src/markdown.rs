@@ -37,7 +37,7 @@ fn head_blocks(parts: &Parts<'_>) -> Vec<String> {
     blocks
 }
 
-/// The sections in their order, each with its items; those without any are left out of the report.
+/// The sections in their order, each with its items; the report leaves out empty ones.
 fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
     let study = parts.study;
     let item = |name: &str, text: &str| format!("- {name}: {text}");
@@ -88,7 +88,7 @@ fn sections(parts: &Parts<'_>) -> [(&'static str, Vec<String>); 13] {
     ]
 }
 
-/// The deviations that matter most, where the section has more than these.
+/// The most important deviations, where the section has more.
 fn first_deviations(study: &StudyInfo) -> Vec<String> {
     let first = study.deviations.iter().take(answers::FIRST_DEVIATIONS);
     let lines: Vec<String> = first.map(|it| format!("- {}", prose::markdown(it))).collect();
@@ -104,7 +104,7 @@ fn first_deviations(study: &StudyInfo) -> Vec<String> {
     }
 }
 
-/// The title, or the name of a study without one.
+/// The title of the study; its name where it has no title.
 pub(super) fn title<'a>(parts: &Parts<'a>) -> &'a str {
     if parts.study.title.is_empty() {
         &parts.study.name
@@ -186,10 +186,10 @@ fn settings(parts: &Parts<'_>) -> Vec<String> {
         .collect()
 }
 
-/// What stands above the settings that differ.
+/// Text above the settings that differ.
 pub(super) const SETTINGS: &str =
     "Keys that differ between agents, settings or environments, or from the default of their plugin.";
-/// What stands in their place where there are none.
+/// Text for a study with default settings alone.
 pub(super) const NO_SETTINGS: &str = "None: every plugin has its defaults.";
 
 fn by_seed(parts: &Parts<'_>) -> Vec<String> {
@@ -231,7 +231,7 @@ fn imported(parts: &Parts<'_>) -> String {
         .join("; ")
 }
 
-/// What made the results, by name.
+/// Programs, plugins and machine behind the results, by name.
 pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let provenance = parts.provenance;
     let plugins: Vec<String> = provenance

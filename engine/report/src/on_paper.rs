@@ -1,5 +1,5 @@
-//! How a table comes to lie on a sheet of paper with all its columns: upright, on a turned sheet, or smaller. A
-//! style sheet cannot ask how wide a table is, so it is estimated from the texts.
+//! Layout of a table on paper, with all its columns: upright, on a turned sheet, or smaller. A style sheet cannot
+//! measure a table, so its width is estimated from the texts.
 
 use maud::{Markup, html};
 use presentation::table::{Grid, Heading, Part, published_and_verdict};
@@ -7,16 +7,16 @@ use unicode_width::UnicodeWidthStr;
 
 /// Size of text in tables on paper, in points.
 const SIZE: f64 = 8.0;
-/// Values are broken at spaces before they become smaller than this.
+/// Size below which values are broken at spaces, in points.
 const SMALL: f64 = 5.0;
 /// Room between the margins in points: the narrower of A4 and Letter, upright and turned.
 const UPRIGHT: f64 = 527.0;
 const TURNED: f64 = 723.0;
-/// Width of a character and of the room between columns, in parts of the size: those of a wide face.
+/// Width of a character and of the room between columns, in parts of the size, for a wide typeface.
 const CHARACTER: f64 = 0.64;
 const GAP: f64 = 0.6;
 
-/// The texts of a column, measured.
+/// Lengths of the texts of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Column {
     /// Characters of its longest text.
@@ -26,7 +26,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// A column with this heading, which breaks at spaces, and texts, which do so where they are words.
+    /// A column with a heading and texts. The heading breaks at spaces; the texts do so where `words` is set.
     pub(super) fn of<'a>(head: &str, texts: impl Iterator<Item = &'a str>, words: bool) -> Self {
         let (mut whole, mut broken) = (longest_word(head), longest_word(head));
         for text in texts {
@@ -61,17 +61,17 @@ pub(super) fn columns(grid: &Grid) -> Vec<Column> {
         .collect()
 }
 
-/// How a table lies on paper.
+/// Layout of a table on paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct OnPaper {
+pub(super) struct PaperFit {
     turned: bool,
-    /// Values are broken at spaces.
+    /// Whether values are broken at spaces.
     tight: bool,
     size: f64,
 }
 
-impl OnPaper {
-    /// Upright where it fits; else turned, then smaller, then with broken values, and then as small as it must be.
+impl PaperFit {
+    /// Upright where the table fits; else turned, then smaller, then with broken values, and then as small as needed.
     pub(super) fn of(columns: &[Column]) -> Self {
         let width = |of: fn(&Column) -> usize| {
             let characters = columns.iter().map(of).sum::<usize>();
@@ -97,9 +97,9 @@ impl OnPaper {
         self.turned.then_some("turned")
     }
 
-    /// The table in the element that it scrolls in.
+    /// The table in a scrollable element.
     pub(super) fn around(self, table: &Markup) -> Markup {
-        // Rounded down, so that it still fits.
+        // Rounded down, so that the table still fits.
         let size = (self.size * 10.0).floor() / 10.0;
         let style = (self.size < SIZE).then(|| format!("--print-size: {size}pt"));
         html! { div.wide.tight[self.tight] style=[style] { (table) } }
@@ -110,13 +110,13 @@ impl OnPaper {
 mod tests {
     use super::*;
 
-    fn table(columns: usize, text: &str) -> OnPaper {
-        OnPaper::of(&vec![Column::of("a", std::iter::once(text), false); columns])
+    fn table(columns: usize, text: &str) -> PaperFit {
+        PaperFit::of(&vec![Column::of("a", std::iter::once(text), false); columns])
     }
 
     #[test]
     fn tables_are_turned_before_they_are_made_smaller() {
-        let open = |paper: OnPaper| paper.around(&Markup::default()).into_string();
+        let open = |paper: PaperFit| paper.around(&Markup::default()).into_string();
         let small = table(4, "11.62 [11.4, 11.8]");
         assert_eq!(
             (small.class(), open(small).as_str()),

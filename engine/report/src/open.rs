@@ -1,5 +1,5 @@
-//! What seeds leave open, over all studies, and about what it would take to decide it: where another hour of
-//! computing says most.
+//! Open verdicts over all studies, each with the approximate effort that would decide it: a guide to the most
+//! informative hour of computing.
 
 use super::{
     effort::Effort,
@@ -12,20 +12,21 @@ use document::count::duration;
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// A verdict that is judged and open, with its study.
+/// A judged verdict that is open, with its study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StillOpen {
+pub struct OpenVerdict {
     /// Name of the study.
     pub study: String,
-    /// What it is about, as in `claim 2: dsac.success >= 0.8 in four_cells`.
+    /// The claim or published value, as in `claim 2: dsac.success >= 0.8 in four_cells`.
     pub about: String,
     /// The word of the verdict.
     pub verdict: String,
-    /// What would decide it; `None` where no affordable number of seeds would, or a design has looks left.
+    /// Effort that would decide it; `None` where no affordable number of seeds would, or where a design has looks
+    /// left.
     pub would_decide: Option<Effort>,
 }
 
-impl StillOpen {
+impl OpenVerdict {
     fn of(study: &Verdicts, passed: &Passed) -> Self {
         Self {
             study: study.study.clone(),
@@ -36,42 +37,42 @@ impl StillOpen {
     }
 }
 
-/// Everything that is judged and open in these studies, what is cheapest to decide first.
+/// All judged verdicts that are open in these studies, the cheapest to decide first.
 #[must_use]
-pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<StillOpen> {
+pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<OpenVerdict> {
     let of_study = |study: &'a Verdicts| {
         let open = study
             .verdicts
             .iter()
             .filter(|it| it.is_judged() && !it.is_decided());
-        open.map(|passed| StillOpen::of(study, passed))
+        open.map(|passed| OpenVerdict::of(study, passed))
     };
-    let mut open: Vec<StillOpen> = studies.into_iter().flat_map(of_study).collect();
+    let mut open: Vec<OpenVerdict> = studies.into_iter().flat_map(of_study).collect();
     open.sort_by(|one, other| cheaper(one.would_decide, other.would_decide));
     open
 }
 
-/// Less time first; what no number of seeds is known to decide last.
+/// Order by time; verdicts without a known effort come last.
 fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
     let seconds = |effort: Option<Effort>| effort.map_or(f64::INFINITY, |it| it.trial_time_s);
     seconds(one).total_cmp(&seconds(other))
 }
 
-/// How many values and claims are judged, and how many of them are decided.
+/// Counts of judged and of decided values and claims.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Decided {
-    /// Those that are judged.
+    /// Number of judged values and claims.
     pub judged: usize,
-    /// Those that are decided.
+    /// Number of decided values and claims.
     pub decided: usize,
-    /// Those of them that rest on several rounds of seeds.
+    /// Number of decided ones that rest on several rounds of seeds.
     pub confirmed: usize,
-    /// Those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    /// Number of those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
     pub equivalent: usize,
 }
 
 impl Decided {
-    /// Of all these studies.
+    /// Counts over all these studies.
     #[must_use]
     pub fn of<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Self {
         let verdicts = studies.into_iter().flat_map(|study| &study.verdicts);
@@ -86,7 +87,7 @@ impl Decided {
         }
     }
 
-    /// In one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
+    /// The counts in one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
     #[must_use]
     pub fn in_words(self) -> String {
         let Self {
@@ -115,9 +116,9 @@ impl Decided {
     }
 }
 
-/// The same for people, as a table; `None` where nothing is open.
-pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
-    let row = |it: &StillOpen| {
+/// The open verdicts as a table; `None` where there is none.
+pub(super) fn sheet(open: &[OpenVerdict]) -> Option<Sheet> {
+    let row = |it: &OpenVerdict| {
         let effort = it.would_decide;
         let [seeds, time] = match effort {
             Some(effort) => [effort.seeds.to_string(), duration(effort.trial_time_s)],
@@ -147,16 +148,16 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
     })
 }
 
-/// What is open as a table in Markdown, with what would decide it; empty where nothing is.
+/// The open verdicts as a table in Markdown, each with the effort that would decide it; empty where there is none.
 #[must_use]
-pub fn open_as_markdown(open: &[StillOpen]) -> String {
+pub fn open_as_markdown(open: &[OpenVerdict]) -> String {
     sheet(open).map_or_else(String::new, |sheet| sheet.markdown())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rounds::Alone;
+    use crate::rounds::RoundVerdict;
 
     fn passed(about: &str, verdict: &str, effort: Option<(u32, f64)>) -> Passed {
         Passed {
@@ -237,7 +238,7 @@ mod tests {
 
     #[test]
     fn verdicts_of_several_rounds_are_told() {
-        let rounds = vec![Alone::default(), Alone::default()];
+        let rounds = vec![RoundVerdict::default(), RoundVerdict::default()];
         let both = Passed {
             rounds,
             ..passed("claim 1: a > b", "SUPPORTED", None)

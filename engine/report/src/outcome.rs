@@ -1,4 +1,4 @@
-//! How the trials of a study ended, for programs that watch over runs: counts and what is not well, as JSON.
+//! Ends of the trials of a study as JSON, for programs that watch runs: counts, and trials that did not end well.
 
 use contract::{
     trial::Trial,
@@ -7,7 +7,7 @@ use contract::{
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
 
-/// How the trials of one study ended.
+/// Ends of the trials of one study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Name of the study.

@@ -6,7 +6,7 @@ use super::{
     kept::ENDINGS,
     legend,
     markdown::{NO_SETTINGS, SETTINGS, provenance, title},
-    on_paper::{self, OnPaper},
+    on_paper::{self, PaperFit},
     sheet::Sheet,
     stages,
 };
@@ -19,7 +19,7 @@ use presentation::{
 
 const STYLE: &str = include_str!("page.css");
 
-/// The sections that are not folded.
+/// Headings of the sections that are not folded.
 const OPEN: [&str; 5] = ["Tables", "Figures", "Claims", "Confirmations", "Deviations"];
 
 /// The whole page.
@@ -75,7 +75,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
     document(title(parts), &body, &extra)
 }
 
-/// The charts that are drawn.
+/// The charts that are drawn on the page.
 fn charts<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a Chart> {
     parts
         .contents
@@ -94,7 +94,7 @@ fn dark_figures(parts: &Parts<'_>, charts: &[&Chart]) -> String {
     }
 }
 
-/// The id of a section, which no table or figure has.
+/// The id of a section, different from those of tables and figures.
 fn anchor(heading: &str) -> String {
     format!("section-{}", heading.to_lowercase().replace(' ', "-"))
 }
@@ -103,7 +103,7 @@ fn link_to(heading: &str, text: &str) -> Markup {
     html! { a href={ "#" (anchor(heading)) } { (text) } }
 }
 
-/// What a page has beside its body and the style sheet of all pages.
+/// Parts of a page besides its body and the common style sheet.
 #[derive(Default)]
 pub(super) struct Extra {
     /// Rules of a style sheet.
@@ -149,7 +149,7 @@ fn header(parts: &Parts<'_>) -> Markup {
                 p { strong { (sentence) } }
             }
             @if let Some(text) = study.rehearsal() { p.banner { (prose::html(text)) } }
-            // Answers in words stand for the sentence, and before what they rest on.
+            // Answers in words replace the sentence, and stand before the verdicts behind them.
             @if let Some(answered) = &parts.answered {
                 (answered.html())
                 @if parts.answers.is_some() {
@@ -173,7 +173,7 @@ fn header(parts: &Parts<'_>) -> Markup {
     }
 }
 
-/// Words of verdicts with their numbers, under what is counted.
+/// Words of verdicts with their numbers, under the counted quantity.
 pub(super) fn counted(what: &str, words: &[(&str, usize)]) -> Markup {
     html! {
         div {
@@ -183,7 +183,7 @@ pub(super) fn counted(what: &str, words: &[(&str, usize)]) -> Markup {
     }
 }
 
-/// The deviations that matter most, where the section has more than these.
+/// The most important deviations, where the section has more.
 fn first_deviations(all: &[String]) -> Markup {
     let first = answers::FIRST_DEVIATIONS;
     let link = link_to("Deviations", &format!("{first} of {}", all.len()));
@@ -198,7 +198,7 @@ fn first_deviations(all: &[String]) -> Markup {
 fn tables(parts: &Parts<'_>) -> Markup {
     html! {
         @for (name, grid) in &parts.contents.tables {
-            @let grid = grid.as_ref().map(|grid| (grid, OnPaper::of(&on_paper::columns(grid))));
+            @let grid = grid.as_ref().map(|grid| (grid, PaperFit::of(&on_paper::columns(grid))));
             article id=(files::slug(name)) class=[grid.ok().and_then(|(_, paper)| paper.class())] {
                 h3 { (name) }
                 @match grid {
@@ -252,7 +252,7 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
     }
 }
 
-/// A drawing that fills its column, with a name for readers who cannot see it.
+/// A drawing that fills its column, with a label for readers who cannot see it.
 fn inline(svg: &str, label: &str) -> Markup {
     let sized = svg.find(" viewBox").map_or(svg, |start| &svg[start..]);
     html! {
@@ -272,7 +272,7 @@ fn links(folder: &str, name: &str, extensions: &[&str]) -> Markup {
     }
 }
 
-/// What the trials take from each other, drawn and as a table.
+/// The artifacts that trials take from each other, as a drawing and as a table.
 fn graph(parts: &Parts<'_>) -> Markup {
     let stages = &parts.study.stages;
     html! {

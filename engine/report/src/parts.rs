@@ -4,7 +4,7 @@ use super::{contents::Contents, head::Line, provenance::Provenance, sheet::Sheet
 use analysis::results::{Ran, Results};
 use std::collections::BTreeMap;
 
-/// What the renderers of the report read.
+/// Inputs of the renderers.
 pub(super) struct Parts<'a> {
     pub(super) study: &'a StudyInfo,
     pub(super) results: &'a Results,
@@ -12,21 +12,21 @@ pub(super) struct Parts<'a> {
     pub(super) provenance: &'a Provenance,
     /// SVG of each figure, by name.
     pub(super) drawings: &'a BTreeMap<String, String>,
-    /// What the study came to.
+    /// Summary of the study, in its own sentence.
     pub(super) sentence: Option<String>,
-    /// Seeds and what was exploratory.
+    /// Line on seeds and exploratory parts.
     pub(super) basis: String,
     /// The lines of its `answers`.
     pub(super) answered: Option<Sheet>,
     /// Every published value and claim with its verdict.
     pub(super) answers: Option<Sheet>,
-    /// The counts at the head.
+    /// Counted words at the head of the report.
     pub(super) head: Vec<Line>,
     pub(super) claims: Option<Sheet>,
     pub(super) confirmed: Option<Sheet>,
     pub(super) budgets: Option<Sheet>,
-    /// How the trials ended.
+    /// Ends of the trials.
     pub(super) ran: Ran,
-    /// The settings that differ, a table per plugin.
+    /// Differing settings, a table per plugin.
     pub(super) settings: Vec<Sheet>,
 }

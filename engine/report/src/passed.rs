@@ -3,51 +3,51 @@
 use super::{
     contents::{ClaimLine, UNREAD},
     effort::Effort,
-    rounds::Alone,
+    rounds::RoundVerdict,
 };
 use analysis::{claim::ClaimOutcome, results::Results};
 use presentation::table::{Grid, TableSpec};
 use serde::{Deserialize, Serialize};
 use statistics::{Judgement, Verdict};
 
-/// The word for published values of a table that could not be made.
+/// Word for published values of a table that could not be made.
 const NOT_MADE: &str = "NOT MADE";
 
-/// One verdict.
+/// Verdict on a published value or a claim.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Passed {
-    /// What it is about, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in four_cells`.
+    /// The published value or claim, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in
+    /// four_cells`.
     pub about: String,
-    /// The same with the column, of a value in a table that shows but one.
+    /// The same with the column, for a value in a table that shows only one column.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_full: Option<String>,
-    /// The word, of this value or claim alone.
+    /// Word for this value or claim alone.
     pub verdict: String,
-    /// The word where all of its family are taken together (Holm) and it is another.
+    /// Word with all of its family taken together (Holm), where it differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<String>,
-    /// The strictest share of its level at which it is decided so; absent where it is open.
+    /// The strictest share of its level at which it is still decided; absent where it is open.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strictest: Option<f64>,
-    /// True where it was thought of after results were seen.
+    /// Whether it was thought of after results were seen.
     #[serde(default)]
     pub exploratory: bool,
-    /// What was found out about why it differs or is refuted.
+    /// Cause of a difference or refutation, as the study states it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and where
+    /// Approximate effort that would decide an open one. `None` where no affordable number of seeds would, and where
     /// a design has looks left, which says itself when to go on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub would_decide: Option<Effort>,
     /// The verdict of each round of seeds alone, where there are several.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rounds: Vec<Alone>,
+    pub rounds: Vec<RoundVerdict>,
 }
 
 impl Passed {
-    /// True where the seeds were to decide it: it was planned, nothing was chosen by it, what it is about has
-    /// run and learned, and it is not fixed by construction. What failed or cannot be read is judged and not
-    /// decided.
+    /// Whether the seeds were to decide it: it was planned, no choice was made by it, its trials have run and
+    /// learned, and it is not fixed by construction. A failed or unreadable one is judged and not decided.
     #[must_use]
     pub fn is_judged(&self) -> bool {
         let unasked = [
@@ -60,19 +60,19 @@ impl Passed {
         !self.exploratory && !unasked.contains(&self.verdict.as_str())
     }
 
-    /// True where the seeds say that it does not hold.
+    /// Whether the seeds decide against it.
     #[must_use]
     pub fn differs(&self) -> bool {
         [Verdict::Differs.word(), ClaimOutcome::Refuted.word()].contains(&self.verdict.as_str())
     }
 
-    /// The word where all of the study are taken together (Holm).
+    /// Word with all verdicts of the study taken together (Holm).
     #[must_use]
     pub fn in_all(&self) -> &str {
         self.together.as_ref().unwrap_or(&self.verdict)
     }
 
-    /// True where the seeds decide it, either way.
+    /// Whether the seeds decide it, either way.
     #[must_use]
     pub fn is_decided(&self) -> bool {
         let settled = [
@@ -131,7 +131,7 @@ pub(super) fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed
     passed
 }
 
-/// Published values that have no table are not passed over.
+/// The verdict on published values without a table; they are not passed over.
 pub(super) fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
     let is_published = !spec.published.is_empty() || !spec.published_curves.is_empty();
     is_published.then(|| Passed {
@@ -165,7 +165,7 @@ pub(super) fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
     }
 }
 
-/// About how many fresh seeds would decide a published value that is open.
+/// Approximate number of fresh seeds that would decide an open published value.
 fn seeds_to_decide(judgement: &Judgement) -> Option<u32> {
     let is_last = judgement.stage.is_none_or(|stage| stage.is_last());
     let open = judgement.verdict == Verdict::Inconclusive && is_last;

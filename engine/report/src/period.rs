@@ -1,4 +1,4 @@
-//! When the trials of a study ended.
+//! Period in which the trials of a study ended.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,24 +6,24 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Period {
-    /// When the first trial ended, in UTC as RFC 3339 writes it.
+    /// End of the first trial, in UTC by RFC 3339.
     pub first: String,
-    /// When the last one ended.
+    /// End of the last trial, in the same form.
     pub last: String,
-    /// Trials whose date is known.
+    /// Number of trials with a known date.
     pub dated: usize,
-    /// All trials.
+    /// Number of all trials.
     pub trials: usize,
 }
 
 impl Period {
-    /// The period of the known dates among so many trials; `None` where none is known.
+    /// The period of the known dates among `trials` trials; `None` without a known date.
     #[cfg(test)]
     pub(crate) fn of(dates: impl Iterator<Item = String>, trials: usize) -> Option<Self> {
         dates.fold(None, |period, date| Some(Self::with(period, date, trials)))
     }
 
-    /// A period, or the beginning of one, that includes one more date of so many trials.
+    /// The period with one more date among `trials` trials.
     #[must_use]
     pub fn with(period: Option<Self>, date: String, trials: usize) -> Self {
         let Some(Self {
@@ -37,7 +37,7 @@ impl Period {
                 trials,
             };
         };
-        // Dates of this form are in the order of their texts.
+        // Dates of this form sort as their texts.
         Self {
             first: first.min(date.clone()),
             last: last.max(date),

@@ -1,42 +1,42 @@
-//! Which profiles of a study were ever run here.
+//! Profiles of a study, and their stored trials.
 
 use document::count::{count, either};
 use serde::{Deserialize, Serialize};
 
-/// A profile of a study, and how many of its trials are stored.
+/// A profile of a study, with the state of its trials.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileState {
     /// Its name; `None` for the study without a profile.
     pub name: Option<String>,
-    /// True where the report is made of exactly its trials.
+    /// Whether the report is made of exactly its trials.
     pub this_report: bool,
-    /// Its trials; `None` where the study is refused with it.
+    /// Its trials; `None` where the study with this profile is refused.
     pub trials: Option<ProfileTrials>,
 }
 
-/// The trials of a profile by what the store has of them.
+/// Number of trials of a profile by their state in the store.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileTrials {
-    /// All of them.
+    /// Number of planned trials.
     pub planned: usize,
-    /// Those that ended `ok`.
+    /// Number of trials that ended `ok`.
     pub ok: usize,
-    /// Those that ended otherwise.
+    /// Number of trials that ended otherwise.
     pub failed: usize,
-    /// Those that ended and are trials of no other profile: agents that do not learn mostly share theirs.
+    /// Number of trials that ended and belong to no other profile: agents that do not learn mostly share theirs.
     pub own: usize,
 }
 
 impl ProfileState {
-    /// The name, also of the study without a profile.
+    /// The name; a phrase for the study without a profile.
     #[must_use]
     pub fn name(&self) -> &str {
         self.name.as_deref().unwrap_or("default")
     }
 
-    /// What is stored of it, without its name.
+    /// The state of its trials in words, without its name.
     #[must_use]
     pub fn sentence(&self) -> String {
         let Some(trials) = self.trials else {

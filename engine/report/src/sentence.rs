@@ -2,14 +2,15 @@
 
 use super::{Contents, StudyInfo};
 use presentation::{
-    summary::{Asks, Lost, OfCell, Piece, Summary, locate},
+    summary::{CellField, LookupError, Piece, PlaceholderTarget, Summary, locate},
     table::Heading,
 };
 
-/// What stands for what is missing.
+/// Replacement for a missing value.
 const MISSING: &str = "–";
 
-/// The summary of a study, in its own words; `None` where it has no sentence, and where it is only tried out.
+/// The summary of a study, in its own words; `None` where it has no sentence, and under the profile for trying it
+/// out.
 #[must_use]
 pub fn sentence(study: &StudyInfo, contents: &Contents) -> Option<String> {
     let summary = study.summary.as_ref().filter(|_| !study.is_rehearsal)?;
@@ -26,15 +27,15 @@ pub(super) fn filled(sentence: &Summary, contents: &Contents) -> String {
     text.trim().replace('\n', " ")
 }
 
-/// What a placeholder stands for; `None` where it is missing.
-fn answer(asks: &Asks, contents: &Contents) -> Option<String> {
+/// Text of a placeholder; `None` where the value is missing.
+fn answer(asks: &PlaceholderTarget, contents: &Contents) -> Option<String> {
     match asks {
-        Asks::Claim(number) => claim(*number, contents),
-        Asks::Cell { table, place, of } => cell(table, place, *of, contents),
+        PlaceholderTarget::Claim(number) => claim(*number, contents),
+        PlaceholderTarget::Cell { table, place, of } => cell(table, place, *of, contents),
     }
 }
 
-fn cell(table: &str, place: &str, of: OfCell, contents: &Contents) -> Option<String> {
+fn cell(table: &str, place: &str, of: CellField, contents: &Contents) -> Option<String> {
     let (_, grid) = contents.tables.iter().find(|(name, _)| name == table)?;
     let grid = grid.as_ref().ok()?;
     let names = |headings: &[Heading]| headings.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
@@ -42,19 +43,19 @@ fn cell(table: &str, place: &str, of: OfCell, contents: &Contents) -> Option<Str
     let [rows, columns] = [&rows, &columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
     let (row, column) = match locate(place, &rows, &columns) {
         Ok(found) => found,
-        // One of several agents that are compared with each other may leave one column, of another name.
-        Err(Lost::Column(row, _)) if columns.len() == 1 => (row, 0),
+        // A comparison of several agents may leave one column, under another name.
+        Err(LookupError::Column(row, _)) if columns.len() == 1 => (row, 0),
         Err(_) => return None,
     };
     let cell = &grid.cells[row][column];
     match of {
-        OfCell::Value => cell.estimate.map(|value| grid.format.write(value)),
-        OfCell::Published => cell.published().map(|value| grid.format.published(value)),
-        OfCell::Verdict => cell.judgement.is_some().then(|| cell.verdict_in_words()),
+        CellField::Value => cell.estimate.map(|value| grid.format.write(value)),
+        CellField::Published => cell.published().map(|value| grid.format.published(value)),
+        CellField::Verdict => cell.judgement.is_some().then(|| cell.verdict_in_words()),
     }
 }
 
-/// The verdict on a claim; one for each place that it is held against where they are not the same.
+/// The verdict on a claim; one verdict per place where they differ.
 fn claim(number: usize, contents: &Contents) -> Option<String> {
     let lines = || contents.claims.iter().filter(|line| line.number == number);
     let first = lines().next()?.verdict_in_words();

@@ -1,21 +1,21 @@
-//! A table about the study itself, of words and numbers that are written already; one renderer each for
-//! Markdown and the page.
+//! A table about the study itself, of words and numbers that are already text; one renderer each for Markdown and the
+//! page.
 
-use super::on_paper::{Column, OnPaper};
+use super::on_paper::{Column, PaperFit};
 use maud::{Markup, html};
 use presentation::table::{escape_markdown, markdown_row, prose, verdict_word};
 
-/// What stands where there is nothing to write.
+/// Text of an empty cell.
 pub(super) const NONE: &str = "–";
 
 /// A table with its notes. The first column heads the rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Sheet {
-    /// What stands above it; empty where its section says enough.
+    /// Title above the table; empty where the heading of the section is enough.
     pub(super) title: String,
     /// Headings of the columns.
     pub(super) head: Vec<String>,
-    /// How many columns, from the left, hold words; the others hold numbers.
+    /// Number of columns with words, from the left; the others have numbers.
     pub(super) words: usize,
     /// The rows, an entry per column.
     pub(super) rows: Vec<Vec<Entry>>,
@@ -26,25 +26,25 @@ pub(super) struct Sheet {
 /// One entry of a sheet.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Entry {
-    /// What is written.
+    /// Text of the entry.
     pub(super) text: String,
-    /// How it is written.
+    /// Kind of the entry.
     pub(super) tone: Tone,
-    /// Where it leads; empty for nowhere.
+    /// Address of its link; empty without a link.
     pub(super) link: String,
 }
 
-/// What an entry is, and how much it wants to be seen.
+/// Kind of an entry, and its emphasis.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Tone {
-    /// Like any other.
+    /// An entry without emphasis.
     #[default]
     Plain,
-    /// Less than others: it is as expected.
+    /// Less emphasis than others: the value is as expected.
     Quiet,
-    /// More than others: something is not well.
+    /// More emphasis than others: something is wrong.
     Alarm,
-    /// A formula that a study has so.
+    /// A formula in the notation of a study.
     Code,
     /// A verdict, in the colour of this word.
     Verdict(&'static str),
@@ -68,7 +68,7 @@ impl Entry {
         }
     }
 
-    /// The same, leading somewhere.
+    /// The same entry with a link.
     pub(super) fn to(mut self, link: impl Into<String>) -> Self {
         self.link = link.into();
         self
@@ -108,10 +108,10 @@ impl Sheet {
             .iter()
             .flatten()
             .any(|entry| entry.tone == Tone::Sentence);
-        let paper = (!is_text).then(|| OnPaper::of(&self.columns()));
+        let paper = (!is_text).then(|| PaperFit::of(&self.columns()));
         let lines = self.lines(is_text);
         html! {
-            article class=[paper.and_then(OnPaper::class)] {
+            article class=[paper.and_then(PaperFit::class)] {
                 @if !self.title.is_empty() { h3 { (prose::html(&self.title)) } }
                 @match paper {
                     Some(paper) => (paper.around(&html! { table { (lines) } })),
@@ -138,7 +138,7 @@ impl Sheet {
         self.head.iter().enumerate().map(column).collect()
     }
 
-    /// In a list (`is_text`) each entry stands behind its heading.
+    /// The rows; in a list (`is_text`) each entry stands after its heading.
     fn lines(&self, is_text: bool) -> Markup {
         let class = |column: usize| (column >= self.words).then_some("value");
         let heading = |column: usize| is_text.then(|| &self.head[column]);
@@ -181,7 +181,7 @@ impl Entry {
         match self.tone {
             Tone::Plain | Tone::Quiet | Tone::Verdict(_) => escape_markdown(&self.text),
             Tone::Alarm => format!("**{}**", escape_markdown(&self.text)),
-            // A bar would end the cell, and a line the row.
+            // A bar would end the cell, and a line break the row.
             Tone::Code => format!("`{}`", self.text.replace('|', "\\|").replace(['\n', '\r'], " ")),
             Tone::Sentence => prose::markdown(&self.text),
         }

@@ -1,4 +1,4 @@
-//! The graph of a study whose trials take from each other: entries, what each takes, and a drawing of it.
+//! The graph of a study whose trials take artifacts from each other: its entries, their artifacts, and a drawing.
 
 use super::sheet::{Entry, NONE, Sheet};
 use document::count::count;
@@ -9,27 +9,27 @@ use std::collections::BTreeSet;
 /// An entry of a study: an agent, an entry of `prepare`, or a play.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Stage {
-    /// Its name in the study.
+    /// Name of the entry in the study.
     pub name: String,
-    /// How many trials it has.
+    /// Number of its trials.
     pub trials: usize,
-    /// Steps from the entries that take nothing: each stage stands behind those that it takes from.
+    /// Number of steps from the entries that take nothing: each stage stands after those that it takes from.
     pub depth: usize,
-    /// What it takes, and from which entries.
+    /// Its artifacts from other entries.
     pub takes: Vec<Take>,
 }
 
-/// What an entry takes from another one.
+/// An artifact that an entry takes from another one.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct Take {
     /// The entry that leaves it.
     pub from: String,
-    /// What is taken.
+    /// Name of the artifact.
     #[serde(rename = "product")]
     pub artifact: String,
 }
 
-/// The entries that take something or leave something that is taken.
+/// The entries that take an artifact or leave one that is taken.
 fn connected(stages: &[Stage]) -> Vec<&Stage> {
     let leaves = |name: &str| {
         stages
@@ -43,7 +43,7 @@ fn connected(stages: &[Stage]) -> Vec<&Stage> {
         .collect()
 }
 
-/// The graph as a sheet; `None` where no entry takes anything.
+/// The graph as a sheet; `None` where no entry takes an artifact.
 pub(super) fn sheet(stages: &[Stage]) -> Option<Sheet> {
     let row = |stage: &&Stage| {
         let takes: Vec<String> = stage
@@ -79,8 +79,7 @@ const GAP: usize = 96;
 const LETTER: usize = 8;
 const MARGIN: usize = 6;
 
-/// The graph as a drawing: a box per entry, those that take behind those that leave; empty where no entry
-/// takes anything.
+/// The graph as a drawing: a box per entry, with takers after leavers; empty where no entry takes an artifact.
 pub(super) fn drawing(stages: &[Stage]) -> Markup {
     let Places { boxes, size } = Places::of(stages);
     let (width, height) = size;
@@ -107,7 +106,7 @@ pub(super) fn drawing(stages: &[Stage]) -> Markup {
     }
 }
 
-/// A stage and where its box stands.
+/// A stage with the position of its box.
 struct Box<'a> {
     stage: &'a Stage,
     x: usize,
@@ -164,7 +163,7 @@ fn rectangle(at: &Box<'_>) -> Markup {
     }
 }
 
-/// What an entry takes, in words above the tips of its arrows.
+/// Names of the artifacts of an entry, above the tips of its arrows.
 fn artifacts(at: &Box<'_>) -> Markup {
     let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.artifact.as_str()).collect();
     let words = words.into_iter().collect::<Vec<_>>().join(", ");

@@ -1,4 +1,4 @@
-//! The facts of a study that its report needs besides the results.
+//! Facts on a study that its report needs besides the results.
 
 use super::{period::Period, profiles::ProfileState, stages::Stage};
 use contract::Better;
@@ -13,30 +13,30 @@ use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use study::{Confirmation, Repeats};
 
-/// What a report must know of a study besides its results.
+/// Facts on a study that a report needs besides its results.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StudyInfo {
     /// Its name, which is the name of its folder.
     pub name: String,
-    /// Its title.
+    /// Title of the study.
     pub title: String,
-    /// What it reproduces.
+    /// Source that it reproduces.
     pub source: String,
-    /// What it came to, with placeholders.
+    /// Summary sentence, with placeholders.
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
     /// The verdicts that are read together with those of this study, such as `chapter 3`; its own alone where absent.
     pub family: Option<String>,
-    /// Where it departs from that.
+    /// Deviations from the source.
     pub deviations: Vec<String>,
-    /// Samples of its sweep, where several came to the same setting.
+    /// Samples of its sweep, where several drew the same setting.
     pub repeats: Option<Repeats>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
     pub figures: Vec<(String, FigureSpec)>,
-    /// Claims.
+    /// Claims of the study, in its order.
     pub claims: Vec<ClaimSpec>,
     /// Rounds of claims and published values on further seeds.
     pub confirm: Vec<Confirmation>,
@@ -44,13 +44,13 @@ pub struct StudyInfo {
     pub agents: Vec<String>,
     /// Environments in the study's order.
     pub environments: Vec<String>,
-    /// The entries of a study whose trials take from each other; empty where none does.
+    /// Entries of a study whose trials take artifacts from each other; empty where no entry does.
     pub stages: Vec<Stage>,
-    /// True under the profile that tries a study out: what it computes is no result.
+    /// Whether the profile is the one for trying the study out: its trials are no results.
     pub is_rehearsal: bool,
-    /// Agents that a trained one must be better than to have learned.
+    /// Agents that a trained agent must be better than to have learned.
     pub floors: Vec<String>,
-    /// Which difference matters for claims that do not say it.
+    /// Rule for the smallest difference that matters, for claims that state none.
     pub relevance: Option<Relevance>,
     /// The better direction by metric.
     pub better: BTreeMap<String, Better>,
@@ -62,24 +62,24 @@ pub struct StudyInfo {
     pub defaults: BTreeMap<String, Value>,
     /// The study without a profile and with each of its profiles; empty where it has none.
     pub profiles: Vec<ProfileState>,
-    /// When its trials ended, where the store knows.
+    /// Period in which its trials ended, where the store knows it.
     pub ended: Option<Period>,
-    /// Options of the command line that make the results differ from the study as it is written, as `--set
+    /// Options of the command line that make the results differ from the study as its file has it, as `--set
     /// dsac.discount=0.9`.
     pub options: Vec<String>,
-    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    /// Plugins with another version in the trials than in the program, as in `environment battery 1, now 2`.
     pub earlier_versions: Vec<String>,
     /// Keys of the study that had other values when the trials ran.
     pub changed_settings: Vec<String>,
 }
 
 impl StudyInfo {
-    /// What the reader must know first: the options of the command line, where there are some.
+    /// Sentence on the options of the command line; `None` without options.
     pub(super) fn asked_with(&self) -> Option<String> {
         (!self.options.is_empty()).then(|| format!("Computed with {}.", self.options.join(", ")))
     }
 
-    /// That nothing here is a result, where that is so.
+    /// Sentence under the profile for trying the study out, that its trials are no results; `None` otherwise.
     pub(super) fn rehearsal(&self) -> Option<&'static str> {
         self.is_rehearsal.then_some(
             "This is no result: the profile `smoke` only tries the study out, with budgets from which nothing follows. \
@@ -87,7 +87,7 @@ impl StudyInfo {
         )
     }
 
-    /// Sentences on trials that are not those which the study has now.
+    /// Sentences on trials that differ from those of the present study.
     pub(super) fn outdated(&self) -> Vec<String> {
         let sentence = |what: &str, names: &[String]| {
             (!names.is_empty()).then(|| format!("{what}: {}.", names.join("; ")))

@@ -5,13 +5,13 @@ use analysis::results::Results;
 use presentation::table::{Grid, terminal, terminal_in_short, wrap};
 use std::path::Path;
 
-/// So many claims stand in the first screen.
+/// The most claims in the first screen.
 const FIRST_CLAIMS: usize = 6;
-/// Columns of the word before an answer or a claim.
+/// Width in characters of the word before an answer or a claim.
 const WORD: usize = 20;
 
 /// The report as plain text of at most `width` characters a line: the answers, the first table and the path of the
-/// page, or everything.
+/// page; with `all` everything.
 #[must_use]
 pub fn summary(
     study: &StudyInfo,
@@ -59,8 +59,8 @@ pub fn summary(
     parts.join("\n\n") + "\n"
 }
 
-/// A summary with verdicts and answers in the colours of a terminal: green for what holds, red for what does not, and
-/// yellow for what is open.
+/// A summary with verdicts and answers in the colours of a terminal: green for those that hold, red for those that do
+/// not, and yellow for open ones.
 #[must_use]
 pub fn tinted(text: &str) -> String {
     const GREEN: &str = "\x1b[32m";
@@ -73,7 +73,7 @@ pub fn tinted(text: &str) -> String {
     };
     let tint = |line: &str, word: &str| line.replace(word, &format!("{}{word}\x1b[0m", colour_of(word)));
     let line = |line: &str| {
-        // An answer stands at the beginning of a line, with room after it.
+        // An answer stands at the beginning of a line, followed by room.
         let mut answers = Word::ALL.map(Word::text).into_iter();
         let answer = answers.find(|answer| {
             line.strip_prefix(answer)
@@ -88,7 +88,7 @@ pub fn tinted(text: &str) -> String {
     text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// The answers of the study, or its first claims; `None` where it has a sentence instead, or nothing.
+/// The answers of the study, or its first claims; `None` where it has a sentence instead, or neither.
 fn answers(study: &StudyInfo, results: &Results, contents: &Contents, width: usize) -> Option<String> {
     let line = |word: &str, text: &str| {
         let text = wrap(text, width.saturating_sub(WORD).max(20));

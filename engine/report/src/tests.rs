@@ -18,7 +18,7 @@ use presentation::{
     claim_spec::ClaimSpec,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     summary::Summary,
-    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, PublishedRow, TableSpec},
 };
 use serde_json::{Value, json};
 use statistics::Design;
@@ -117,7 +117,7 @@ fn profiles() -> Vec<ProfileState> {
 
 fn improvement() -> TableSpec {
     let published = [("four_cells", 15.2), ("eight_cells", 15.9)]
-        .map(|(row, value)| (row.to_owned(), Published::Value(value)));
+        .map(|(row, value)| (row.to_owned(), PublishedRow::Value(value)));
     let of = Improvement(Comparison {
         rows: Axis::Environment.into(),
         value: "cycle_length".into(),
@@ -169,7 +169,7 @@ fn info() -> StudyInfo {
     }
 }
 
-/// One with published values, one without, and one of an agent that is not there.
+/// A table with published values, one without, and one of an agent that does not exist.
 fn tables() -> Vec<(String, TableSpec)> {
     let lengths = Comparison {
         value: "cycle_length".into(),
@@ -272,7 +272,7 @@ fn written(dir: &Path) -> BTreeMap<String, Vec<u8>> {
 )]
 fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    // `REPORT=DIR` keeps the report, to be looked at.
+    // `REPORT=DIR` keeps the report for inspection by eye.
     let first = std::env::var_os("REPORT").map_or_else(|| dirs[0].path().to_owned(), Into::into);
     let (one, two) = (written(&first), written(dirs[1].path()));
     assert!(one == two);
@@ -503,8 +503,8 @@ fn an_agent_that_made_no_update_is_flagged_everywhere() {
     assert!(summary(&info, &results, &contents, dir.path(), 100, false).contains(sentence));
 }
 
-/// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does
-/// to the trials.
+/// Five seeds of `dsac` and `equal` in one environment, with these differences, and with the trials changed by
+/// `change`.
 fn two_agents(
     differences: [f64; 5],
     change: impl Fn(&mut Vec<(Phase, u64, u64, &'static str, f64)>, u64),
@@ -543,7 +543,7 @@ fn published(value: f64) -> TableSpec {
         agents: vec!["dsac".into()],
         ..Comparison::default()
     };
-    let published = BTreeMap::from([("dsac".into(), Published::Value(value))]);
+    let published = BTreeMap::from([("dsac".into(), PublishedRow::Value(value))]);
     TableSpec {
         published,
         margin: Some(Margin::Absolute(1.0)),
@@ -683,8 +683,8 @@ fn an_agent_beside_itself_is_not_judged() {
         ..Comparison::default()
     };
     let values = [
-        ("equal".into(), Published::Value(1.0)),
-        ("dsac".into(), Published::Value(1.1)),
+        ("equal".into(), PublishedRow::Value(1.0)),
+        ("dsac".into(), PublishedRow::Value(1.1)),
     ];
     let table = TableSpec {
         published: BTreeMap::from(values),
@@ -695,8 +695,7 @@ fn an_agent_beside_itself_is_not_judged() {
     assert_eq!(contents.verdicts_together(), contents.verdicts(false));
 }
 
-/// Twelve claims of which each alone has a one-sided p of about 0.01: none stands when they are taken
-/// together.
+/// Twelve claims, each alone with a one-sided p of about 0.01: none holds when they are taken together.
 #[test]
 fn many_claims_together_are_held_to_more() {
     let results = two_agents([1.0, 0.2, 0.6, 1.6, 0.4], |_, _| {});
@@ -754,7 +753,7 @@ fn open_statements_ask_for_the_next_look() {
         ),
         (2, 1, 1, 2)
     );
-    // A look is complete when every trial of it has ended, however it ended.
+    // A look is complete when all its trials have ended, in any state.
     results.trials[0].end = None;
     let contents = Contents::judged(&study, &results);
     assert_eq!(

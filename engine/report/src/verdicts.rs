@@ -1,5 +1,4 @@
-//! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
-//! watch over many of them.
+//! `verdicts.json` of a folder of results: all verdicts of a report, for programs that watch many folders.
 
 use super::{
     basis::basis,
@@ -10,58 +9,59 @@ use super::{
 };
 use analysis::{claim::ClaimOutcome, results::Results, training_share};
 use contract::trial_result::TrialResult;
-use presentation::{answers::Answer, summary::Asks};
+use presentation::{answers::Answer, summary::PlaceholderTarget};
 use serde::{Deserialize, Serialize};
 use statistics::TrainingShare;
 
-/// The verdicts of a report and how many there are of which kind.
+/// The verdicts of a report, and their numbers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Verdicts {
     /// Name of the study.
     pub study: String,
-    /// Its title.
+    /// Title of the study.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub title: String,
-    /// What it came to, in its own sentence.
+    /// Summary of the study, in its own sentence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<String>,
     /// Its lines in the answers of all studies.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub answers: Vec<Answered>,
-    /// The smallest share of the source's training behind its trials, as in `3.2 %`, where it says how long that was.
+    pub answers: Vec<AnswerLine>,
+    /// The smallest share of the source's training behind its trials, as in `3.2 %`, where the study states the
+    /// source's training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_share: Option<String>,
     /// The verdicts that are read together with those of this study; its own alone where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<String>,
-    /// Trials that ended.
+    /// Number of trials that ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials: Option<usize>,
     /// Wall-clock time of these trials in seconds, rounded to tenths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trial_time_s: Option<f64>,
-    /// Plugins of which the trials have an earlier version than the program, as in `environment battery 1, now 2`.
+    /// Plugins with another version in the trials than in the program, as in `environment battery 1, now 2`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub earlier_versions: Vec<String>,
     /// Keys of the study that had other values when the trials ran.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub changed_settings: Vec<String>,
-    /// How many seeds were allowed and used, and what was exploratory.
+    /// Line on allowed and used seeds, and on exploratory parts.
     pub basis: String,
-    /// Published values and claims that the seeds were to decide.
+    /// Number of published values and claims that the seeds were to decide.
     pub judged: usize,
-    /// Those of them that are decided, either way.
+    /// Number of those that are decided, either way.
     pub decided: usize,
-    /// Those of them that differ or are refuted.
+    /// Number of those that differ or are refuted.
     pub differing: usize,
-    /// What was thought of after results were seen; in none of the other numbers.
+    /// Number of verdicts that were thought of after results were seen; the other numbers leave them out.
     pub exploratory: usize,
-    /// All of them, tables first.
+    /// All verdicts, those on tables first.
     pub verdicts: Vec<Passed>,
 }
 
 impl Verdicts {
-    /// The verdicts of a report.
+    /// Collects the verdicts of a report.
     #[must_use]
     pub fn of(study: &StudyInfo, results: &Results, contents: &Contents) -> Self {
         let tables = study.tables.iter().zip(&contents.tables);
@@ -80,7 +80,7 @@ impl Verdicts {
             title: study.title.clone(),
             family: study.family.clone(),
             summary: sentence(study, contents),
-            answers: Answered::of(study, contents, &verdicts),
+            answers: AnswerLine::of(study, contents, &verdicts),
             training_share: training_share::behind(&all, results).map(TrainingShare::percent),
             trials: Some(cost.trials),
             trial_time_s: Some((10.0 * cost.seconds).round() / 10.0),
@@ -98,7 +98,7 @@ impl Verdicts {
 
 /// A line of the answers.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Answered {
+pub struct AnswerLine {
     /// The item of the source; empty for a question that none prints.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub item: String,
@@ -107,7 +107,7 @@ pub struct Answered {
     /// The finding, in words and values.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub here: String,
-    /// The verdicts that it rests on, by their places among those of the study.
+    /// Places of its verdicts among those of the study.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lines: Vec<usize>,
     /// How the system differs from that of the source; empty where it is the same.
@@ -115,8 +115,8 @@ pub struct Answered {
     pub system: String,
 }
 
-impl Answered {
-    /// The lines of a study; none where it is only tried out.
+impl AnswerLine {
+    /// The answer lines of a study; none under the profile for trying it out.
     fn of(study: &StudyInfo, contents: &Contents, verdicts: &[Passed]) -> Vec<Self> {
         let answers = study.answers.iter().filter(|_| !study.is_rehearsal);
         let line = |answer: &Answer| Self {
@@ -129,7 +129,7 @@ impl Answered {
         answers.map(line).collect()
     }
 
-    /// The answer, from the verdicts of its study; `None` where it rests on none of them.
+    /// The answer, from the verdicts of its study; `None` where the line has none.
     #[must_use]
     pub fn word(&self, study: &Verdicts) -> Option<Word> {
         let lines = self.lines.iter().filter_map(|&at| study.verdicts.get(at));
@@ -138,10 +138,10 @@ impl Answered {
 }
 
 /// The places of the verdicts on a claim, or on a value of a table.
-fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
+fn places(asks: &PlaceholderTarget, verdicts: &[Passed]) -> Vec<usize> {
     let is_meant = |passed: &Passed| match asks {
-        Asks::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
-        Asks::Cell { table, place, .. } => {
+        PlaceholderTarget::Claim(number) => passed.about.starts_with(&format!("claim {number}: ")),
+        PlaceholderTarget::Cell { table, place, .. } => {
             let name = format!("{table}: {place}");
             passed.about == name || passed.in_full.as_ref() == Some(&name)
         }
@@ -152,10 +152,10 @@ fn places(asks: &Asks, verdicts: &[Passed]) -> Vec<usize> {
         .collect()
 }
 
-/// An answer in a word.
+/// Answer in a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
-    /// Everything holds.
+    /// Everything that the line names holds.
     Yes,
     /// Some of it holds, and the rest does not or is open.
     Partly,
@@ -168,7 +168,7 @@ pub enum Word {
 }
 
 impl Word {
-    /// All of them.
+    /// All words, in the order of their declaration.
     pub const ALL: [Self; 5] = [
         Self::Yes,
         Self::Partly,
@@ -177,7 +177,7 @@ impl Word {
         Self::Open,
     ];
 
-    /// That of some verdicts; `None` where there are none. `is_short` where the source trained for longer.
+    /// The word for some verdicts; `None` without verdicts. `is_short` where the source trained for longer.
     fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
         if lines.is_empty() {
             return None;
@@ -188,7 +188,7 @@ impl Word {
         let small = decided.clone().filter(|it| it.verdict == equivalent).count();
         let fails = decided.clone().filter(|it| it.differs()).count();
         let holds = decided.count() - small - fails;
-        // After a longer training a small difference may be a large one.
+        // A small difference may become a large one after longer training.
         let against = if is_short { fails } else { fails + small };
         let may_come = is_short && (small > 0 || is(ClaimOutcome::NotLearned.word()));
         Some(match (holds, against) {
@@ -200,13 +200,13 @@ impl Word {
         })
     }
 
-    /// The word as it is written.
+    /// The word as text.
     #[must_use]
     pub fn text(self) -> &'static str {
         self.written().0
     }
 
-    /// The word as it is written, and the verdict whose colour it has.
+    /// The word as text, and the verdict whose colour it has.
     pub(super) fn written(self) -> (&'static str, &'static str) {
         match self {
             Self::Yes => ("yes", ClaimOutcome::Supported.word()),
@@ -236,9 +236,9 @@ mod tests {
             training_share: Some("1.3 %".into()),
             ..Verdicts::default()
         };
-        let answered = Answered {
+        let answered = AnswerLine {
             lines: (0..verdicts.len()).collect(),
-            ..Answered::default()
+            ..AnswerLine::default()
         };
         answered.word(&study).map(|word| word.written().0)
     }

@@ -20,7 +20,7 @@ const LINE: f64 = 8.8;
 /// The smallest positive number.
 const SMALLEST: f64 = f64::from_bits(1);
 
-/// The ends of an axis.
+/// Lower and upper end of an axis, and whether it is logarithmic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Range {
     pub low: f64,
@@ -28,7 +28,7 @@ pub(super) struct Range {
     pub log: bool,
 }
 
-/// The area between the axes of a panel, in points, and what its ends stand for.
+/// The area between the axes of a panel, in points, with the values at its ends.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     pub left: f64,
@@ -43,7 +43,7 @@ impl Range {
     /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
     /// on each side. Both ends are finite and differ, and of a logarithmic range are positive.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
-        /// Values that lie closer together than this lie at one place: steps between smaller numbers are none.
+        /// Distance below which two values share one place, since differences of smaller numbers vanish.
         const CLOSEST: f64 = 1e-300;
         let usable = values
             .filter(|value| value.is_finite() && (!log || *value > 0.0))
@@ -69,12 +69,13 @@ impl Range {
         }
     }
 
-    /// True for what has a place on the axis: a finite number, and a positive one if logarithmic.
+    /// Whether a value has a place on the axis: a finite number, and a positive one if the axis is logarithmic.
     pub(super) fn holds(self, value: f64) -> bool {
         value.is_finite() && (!self.log || value > 0.0)
     }
 
-    /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond. NaN lies at the lower end.
+    /// Place of a value as a part of the axis: 0 at the lower end, 1 at the upper one, clamped to both. NaN lies at
+    /// the lower end.
     pub(super) fn part(self, value: f64) -> f64 {
         let part = if self.log {
             (value.max(SMALLEST).ln() - self.low.ln()) / (self.high.ln() - self.low.ln())
@@ -88,7 +89,7 @@ impl Range {
 }
 
 impl Frame {
-    /// The place of a pair of values.
+    /// Position of a pair of values on paper.
     pub(super) fn at(&self, x: f64, y: f64) -> Place {
         (
             self.left + self.x.part(x) * (self.right - self.left),
@@ -204,7 +205,7 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
         };
         for (index, line) in lines.iter().enumerate() {
             let down = TICK + 2.0 + LINE * (count(index) + 0.5);
-            // A wide one stands as far to the left as it needs to be whole.
+            // A wide label moves to the left until it fits.
             let most = frame.right + OVERHANG - text_width(line, TEXT) / 2.0;
             marks.push(text((x.min(most), frame.bottom + down), line, HPos::Center));
         }
@@ -213,8 +214,8 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
     TICK + 2.0 + lowest * LINE
 }
 
-/// Upright axes over the names of the horizontal one, with ticks at places from 0 to 1 and their texts, which are
-/// readable over lines.
+/// Upright axes over the names of the horizontal one. Ticks lie at places from 0 to 1; their texts stay readable over
+/// lines.
 pub(super) fn upright_scales(axes: &[Vec<Tick>], frame: &Frame, marks: &mut Vec<Mark>) {
     for (index, ticks) in axes.iter().enumerate() {
         let (foot, head) = (frame.at(count(index), 0.0), frame.at(count(index), 1.0));
@@ -240,7 +241,7 @@ pub(super) fn upright_scales(axes: &[Vec<Tick>], frame: &Frame, marks: &mut Vec<
     }
 }
 
-/// Paper that lets lines shine through a little.
+/// A rectangle of paper colour that lets lines shine through a little.
 fn ground((left, top): Place, (right, bottom): Place) -> Mark {
     Mark::Fill {
         points: vec![(left, top), (right, top), (right, bottom), (left, bottom)],
@@ -249,8 +250,7 @@ fn ground((left, top): Place, (right, bottom): Place) -> Mark {
     }
 }
 
-/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the
-/// first.
+/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first line.
 pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mark>) {
     for (index, line) in break_lines(label, room).into_iter().enumerate() {
         let at = (x + LINE * count(index), y);

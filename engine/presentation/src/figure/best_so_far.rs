@@ -1,10 +1,10 @@
-//! How a search came to its best setting.
+//! The progress of a search towards its best setting.
 
 use super::{
     Figure, FigureSpec,
     build::{Context, count, level},
-    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Scale, Series, Shape},
-    searched::Searched,
+    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Scale, Series, Shape},
+    searched::CompletedSettings,
 };
 use crate::{
     names::{Names, Place},
@@ -38,7 +38,7 @@ impl Figure for BestSoFar {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        let searched = Searched::of(&self.search, context)?;
+        let searched = CompletedSettings::of(&self.search, context)?;
         let search = &searched.result.search;
         let style = context.style(&search.agent);
         let values = (0..searched.values.len()).map(|at| (number(&searched, at), searched.values[at]));
@@ -47,7 +47,7 @@ impl Figure for BestSoFar {
             seeds: None,
             style,
             shape: Shape::Curve(Curve {
-                of: CurveOf::Learner,
+                of: CurveSource::Learner,
                 points: best_so_far(values, search.direction),
                 runs: settings(&searched),
                 undrawn: Vec::new(),
@@ -75,12 +75,12 @@ impl Figure for BestSoFar {
 }
 
 /// The number of a setting, from 1.
-fn number(searched: &Searched<'_>, at: usize) -> f64 {
+fn number(searched: &CompletedSettings<'_>, at: usize) -> f64 {
     count(searched.places[at] + 1)
 }
 
-/// Every setting with its value, as a run of one point that has the name of the setting.
-fn settings(searched: &Searched<'_>) -> Vec<RunLine> {
+/// Every setting with its value, as a run of one point under the name of the setting.
+fn settings(searched: &CompletedSettings<'_>) -> Vec<RunLine> {
     let run = |at: usize| RunLine {
         name: searched.result.tried[searched.places[at]].setting.clone(),
         trial: String::new(),
@@ -93,7 +93,7 @@ fn settings(searched: &Searched<'_>) -> Vec<RunLine> {
     (0..searched.places.len()).map(run).collect()
 }
 
-/// The best of some values, in steps: it holds until a better one comes.
+/// The best value so far, in steps: it holds until a better one comes.
 fn best_so_far(values: impl Iterator<Item = (f64, f64)>, direction: Direction) -> Vec<Point> {
     let point = |x, y| Point { x, y, interval: None };
     let mut points: Vec<Point> = Vec::new();
@@ -107,15 +107,15 @@ fn best_so_far(values: impl Iterator<Item = (f64, f64)>, direction: Direction) -
     points
 }
 
-/// The chosen setting on seeds that the search has not seen; `None` before there are some.
-fn fresh(searched: &Searched<'_>, context: Context<'_>) -> Option<Summary> {
+/// The value of the chosen setting on seeds that the search has not seen; `None` before such seeds have run.
+fn fresh(searched: &CompletedSettings<'_>, context: Context<'_>) -> Option<Summary> {
     let result = searched.result;
     let trials = result.fresh_trials(&context.results.trials);
     let finals = Scope { trials }.finals(&result.search.metric);
     Summary::of(&finals.into_values().collect::<Vec<_>>())
 }
 
-fn note(searched: &Searched<'_>, has_fresh: bool) -> String {
+fn note(searched: &CompletedSettings<'_>, has_fresh: bool) -> String {
     let seeds = count_in_words(searched.result.search.seeds.len(), "seed");
     let rest = if has_fresh {
         "; the dashed line is the chosen setting on seeds that the search has not seen"

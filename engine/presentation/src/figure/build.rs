@@ -1,4 +1,4 @@
-//! From results to a chart: which kind it is, and what all kinds need.
+//! From results to a chart: the choice of the kind, and helpers that all kinds share.
 
 use super::{
     FigureSpec,
@@ -9,10 +9,10 @@ use analysis::results::Results;
 use contract::{Better, Error};
 use std::collections::BTreeMap;
 
-/// What every figure of a study shares.
+/// Results and names that every figure of a study shares.
 #[derive(Debug, Clone, Copy)]
 pub struct Context<'a> {
-    /// The results.
+    /// Results of all trials.
     pub results: &'a Results,
     /// The study's agents in its order, which gives each its colour.
     pub agents: &'a [String],
@@ -25,7 +25,7 @@ pub struct Context<'a> {
 /// Computes a figure.
 ///
 /// # Errors
-/// [`Error::Render`] where the results hold nothing of what it shows.
+/// [`Error::Render`] where the results lack the values that the figure shows.
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let mut chart = spec.kind.it().build(spec, context)?;
     for panel in &mut chart.panels {
@@ -81,8 +81,8 @@ impl Context<'_> {
         )
     }
 
-    /// The look of one of so many settings of an agent, which has a scale of colours where it is `alone` in having
-    /// several.
+    /// The look of one of `count` settings of an agent. The settings have a scale of colours where the agent is
+    /// `alone` in having several.
     pub(super) fn style_of_setting(&self, agent: &str, index: usize, (count, alone): (usize, bool)) -> Style {
         let own = self.style(agent);
         let hue = if alone { Hue::Ramp(index, count) } else { own.hue };
@@ -92,7 +92,7 @@ impl Context<'_> {
         }
     }
 
-    /// Which values of a metric are better.
+    /// The better direction of a metric.
     pub(super) fn better(&self, metric: &str) -> Better {
         self.better.get(metric).copied().unwrap_or(Better::Higher)
     }
@@ -114,7 +114,7 @@ impl Context<'_> {
     }
 }
 
-/// The name to print.
+/// The printed name: the label from the study, else the name itself.
 pub(super) fn label(spec: &FigureSpec, name: &str) -> String {
     spec.labels.get(name).cloned().unwrap_or_else(|| name.into())
 }

@@ -3,24 +3,24 @@
 use super::ticks::Tick;
 use contract::drawing::{Graph, Image};
 
-/// A figure as data: what the drawing and the CSV file read.
+/// A figure as data, for the drawing and for the CSV file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Chart {
-    /// The panels, row by row.
+    /// Panels of the figure, row by row.
     pub panels: Vec<Panel>,
-    /// Panels in a row.
+    /// Number of panels in a row.
     pub columns: usize,
-    /// True where all panels of a column have one horizontal axis, written under the lowest.
+    /// Whether all panels of a column share one horizontal axis, written under the lowest.
     pub shared_x: bool,
-    /// True where all panels of a row have one vertical axis, written beside the first.
+    /// Whether all panels of a row share one vertical axis, written beside the first.
     pub shared_y: bool,
     /// Sentences under the figure.
     pub notes: Vec<String>,
-    /// How wide it is on paper, and how large its text.
+    /// Width on paper, and size of text.
     pub paper: Paper,
 }
 
-/// What a study says of a figure's size; what it does not say is chosen.
+/// Size of a figure as the study states it; absent values are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Paper {
     /// Width in millimetres.
@@ -29,64 +29,64 @@ pub struct Paper {
     pub font_pt: Option<f64>,
 }
 
-/// One pair of axes with what is drawn between them.
+/// One pair of axes with the series between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Panel {
-    /// What stands above it.
+    /// Title above the panel.
     pub title: String,
-    /// The horizontal axis.
+    /// Horizontal axis, shared within a column where `shared_x` is set.
     pub x: Scale,
-    /// The vertical axis.
+    /// Vertical axis, shared within a row where `shared_y` is set.
     pub y: Scale,
-    /// What is drawn, the first at the bottom.
+    /// Series of the panel, the first at the bottom.
     pub series: Vec<Series>,
 }
 
-/// An axis.
+/// An axis of a panel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scale {
-    /// What it shows, with the unit.
+    /// Label: the quantity and its unit.
     pub label: String,
-    /// Logarithmic.
+    /// Whether the axis is logarithmic.
     pub log: bool,
-    /// Names at 0, 1, 2, ... in place of numbers; empty on an axis of numbers.
+    /// Names at 0, 1, 2, ... instead of numbers; empty on an axis of numbers.
     pub categories: Vec<String>,
-    /// Always part of the axis, as the zero of bars is.
+    /// Values that the axis always holds, such as the zero of bars.
     pub includes: Vec<f64>,
 }
 
 /// One line, set of points, set of bars or surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Its name in the legend; empty where it has no entry.
+    /// Name in the legend; empty where the series has no entry.
     pub label: String,
-    /// Seeds it rests on and seeds that are planned.
+    /// Number of seeds behind the series, and number of seeds planned.
     pub seeds: Option<(usize, usize)>,
     /// Colour, dash and marker.
     pub style: Style,
-    /// The data.
+    /// Points or other data, with the form of their drawing.
     pub shape: Shape,
 }
 
-/// How a series looks. Equal numbers look equal in every figure of a study.
+/// Look of a series. Equal numbers look equal in every figure of a study.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Style {
-    /// Which hue: the agent's place in the study.
+    /// Hue, from the agent's place in the study.
     pub hue: Hue,
-    /// Which dash and marker.
+    /// Number of the dash and of the marker.
     pub variant: usize,
 }
 
-/// Where a colour comes from.
+/// Source of a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hue {
     /// The n-th colour of the palette.
     Palette(usize),
-    /// The i-th of n steps from dark to light, for things that are no agents.
+    /// The i-th of n steps from dark to light, for series that are no agents.
     Ramp(usize, usize),
     /// Dark grey, for thresholds.
     Grey,
-    /// Pale grey and wide, for what lines are held against: it shows behind a line that covers it.
+    /// Pale grey and wide, for reference lines: it shows behind a line that covers it.
     Behind,
     /// Pale grey, for the lines of a crowded chart that are not among the best ones.
     Other,
@@ -98,18 +98,18 @@ impl Default for Hue {
     }
 }
 
-/// A learning curve: what is shown of all runs, and each of them.
+/// A learning curve: the line over all runs, and each run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Whose curve it is, which is seen from the kind of dashes.
-    pub of: CurveOf,
-    /// The line, with a band around it where low and high are given.
+    /// Source of the curve, shown by the kind of dashes.
+    pub of: CurveSource,
+    /// The line, with a band around it where points have intervals.
     pub points: Vec<Point>,
-    /// Runs that are drawn as thin lines; empty where only the line is.
+    /// Runs that are drawn as thin lines; empty where only the line is drawn.
     pub runs: Vec<RunLine>,
-    /// Runs that are not drawn: a page shows them to those who ask.
+    /// Runs that are not drawn; the page shows them on request.
     pub undrawn: Vec<RunLine>,
-    /// The statistic of the line over the last values of the runs, where not all of them end where the line does.
+    /// The statistic of the line over the last values of the runs, where some runs go on after the line ends.
     pub at_the_ends: Option<f64>,
 }
 
@@ -120,29 +120,29 @@ impl Curve {
     }
 }
 
-/// Whose learning curve it is.
+/// Source of a learning curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum CurveOf {
-    /// Of an agent that learns.
+pub enum CurveSource {
+    /// An agent that learns.
     Learner,
-    /// Of an agent that does not.
+    /// An agent that does not learn.
     NonLearner,
-    /// Of a publication.
+    /// A publication.
     Publication,
 }
 
 /// One run of a learning curve.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RunLine {
-    /// The seed, or the name that a publication gives the run.
+    /// The seed, or the name of the run in its publication.
     pub name: String,
-    /// Id of its trial; empty for a publication.
+    /// Id of the trial; empty for a publication.
     pub trial: String,
-    /// Its line.
+    /// Points of the line, by rising steps.
     pub points: Vec<Point>,
 }
 
-/// The data of a series.
+/// The data of a series in the form of their drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A line through points.
@@ -153,12 +153,12 @@ pub enum Shape {
     MarkedLine(Vec<Point>),
     /// A horizontal dashed line across the panel.
     Level(f64),
-    /// Points that are not joined.
+    /// Points without a line between them.
     Points(Vec<Point>),
-    /// Bars from zero with an interval each: centre, height, and the width of all.
+    /// Bars from zero with an interval each: the points are centres and heights, the number is the width of all bars.
     Bars(Vec<Point>, f64),
-    /// Bars along the horizontal axis from one end of the interval to the other, with a line at the value. The
-    /// axes are swapped: `x` is the row of the point on the vertical axis.
+    /// Bars along the horizontal axis from one end of the interval to the other, with a line at the value. The axes
+    /// are swapped: `x` is the row of the point on the vertical axis.
     Across(Vec<Point>),
     /// A surface over a full grid.
     Surface(Surface),
@@ -172,61 +172,61 @@ pub enum Shape {
     Images(Tiles),
     /// Boxes and arrows, without axes.
     Graph(Graph),
-    /// Upright axes in place of those of the panel: one over each name of the horizontal axis, with ticks at places
+    /// Upright axes that replace those of the panel: one over each name of the horizontal axis, with ticks at places
     /// from 0 to 1.
     Axes(Vec<Vec<Tick>>),
 }
 
-/// Images in rows.
+/// Images in rows, in one panel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tiles {
-    /// Id of the trial that left them, in whose folder the file with all of them lies.
+    /// Id of the trial that left the images; its folder holds the file with all of them.
     pub trial: String,
-    /// The images that are shown, all of one size.
+    /// The images in the figure, all of one size.
     pub images: Vec<Image>,
-    /// How many stand in a row, at least one.
+    /// Images in a row, at least one.
     pub columns: usize,
-    /// The side of an image on paper in millimetres; as large as there is room where absent.
+    /// Side of an image on paper in millimetres; `None` takes the room there is.
     pub size_mm: Option<f64>,
 }
 
 /// A point, with the interval of its vertical value where there is one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Point {
-    /// Horizontal value.
+    /// Value on the horizontal axis.
     pub x: f64,
-    /// Vertical value.
+    /// Value on the vertical axis.
     pub y: f64,
-    /// Lower and upper end of the interval.
+    /// Lower and upper end of the interval of `y`.
     pub interval: Option<(f64, f64)>,
 }
 
 /// Coloured cells over two axes of names.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cells {
-    /// What the colours are, with the unit.
+    /// Meaning of the colours, with the unit.
     pub label: String,
-    /// The values `[row][column]`, the first row the highest; `None` where there is none.
+    /// Values `[row][column]`, the first row the highest; `None` for a cell without a value.
     pub values: Vec<Vec<Option<f64>>>,
-    /// What is written into the cells.
+    /// Texts in the cells, `[row][column]`.
     pub texts: Vec<Vec<String>>,
 }
 
 /// A surface over a full grid.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
-    /// What its height is, with the unit.
+    /// Meaning of the height, with the unit.
     pub label: String,
-    /// Increasing grid positions.
+    /// Increasing grid positions along the horizontal axis.
     pub x: Vec<f64>,
-    /// Increasing grid positions.
+    /// Increasing grid positions along the vertical axis.
     pub y: Vec<f64>,
-    /// Heights, `[y][x]`.
+    /// Heights at the grid positions, `[y][x]`.
     pub z: Vec<Vec<f64>>,
 }
 
 impl Shape {
-    /// The points of a series, without single runs; none for a level, a surface and what has no axes.
+    /// The points of a series, without single runs; empty for a level, a surface and shapes without axes.
     #[must_use]
     pub fn points(&self) -> &[Point] {
         match self {
@@ -247,7 +247,7 @@ impl Shape {
         }
     }
 
-    /// The value at which a line, or a row of points, ends; `None` for other shapes.
+    /// The last value of a line or of a row of points; `None` for other shapes.
     #[must_use]
     pub fn last_value(&self) -> Option<f64> {
         let last = |points: &[Point]| {
@@ -263,7 +263,7 @@ impl Shape {
         }
     }
 
-    /// The single runs of a learning curve, as far as they are drawn.
+    /// The drawn runs of a learning curve; empty for other shapes.
     #[must_use]
     pub fn runs(&self) -> &[RunLine] {
         if let Shape::Curve(curve) = self {
@@ -356,14 +356,14 @@ impl Series {
         }
     }
 
-    /// True for a line that a crowded chart shows in grey.
+    /// Whether the series is a line that a crowded chart shows in grey.
     pub(super) fn is_other(&self) -> bool {
         self.style.hue == Hue::Other
     }
 }
 
 impl Panel {
-    /// What it is called in files: its title, or its number from 1.
+    /// Name of the panel in files: its title, or its number from 1.
     pub(super) fn name(&self, index: usize) -> String {
         if self.title.is_empty() {
             (index + 1).to_string()
@@ -372,7 +372,7 @@ impl Panel {
         }
     }
 
-    /// The upright axes that stand in place of those of the panel; none where it has axes of its own.
+    /// The upright axes that replace those of the panel; empty for a panel with axes of its own.
     pub(super) fn upright_axes(&self) -> &[Vec<Tick>] {
         let axes = self.series.iter().find_map(|series| match &series.shape {
             Shape::Axes(axes) => Some(axes.as_slice()),

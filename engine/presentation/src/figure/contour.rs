@@ -1,5 +1,4 @@
-//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path
-//! over it.
+//! Contours: a surface that a trial traced point by point, with measurements during learning as a path over it.
 
 use super::{
     Figure, FigureSpec,
@@ -108,7 +107,7 @@ fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Char
     })
 }
 
-/// The seeds of the panels: the same for all unless some have no result.
+/// The seeds of the panels: one text for all panels, unless some have no result.
 fn seeds(trials: &[&TrialResult]) -> String {
     let seeds: Vec<String> = trials
         .iter()
@@ -173,14 +172,14 @@ fn series(
     Ok(series)
 }
 
-/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing
-/// was measured.
+/// The path of measurements during learning, in order, with its name; `None` where the study asks for no path or the
+/// trial measured none.
 fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));
     let (first, last) = (x.first()?.0, x.last()?.0);
     let y: BTreeMap<u64, f64> = y.into_iter().collect();
-    // Where only one of both was measured there is no point.
+    // A point needs both measurements.
     let points = x
         .into_iter()
         .filter_map(|(step, x)| Some((x, *y.get(&step)?)))

@@ -1,16 +1,17 @@
 //! Charts with more lines than a legend has room for: the best keep their colours and names, the rest are grey.
 
-use super::chart::{Chart, CurveOf, Hue, Panel, Series, Shape, Style};
+use super::chart::{Chart, CurveSource, Hue, Panel, Series, Shape, Style};
 use contract::Better;
 use statistics::estimators::mean;
 
-/// Up to so many names fit, as many as there are colours.
+/// The most names that fit a legend: as many as there are colours.
 const MOST_NAMED: usize = 8;
-/// So many of the best lines keep their names where there are more.
+/// Number of best lines that keep their names in a chart with more lines than that.
 const KEPT: usize = 5;
 
-/// Makes all but the best lines grey where a chart has too many names, and says so. Levels, agents that do not learn
-/// and published curves stay: lines are held against them. With several panels the mean rank counts.
+/// Makes all but the best lines grey where a chart has too many names, and returns a sentence on it. Levels, agents
+/// that do not learn and published curves keep their colours, since readers compare lines with them. With several
+/// panels the mean rank counts.
 pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
     let lines = names(chart, is_line);
     if names(chart, |_| true).len() <= MOST_NAMED || lines.len() <= KEPT {
@@ -51,7 +52,7 @@ pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
 /// A line that may become grey.
 fn is_line(series: &Series) -> bool {
     match &series.shape {
-        Shape::Curve(curve) => curve.of == CurveOf::Learner,
+        Shape::Curve(curve) => curve.of == CurveSource::Learner,
         Shape::Line(_) | Shape::Points(_) => true,
         _ => false,
     }
@@ -68,8 +69,8 @@ fn names(chart: &Chart, is: fn(&Series) -> bool) -> Vec<String> {
     names
 }
 
-/// The rank of each line of a panel by the mean of the last values of its name: how many are better. A line without
-/// a value is the last.
+/// The rank of each line of a panel by the mean of the last values of its name: the number of better lines. A line
+/// without a value is the last.
 fn ranks(panel: &Panel, lines: &[String], better: Better) -> Vec<usize> {
     let merit = |name: &String| {
         let named = panel

@@ -1,18 +1,18 @@
-//! The sentences under learning curves: what lines, thin lines, bands and dashes are.
+//! The sentences under learning curves: the meaning of lines, thin lines, bands and dashes.
 
 use super::{
     Band, LearningCurve, Line,
-    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Series, Shape},
+    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Series, Shape},
     over_runs::FEW,
 };
 use statistics::thinning;
 
-/// Up to so many names stand in a sentence.
+/// The most names in a sentence; more are counted.
 const MOST_NAMED: usize = 5;
 
-/// What is drawn, and nothing that is not.
+/// Sentences on everything that is drawn, and on nothing else.
 pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
-    let drawn = Drawn { kind, chart };
+    let drawn = NoteWriter { kind, chart };
     [
         drawn.lines(),
         drawn.carried(),
@@ -30,12 +30,12 @@ pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
     .collect()
 }
 
-struct Drawn<'a> {
+struct NoteWriter<'a> {
     kind: &'a LearningCurve,
     chart: &'a Chart,
 }
 
-impl Drawn<'_> {
+impl NoteWriter<'_> {
     fn lines(&self) -> Option<String> {
         let lines = match self.kind.line {
             Line::Mean => "means",
@@ -50,7 +50,7 @@ impl Drawn<'_> {
             .then(|| format!("Lines are {lines} over n seeds{from}."))
     }
 
-    /// How runs that were not measured at the same steps become a line.
+    /// Sentence on runs with different steps: the way from them to a line.
     fn carried(&self) -> Option<String> {
         let names = self.names(|curve| !have_same_steps(curve));
         let which = match names.len() {
@@ -65,7 +65,8 @@ impl Drawn<'_> {
         })
     }
 
-    /// Where lines end although runs go on, in the study's own curves: what is said of published ones says it too.
+    /// Sentence on lines that end although runs go on, in the study's own curves; the sentence on published curves
+    /// has its own words for it.
     fn parts(&self) -> Option<String> {
         let part = |series: &Series, curve: &Curve| {
             let whole = ends(curve.all_runs().flat_map(|run| &run.points))?;
@@ -94,7 +95,7 @@ impl Drawn<'_> {
         (!parts.is_empty()).then(|| parts.join(" "))
     }
 
-    /// How lines of very many steps are drawn.
+    /// Sentence on the drawing of lines with very many steps.
     fn thinned(&self) -> Option<String> {
         let is_long = |curve: &Curve| curve.all_runs().any(|run| run.points.len() > thinning::MOST);
         self.any(is_long).then(|| {
@@ -188,7 +189,7 @@ impl Drawn<'_> {
     }
 
     fn short_dashes(&self) -> Option<String> {
-        self.any(|curve| curve.of == CurveOf::NonLearner)
+        self.any(|curve| curve.of == CurveSource::NonLearner)
             .then(|| "Short dashes are agents that do not learn.".into())
     }
 
@@ -236,7 +237,7 @@ impl Drawn<'_> {
         self.series().any(|(_, curve)| is(curve))
     }
 
-    /// True where every panel with curves of the study has one like that.
+    /// Whether every panel with curves of the study has one that meets a condition.
     fn in_all(&self, is: impl Fn(&Curve) -> bool) -> bool {
         let own = |panel: &&Panel| curves(panel).any(|(_, curve)| is_own(curve));
         self.chart
@@ -259,7 +260,7 @@ fn curves(panel: &Panel) -> impl Iterator<Item = (usize, &Curve)> {
     })
 }
 
-/// True where all runs were measured at the same steps, as far as the line goes.
+/// Whether all runs were measured at the same steps, up to the end of the line.
 fn have_same_steps(curve: &Curve) -> bool {
     let Some((first, last)) = ends(curve.points.iter()) else {
         return true;
@@ -287,9 +288,9 @@ fn has_band(curve: &Curve) -> bool {
 }
 
 fn is_own(curve: &Curve) -> bool {
-    curve.of != CurveOf::Publication
+    curve.of != CurveSource::Publication
 }
 
 fn is_published(curve: &Curve) -> bool {
-    curve.of == CurveOf::Publication
+    curve.of == CurveSource::Publication
 }

@@ -1,8 +1,7 @@
-//! Learning curves of synthetic results: lines, bands, seeds, what others published, and what the notes say
-//! of them.
+//! Learning curves of synthetic results: lines, bands, seeds, published curves, and their notes.
 
 use super::{
-    Band, Chart, Context, CurveOf, FigureSpec, LearningCurve, Line, SeedLines, Shape, build,
+    Band, Chart, Context, CurveSource, FigureSpec, LearningCurve, Line, SeedLines, Shape, build,
     tests::{chart, curve_of, learning_curve},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
@@ -48,7 +47,7 @@ fn climbers(agents: usize, seeds: u64) -> Results {
     Results::of(trials)
 }
 
-/// Agents of [`climbers`], of which the last does not learn.
+/// Agents of [`climbers`]; the last one does not learn.
 const CLIMBERS: [&str; 6] = ["one", "two", "three", "four", "five", "rule"];
 
 fn climb(change: impl Fn(&mut LearningCurve), agents: usize, seeds: u64) -> Chart {
@@ -77,8 +76,7 @@ fn climb(change: impl Fn(&mut LearningCurve), agents: usize, seeds: u64) -> Char
     .unwrap()
 }
 
-/// Logs of two authors that go on after the study has ended; those of the first have three runs, one of which
-/// ends early.
+/// Logs of two authors that go on after the study has ended. The first author has three runs, one with an early end.
 fn logs(dir: &Path) -> Vec<PublishedCurve> {
     let mut text = String::from("author,run,step,return\n");
     for (author, run, last) in [
@@ -111,7 +109,7 @@ fn logs(dir: &Path) -> Vec<PublishedCurve> {
     vec![first, curve("others", "second")]
 }
 
-/// Learning curves to be looked at.
+/// Learning curves for inspection by eye.
 pub(super) fn pictures(dir: &Path) -> Vec<(&'static str, Chart)> {
     let logs = logs(dir);
     vec![
@@ -199,7 +197,7 @@ fn few_seeds_are_thin_lines_and_many_have_a_band() {
         curves(&climb(|_| (), 2, 1)).iter().all(|it| it.runs.is_empty()),
         "a single seed is the line"
     );
-    // Each thin line is a seed after it was smoothed, and so is each point of the line their mean.
+    // Each thin line is a smoothed seed, and each point of the line is their mean.
     let (curve, last) = (curves(&few)[0], curves(&few)[0].points.len() - 1);
     let mean = curve.runs.iter().map(|run| run.points[last].y).sum::<f64>() / 5.0;
     assert!((mean - curve.points[last].y).abs() < 1e-12);
@@ -238,14 +236,14 @@ fn a_published_curve_of_the_same_name_has_its_own_entry() {
 #[test]
 fn agents_that_do_not_learn_have_curves_where_they_were_measured_and_levels_where_not() {
     let measured = climb(|_| (), 4, 5);
-    let kinds: Vec<CurveOf> = curves(&measured).iter().map(|curve| curve.of).collect();
+    let kinds: Vec<CurveSource> = curves(&measured).iter().map(|curve| curve.of).collect();
     assert_eq!(
         kinds,
         [
-            CurveOf::Learner,
-            CurveOf::Learner,
-            CurveOf::Learner,
-            CurveOf::NonLearner
+            CurveSource::Learner,
+            CurveSource::Learner,
+            CurveSource::Learner,
+            CurveSource::NonLearner
         ]
     );
     assert_eq!(curves(&measured)[3].points.len(), 101);
@@ -358,7 +356,7 @@ fn a_published_curve_that_cannot_be_read_is_said() {
     );
 }
 
-/// The whole note of a figure with everything in it, and of others what differs.
+/// The whole note of a figure with everything in it, and the differing sentences of other figures.
 #[test]
 fn notes_say_what_is_drawn() {
     let dir = tempfile::tempdir().unwrap();

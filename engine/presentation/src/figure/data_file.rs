@@ -1,5 +1,5 @@
-//! The data of a figure as comma-separated values: a line for each point, those of long lines too that no picture can
-//! show.
+//! The data of a figure as comma-separated values: a line for each point, including points that are too dense for a
+//! picture.
 
 use super::{
     chart::{Cells, Chart, Panel, Point, RunLine, Scale, Series, Shape, Surface},
@@ -16,8 +16,8 @@ const HEADER: [&str; 9] = ["panel", "series", "n", "x", "y", "low", "high", "z",
 type Fields = [String; 6];
 
 impl Chart {
-    /// The data of the figure, one line per point; `run` names a single run and is empty for what is shown of all runs.
-    /// `n` is the number of runs that the points of the series are made of.
+    /// The data of the figure, one line per point. `run` names a single run and is empty for values over all runs.
+    /// `n` is the number of runs behind the points of the series.
     ///
     /// # Errors
     /// [`Error::Render`] where the writer refuses.
@@ -77,7 +77,7 @@ fn fields<'a>(shape: &'a Shape, panel: &'a Panel) -> Box<dyn Iterator<Item = Fie
     }
 }
 
-/// The runs that are drawn, and those whose line shows a part of their points.
+/// The drawn runs, and those whose line leaves out some of their points.
 fn runs(shape: &Shape) -> impl Iterator<Item = &RunLine> {
     let undrawn = match shape {
         Shape::Curve(curve) => curve.undrawn.as_slice(),

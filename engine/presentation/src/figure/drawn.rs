@@ -1,5 +1,5 @@
-//! What figures without axes share: which trials they show, what they say of those that left nothing, and
-//! their data as lines of a CSV file.
+//! Shared parts of figures without axes: the choice of trials, the sentences on trials that left nothing, and the
+//! data as lines of a CSV file.
 
 use super::{
     FigureSpec,
@@ -13,31 +13,31 @@ use contract::{
     trial_result::TrialResult,
 };
 
-/// Which trials are shown: one per agent and setting, all of one environment and seed.
+/// Choice of trials: one per agent and setting, all of one environment and seed.
 pub(super) struct Choice<'k> {
     pub(super) agents: &'k [String],
     pub(super) environment: Option<&'k String>,
     pub(super) seed: Option<u64>,
 }
 
-/// The trials that left what a figure shows, each with its name, and what is said under the figure.
-pub(super) struct Found<'a> {
+/// The trials that left an artifact, each with its name, and the sentences under the figure.
+pub(super) struct ArtifactTrials<'a> {
     pub(super) trials: Vec<(String, &'a TrialResult, &'a Drawings)>,
     /// The seed and the environment, as in `seed 0 in short`.
     pub(super) place: String,
-    /// A sentence for each trial that left nothing to be shown.
+    /// A sentence for each trial that left no such artifact.
     pub(super) missing: Vec<String>,
 }
 
 impl Choice<'_> {
-    /// Finds the trials that left something of a kind.
+    /// Finds the trials that left an artifact of a kind.
     pub(super) fn find<'a>(
         &self,
         kind: ArtifactKind,
         spec: &FigureSpec,
         context: Context<'a>,
         is_there: impl Fn(&Drawings) -> bool,
-    ) -> Found<'a> {
+    ) -> ArtifactTrials<'a> {
         let environments: Vec<String> = self.environment.into_iter().cloned().collect();
         let scope = Scope::of(context.results, self.agents, &environments);
         let environment = scope.names(Axis::Environment, &[]).into_iter().next();
@@ -48,7 +48,7 @@ impl Choice<'_> {
         let agents = scope.names(Axis::Agent, self.agents);
         let of_agent = |agent: &String| scope.at(Axis::Agent, agent).trials;
         let chosen = agents.iter().flat_map(of_agent);
-        let mut found = Found {
+        let mut found = ArtifactTrials {
             trials: Vec::new(),
             place: format!("seed {seed} in {}", label(spec, &environment)),
             missing: Vec::new(),
@@ -64,7 +64,7 @@ impl Choice<'_> {
     }
 }
 
-/// Why a trial has no panel.
+/// Reason for the missing panel of a trial.
 fn missing(name: &str, kind: ArtifactKind, trial: &TrialResult, drawings: Option<&Drawings>) -> String {
     let problem = drawings.and_then(|drawings| drawings.problem.as_ref());
     match (&trial.end, problem) {

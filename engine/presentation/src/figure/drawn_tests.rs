@@ -1,4 +1,4 @@
-//! Figures of what trials left: their data by snapshot, their drawing by what must hold of it.
+//! Figures of artifacts: their data by snapshot, their drawing by properties.
 
 use super::{
     Chart, Context, FigureKind, FigureSpec, GraphFigure, Images, build,
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use testing::synthetic::noise;
 use testing::synthetic::study;
 
-/// Figures to be looked at.
+/// Figures for inspection by eye.
 pub(super) fn pictures() -> [(&'static str, Chart); 4] {
     let results = with_drawings();
     [

@@ -51,7 +51,7 @@ impl Figure for GroupedLines {
     }
 }
 
-/// The key is one that the study sweeps.
+/// Says where no sweep of the study varies the key.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
     let swept = &names.vocabulary.swept;
     if swept.is_empty() {
@@ -102,7 +102,7 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
     Ok(chart)
 }
 
-/// The values of the key where not all of them are numbers, in the order of the plan; else none.
+/// The values of the key in the order of the plan where some are no numbers; else empty.
 fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
     let values: Vec<&Value> = scope
         .trials
@@ -140,7 +140,7 @@ fn swept(
         let Some(summary) = Summary::of(&values) else {
             continue;
         };
-        // All trials of a setting stand at one point of the sweep.
+        // All trials of a setting have the same point of the sweep.
         let point = &scope.trials[0].trial.cell.point;
         let (x, rest) = match point.get(&kind.x) {
             Some(value) => (

@@ -1,4 +1,4 @@
-//! A comparison as coloured cells: rows and columns are two swept keys, or any two of what a comparison may have.
+//! A comparison as coloured cells; rows and columns are two swept keys, or any two axes of a comparison.
 
 use super::{
     Figure, FigureSpec,
@@ -102,7 +102,7 @@ fn build(kind: &HeatMap, spec: &FigureSpec, context: Context<'_>) -> Result<Char
     })
 }
 
-/// What the colours are.
+/// Meaning of the colours.
 fn quantity(grid: &Grid, of_metric: String) -> String {
     match grid.quantity.relative {
         None => of_metric,
@@ -131,7 +131,7 @@ fn short(grid: &Grid, row: usize, column: usize) -> String {
     estimate.map_or_else(|| "–".into(), |value| grid.format.write(value))
 }
 
-/// Paints the cells and their values; what has no value stays white.
+/// Paints the cells and their values; cells without a value stay white.
 pub(super) fn draw(cells: &Cells, heights: Option<Range>, frame: &Frame, marks: &mut Vec<Mark>) {
     let Some(heights) = heights else { return };
     for (row, values) in cells.values.iter().enumerate() {
@@ -147,7 +147,7 @@ pub(super) fn draw(cells: &Cells, heights: Option<Range>, frame: &Frame, marks: 
                 });
             }
             let words = &cells.texts[row][column];
-            // A value that does not fit is read from the colour bar and from the figure's file.
+            // A value that does not fit is in the colour bar and in the figure's file.
             if text_width(words, TEXT) + 2.0 <= (to.0 - from.0).abs() {
                 marks.push(Mark::Text {
                     at: corner(0.0, 0.0),
@@ -162,7 +162,7 @@ pub(super) fn draw(cells: &Cells, heights: Option<Range>, frame: &Frame, marks: 
     }
 }
 
-/// Black or white, whichever is read better on a colour.
+/// The more readable of black and white on a colour.
 fn on((red, green, blue): Rgb) -> Rgb {
     let lightness = 0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue);
     if lightness > 140.0 {

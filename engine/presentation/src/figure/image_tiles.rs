@@ -1,4 +1,4 @@
-//! Draws grids of images, a panel beside the other, each pixel as a square.
+//! Draws grids of images, one panel beside the other, each pixel as a square.
 
 use super::{
     axes::TEXT,
@@ -17,12 +17,12 @@ const PANEL_GAP: f64 = 14.0;
 /// Height of a title with its room.
 const TITLE: f64 = 12.0;
 const MARGIN: f64 = 4.0;
-/// No image is drawn larger than this where the study does not say a size.
+/// Largest side of an image where the study states no size, in points.
 const LARGEST: f64 = 24.0 * POINTS_PER_MM;
-/// Width of the line around an image, which shows where a light one ends.
+/// Width of the line around an image, which shows the edge of a light one.
 const RIM: f64 = 0.3;
 
-/// A chart of images, as wide as is asked for; `None` for another one.
+/// A chart of images at the requested width; `None` for another chart.
 pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let grids: Vec<(&Panel, &Tiles)> = shapes(chart)
         .filter_map(|(_, panel, shape)| match shape {
@@ -34,7 +34,7 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
         return None;
     }
     let columns = chart.columns.clamp(1, grids.len());
-    // The drawing as a whole is scaled for another size of text, which the size of an image shall not be.
+    // The drawing is scaled as a whole for another size of text, but the size of an image stays.
     let per_mm = POINTS_PER_MM * TEXT / chart.paper.font_pt.unwrap_or(TEXT);
     let usual = if columns == 1 && natural(&grids, SINGLE, per_mm) <= SINGLE {
         SINGLE
@@ -44,7 +44,7 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let width = asked.unwrap_or(usual);
     let slot = (width - 2.0 * MARGIN - PANEL_GAP * count(columns - 1)) / count(columns);
     let titled = grids.iter().any(|(panel, _)| !panel.title.is_empty());
-    // Panels that do not fill their slots stand together in the middle.
+    // Panels narrower than their slots stand together in the middle.
     let own = |(panel, tiles): &(&Panel, &Tiles)| {
         span(side(tiles, slot, per_mm), tiles.columns).max(text_width(&panel.title, TEXT))
     };
@@ -56,7 +56,7 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
         let mut lowest = top;
         for (column, (panel, tiles)) in row.iter().enumerate() {
             let left = (width - used) / 2.0 + (slot + PANEL_GAP) * count(column);
-            // A size that the study gives never makes the grid wider than its slot.
+            // A size from the study never makes the grid wider than its slot.
             let side = side(tiles, slot, per_mm).min(fit(tiles, slot));
             lowest = lowest.max(grid(panel, tiles, (left, top), (slot, side), &mut marks));
         }
@@ -69,14 +69,14 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     })
 }
 
-/// The width that one column of panels takes.
+/// Natural width of one column of panels.
 fn natural(grids: &[(&Panel, &Tiles)], width: f64, per_mm: f64) -> f64 {
     let wanted =
         |tiles: &Tiles| span(side(tiles, width - 2.0 * MARGIN, per_mm), tiles.columns) + 2.0 * MARGIN;
     grids.iter().map(|(_, tiles)| wanted(tiles)).fold(0.0, f64::max)
 }
 
-/// Draws a panel in the middle of its slot, with images of one side; returns where it ends.
+/// Draws a panel in the middle of its slot, with images of one side; returns its lower edge.
 fn grid(
     panel: &Panel,
     tiles: &Tiles,
@@ -114,12 +114,12 @@ fn grid(
     top + span(side, tiles.images.len().div_ceil(tiles.columns))
 }
 
-/// Room of some images and the gaps between them.
+/// Width or height of some images with the gaps between them.
 fn span(side: f64, images: usize) -> f64 {
     side * count(images) + GAP * count(images.saturating_sub(1))
 }
 
-/// The side of an image: as the study says, in points `per_mm`, else what there is room for.
+/// Side of an image: as the study says, in points `per_mm`; else as large as the room allows.
 fn side(tiles: &Tiles, room: f64, per_mm: f64) -> f64 {
     match tiles.size_mm {
         Some(size_mm) => size_mm * per_mm,
@@ -131,8 +131,8 @@ fn fit(tiles: &Tiles, room: f64) -> f64 {
     (room - GAP * count(tiles.columns.saturating_sub(1))) / count(tiles.columns.max(1))
 }
 
-/// The largest side up to `most` at which a pixel of the image is a whole number of pixels of the PNG file, so
-/// that all of them are equally large.
+/// The largest side up to `most` at which each pixel of the image is a whole number of pixels of the PNG file, so
+/// that all are equally large.
 fn whole_pixels(tiles: &Tiles, most: f64) -> f64 {
     let pixels = f64::from(tiles.images.first().map_or(1, |image| image.width.max(1)));
     let times = (most * PNG_SCALE / pixels).floor();

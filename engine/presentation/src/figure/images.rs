@@ -1,4 +1,4 @@
-//! Images: samples of what trials made, a grid of them per agent.
+//! Images: samples of generators, a grid of them per agent.
 
 use super::{
     Figure, FigureSpec,
@@ -102,7 +102,7 @@ impl Images {
         }
     }
 
-    /// Says how many images are shown of how many, as in `The first 36 of 100 images of seed 0 in short.`
+    /// Sentence on the number of images shown of all, as in `The first 36 of 100 images of seed 0 in short.`
     fn note(&self, place: &str, trials: &[(String, &TrialResult, &Drawings)]) -> String {
         let counts = || trials.iter().map(|(.., drawings)| drawings.images.len());
         let (low, high) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));

@@ -1,10 +1,10 @@
-//! How much the keys of a search matter.
+//! Importance of the keys of a search.
 
 use super::{
     Figure, FigureSpec,
     build::{Context, count, label, problem, spaced},
     chart::{Chart, Panel, Point, Scale, Series, Shape, Style},
-    searched::Searched,
+    searched::CompletedSettings,
 };
 use crate::{
     names::{Names, Place},
@@ -31,7 +31,7 @@ fn twenty() -> usize {
     20
 }
 
-/// A forest that explains less than this of the variance knows too little for its importances.
+/// Share of the variance below which a forest explains too little for its importances to count.
 const LITTLE: f64 = 0.2;
 
 impl Figure for ImportanceFigure {
@@ -44,7 +44,7 @@ impl Figure for ImportanceFigure {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        let searched = Searched::of(&self.search, context)?;
+        let searched = CompletedSettings::of(&self.search, context)?;
         let found = importance(&searched.shares, &searched.values, self.exchanges, &self.search)?;
         let too_few = || {
             problem(&format!(
@@ -60,7 +60,7 @@ impl Figure for ImportanceFigure {
     }
 }
 
-fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &FigureSpec) -> Chart {
+fn chart(searched: &CompletedSettings<'_>, found: &Importance, exchanges: usize, spec: &FigureSpec) -> Chart {
     let bar = |(place, (mean, deviation)): (usize, &(f64, f64))| Point {
         x: count(place),
         y: 100.0 * mean,
@@ -92,7 +92,7 @@ fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &F
     }
 }
 
-fn notes(searched: &Searched<'_>, found: &Importance, exchanges: usize) -> Vec<String> {
+fn notes(searched: &CompletedSettings<'_>, found: &Importance, exchanges: usize) -> Vec<String> {
     let (settings, by) = (searched.values.len(), spaced(&searched.result.search.metric));
     let explained = 100.0 * found.explained;
     let how = format!(

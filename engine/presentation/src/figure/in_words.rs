@@ -1,5 +1,5 @@
-//! A chart in one or two sentences, for those who cannot see it: what kind it is, what its axes show, and where
-//! its series end.
+//! A chart in one or two sentences, for readers who cannot see it: its kind, its axes, and the last values of its
+//! series.
 
 use super::{
     chart::{Cells, Chart, Panel, Point, Scale, Series, Shape},
@@ -7,11 +7,11 @@ use super::{
 };
 use crate::table::NumberFormat;
 
-/// No more values than these are told; the tables and the file of the figure hold all.
+/// The most values in the sentences; the tables and the file of the figure hold all.
 const MOST: usize = 12;
 
 impl Chart {
-    /// What is seen, in one or two sentences made of the data.
+    /// The chart in one or two sentences, made of its data.
     #[must_use]
     pub fn in_words(&self) -> String {
         if drawn::shapes(self).any(|(_, _, shape)| matches!(shape, Shape::Images(_) | Shape::Graph(_))) {
@@ -44,7 +44,7 @@ fn shapes(chart: &Chart) -> impl Iterator<Item = &Shape> {
         .flat_map(|panel| panel.series.iter().map(|series| &series.shape))
 }
 
-/// The kind of drawing, by the first series that is no mere level.
+/// The kind of drawing, by the first series that is no level.
 fn noun(chart: &Chart) -> &'static str {
     match shapes(chart).find(|shape| !matches!(shape, Shape::Level(_))) {
         Some(Shape::Curve(_)) => "Curves",
@@ -58,7 +58,7 @@ fn noun(chart: &Chart) -> &'static str {
     }
 }
 
-/// What the values of the second sentence are.
+/// Meaning of the values in the second sentence.
 fn lead(chart: &Chart) -> &'static str {
     match noun(chart) {
         "Bars" | "Intervals as bars" => "Values",
@@ -82,7 +82,7 @@ fn panels(chart: &Chart) -> String {
     }
 }
 
-/// What is shown against what, each label once; the horizontal axis with its ends.
+/// The vertical against the horizontal quantity, each label once; the horizontal axis with its ends.
 fn axes(chart: &Chart) -> String {
     let labels = |axis: fn(&Panel) -> &Scale| {
         let mut labels: Vec<String> = Vec::new();
@@ -160,7 +160,7 @@ fn heights(panel: &Panel) -> impl Iterator<Item = f64> {
     })
 }
 
-/// The values of a panel, a text for each series that has a name or is alone.
+/// The values of a panel: a text for each series that has a name or is alone.
 fn panel_values(panel: &Panel) -> Vec<String> {
     let format = NumberFormat::fitting(heights(panel));
     let place = if panel.title.is_empty() {
@@ -182,7 +182,7 @@ fn panel_values(panel: &Panel) -> Vec<String> {
 fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option<String> {
     match &series.shape {
         Shape::Level(value) => Some(format.write(*value)),
-        // Where rows have names, the values lie along the horizontal axis.
+        // With named rows the values lie along the horizontal axis.
         Shape::Line(points) if !panel.y.categories.is_empty() => {
             points.last().map(|point| format.write(point.x))
         }
@@ -222,7 +222,7 @@ fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option
     }
 }
 
-/// Row and column of the first cell with a value.
+/// Row and column of the first cell with this value.
 fn place_of(cells: &Cells, panel: &Panel, value: f64) -> String {
     let name = |names: &Scale, index: usize| names.categories.get(index).cloned().unwrap_or_default();
     let rows = cells.values.iter().enumerate();
@@ -276,7 +276,7 @@ fn drawn_in_words(chart: &Chart) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::{Curve, CurveOf, Style, Tiles};
+    use crate::figure::{Curve, CurveSource, Style, Tiles};
     use contract::drawing::{Edge, Graph, Node};
 
     fn point(x: f64, y: f64) -> Point {
@@ -294,7 +294,7 @@ mod tests {
 
     fn curve(last: f64) -> Shape {
         Shape::Curve(Curve {
-            of: CurveOf::Learner,
+            of: CurveSource::Learner,
             points: vec![point(0.0, 1.0), point(60_000.0, last), point(60_000.0, f64::NAN)],
             runs: Vec::new(),
             undrawn: Vec::new(),

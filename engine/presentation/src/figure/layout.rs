@@ -1,4 +1,4 @@
-//! From a chart to a drawing: where legend, panels, axes and labels lie.
+//! From a chart to a drawing: positions of legend, panels, axes and labels.
 
 use super::{
     axes::{self, Frame, OVERHANG, Range, TEXT},
@@ -23,19 +23,19 @@ const LINE: f64 = 10.0;
 const LABEL_LINE: f64 = 8.8;
 /// Height of a row of a vertical axis with names.
 const ROW: f64 = 15.0;
-/// Nothing with axes is lower.
+/// Least height of a figure with axes.
 const LOWEST: f64 = 60.0;
 /// Room between a row's axis labels and the next row.
 const GAP: f64 = 7.0;
-/// So many upright axes stand beside each other in one column of a paper.
+/// The most upright axes beside each other in one column of a paper.
 const MOST_UPRIGHT: usize = 4;
 /// Room for the colour bar of surfaces, its numbers and label.
 const COLOR_BAR: f64 = 42.0;
 
-/// Lays a chart out for paper: as wide as the study says, else one column with one column of panels, else two
-/// columns. What has no axes has a layout of its own.
+/// Lays a chart out for paper, as wide as the study says; else one column wide with one column of panels, else two
+/// columns wide. Charts without axes have a layout of their own.
 pub(super) fn draw(chart: &Chart) -> Drawing {
-    // Everything is laid out for text of the usual size, and then made larger or smaller as a whole.
+    // Everything is laid out for text of the usual size, and then scaled as a whole.
     let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
     let width = chart.paper.width_mm.map(|width| width * POINTS_PER_MM / scale);
     let shapes = image_tiles::draw(chart, width).or_else(|| graph_drawing::draw(chart, width));
@@ -60,7 +60,7 @@ fn usual_width(chart: &Chart) -> f64 {
     }
 }
 
-/// The widths of the columns of panels and what the axes need.
+/// The widths of the columns of panels, and the room for their axes.
 struct Grid {
     ranges: Vec<(Range, Range)>,
     /// Left edge of each column's plots, and the room before it.
@@ -99,7 +99,7 @@ impl Grid {
         let columns = chart.columns.max(1);
         let mut top = self.top;
         for (row, panels) in chart.panels.chunks(columns).enumerate() {
-            // Over a colour bar stands what it shows.
+            // The label of a colour bar stands above it.
             let titled = self.heights.is_some() || panels.iter().any(|panel| !panel.title.is_empty());
             top += if titled { LINE + 2.0 } else { 4.0 };
             for (column, panel) in panels.iter().enumerate() {
@@ -198,7 +198,7 @@ fn shows_x(chart: &Chart, index: usize) -> bool {
     !chart.shared_x || index + chart.columns >= chart.panels.len()
 }
 
-/// As high as rows of names need; else in proportion to the width, where that is not the usual one.
+/// Height for rows of names; else a proportion of the width, unless the study states another width.
 fn plot_height(chart: &Chart, width: f64) -> f64 {
     let rows = chart.panels.iter().map(|panel| panel.y.categories.len()).max();
     match rows {
@@ -209,7 +209,7 @@ fn plot_height(chart: &Chart, width: f64) -> f64 {
 
 fn usual_height(chart: &Chart) -> f64 {
     match chart.columns {
-        // About square, as both axes are alike.
+        // About square, since both axes are alike.
         columns if has_surface(chart) => {
             if columns > 2 {
                 122.0
@@ -224,7 +224,7 @@ fn usual_height(chart: &Chart) -> f64 {
     }
 }
 
-/// How long an upright label may be beside a plot of some height.
+/// Longest upright label beside a plot of some height.
 fn upright_room(height: f64) -> f64 {
     height + 24.0
 }

@@ -3,10 +3,10 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, label_with_setting, level},
-    chart::{Chart, Curve, CurveOf, RunLine, Scale, Series, Shape, Style},
+    chart::{Chart, Curve, CurveSource, RunLine, Scale, Series, Shape, Style},
     crowd::name_the_best,
     curve_notes,
-    over_runs::{FEW, Shown, are_uneven, at_the_ends, over, points, smoothed},
+    over_runs::{FEW, RunDisplay, are_uneven, at_the_ends, over, points, smoothed},
     published,
 };
 use crate::{
@@ -26,9 +26,9 @@ use statistics::{Summary, common_steps};
 pub struct LearningCurve {
     /// The metric.
     pub metric: String,
-    /// What the line of an agent shows of its seeds.
+    /// Statistic over its seeds that the line of an agent shows.
     pub line: Line,
-    /// What the band around the line shows.
+    /// Spread of the seeds that the band around the line shows.
     pub band: Band,
     /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
     /// at most five.
@@ -67,7 +67,7 @@ impl Default for LearningCurve {
     }
 }
 
-/// What a line shows of the seeds at each step.
+/// Statistic over seeds that a line shows at each step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Line {
@@ -79,7 +79,7 @@ pub enum Line {
     Iqm,
 }
 
-/// What a band around a line shows.
+/// Spread of the seeds that a band around a line shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Band {
@@ -137,7 +137,7 @@ fn published_curves(kind: &LearningCurve, names: &mut Names<'_>, at: &Place<'_>,
     }
 }
 
-/// One panel per environment, one line per agent and setting, and what others published.
+/// One panel per environment, one line per agent and setting, and the published curves.
 fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
     let x = Scale {
@@ -167,8 +167,8 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
 fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
     let agents = scope.names(Axis::Agent, &kind.agents);
     let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
-    // Settings of one agent lie on a scale of colours. Those of several are told apart by dashes, so that agents keep
-    // their colours.
+    // Settings of one swept agent lie on a scale of colours. Settings of several agents differ in dashes, so that
+    // agents keep their colours.
     let alone = agents.iter().filter(is_swept).count() == 1;
     let of_agent = |agent: &String| {
         let scope = scope.at(Axis::Agent, agent);
@@ -178,7 +178,7 @@ fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &
         let measured = move |(index, setting): (usize, &String)| {
             let style = context.style_of_setting(agent, index, (settings_of_agent, alone));
             let label = label_with_setting(spec, agent, if several { setting } else { "" });
-            Measured::of(kind, &scope.at(Axis::Setting, setting), label, style)
+            SeedCurves::of(kind, &scope.at(Axis::Setting, setting), label, style)
         };
         settings
             .iter()
@@ -186,29 +186,29 @@ fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &
             .filter_map(measured)
             .collect::<Vec<_>>()
     };
-    let measured: Vec<Measured> = agents.iter().flat_map(of_agent).collect();
+    let measured: Vec<SeedCurves> = agents.iter().flat_map(of_agent).collect();
     let few = measured.iter().any(|it| it.level.is_none() && it.seeds.0 <= FEW);
     measured
         .into_iter()
-        .map(|it| it.series(kind, Shown::of(kind, few)))
+        .map(|it| it.series(kind, RunDisplay::of(kind, few)))
         .collect()
 }
 
-/// What the seeds of an agent measured while it learned, or while others did.
-struct Measured {
+/// Measurements of the seeds of an agent, at steps of the learning or at the end only.
+struct SeedCurves {
     label: String,
     style: Style,
     learns: bool,
     runs: Vec<Run>,
-    /// Ids of their trials.
+    /// Ids of the trials, in the order of `runs`.
     trials: Vec<String>,
-    /// Seeds that there are and seeds that are planned.
+    /// Number of seeds with results, and number of seeds planned.
     seeds: (usize, usize),
-    /// The final mean, where an agent that does not learn was measured at the end only.
+    /// The final mean of an agent that does not learn and was measured at the end only.
     level: Option<f64>,
 }
 
-impl Measured {
+impl SeedCurves {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
         let learns = scope.learns() || scope.is_imported();
         let (trials, runs): (Vec<String>, Vec<Run>) = runs(scope, &kind.metric).into_iter().unzip();
@@ -233,7 +233,7 @@ impl Measured {
         })
     }
 
-    fn series(self, kind: &LearningCurve, shown: Shown) -> Series {
+    fn series(self, kind: &LearningCurve, shown: RunDisplay) -> Series {
         if let Some(value) = self.level {
             return level(self.label, self.style, self.seeds, value);
         }
@@ -247,7 +247,7 @@ impl Measured {
         let runs = self.runs.into_iter().zip(self.trials).zip(smoothed);
         let (values, lines): (Vec<common_steps::Run>, Vec<RunLine>) = runs.filter_map(with_values).unzip();
         let seeds = (values.len(), self.seeds.1);
-        // The line of a single seed is that seed. Of runs that go on where their line ends the rest would be lost.
+        // The line of a single seed is that seed. Runs are kept where they go on after their line ends.
         let asked = shown.runs || kind.seeds == SeedLines::Chosen(Automatic::Auto) && are_uneven(&values);
         let thin = asked && values.len() > 1;
         let (drawn, undrawn) = if thin {
@@ -257,9 +257,9 @@ impl Measured {
         };
         let curve = Curve {
             of: if self.learns {
-                CurveOf::Learner
+                CurveSource::Learner
             } else {
-                CurveOf::NonLearner
+                CurveSource::NonLearner
             },
             points: over(&values, kind.line, shown.band),
             runs: drawn,
@@ -275,7 +275,7 @@ impl Measured {
     }
 }
 
-/// What each seed measured, at each measurement but the final one, with the id of its trial.
+/// The measurements of each seed but the final one, with the id of its trial.
 fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
     let run = |trial: &&TrialResult| {
         let points = trial.while_learning(metric);
@@ -290,7 +290,7 @@ fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
         .collect()
 }
 
-/// The last step at which a trial of the panel was measured, but for the final measurement.
+/// The last step at which a trial of the panel was measured, apart from the final measurement.
 fn last_step(scope: &Scope<'_>, metric: &str) -> Option<u64> {
     let last = |trial: &&TrialResult| trial.while_learning(metric).last().map(|(step, _)| *step);
     scope

@@ -2,7 +2,7 @@
 
 use super::{
     axes::TEXT,
-    chart::{Chart, CurveOf, Series, Shape},
+    chart::{Chart, CurveSource, Series, Shape},
     layout::text,
     paint::{Mark, text_width},
     series,
@@ -39,8 +39,8 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
     }
 }
 
-/// One entry per name and look, and one for all lines that are grey because there are too many. Where panels differ in
-/// the number of seeds, it says from how many to how many.
+/// One entry per name and look, and one for all lines that are grey in a crowded chart. Where panels differ in the
+/// number of seeds, the entry has the range.
 pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     let mut groups: Vec<Vec<&Series>> = Vec::new();
     for series in chart
@@ -63,7 +63,7 @@ pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
         .collect()
 }
 
-/// One of the grey lines, and how many names they have; `None` where there are none.
+/// One of the grey lines, with the number of their names; `None` where no line is grey.
 fn others(chart: &Chart) -> Option<(&Series, String)> {
     let series = chart.panels.iter().flat_map(|panel| &panel.series);
     let others: Vec<&Series> = series.filter(|series| series.is_other()).collect();
@@ -73,10 +73,10 @@ fn others(chart: &Chart) -> Option<(&Series, String)> {
 }
 
 fn is_published(series: &Series) -> bool {
-    matches!(&series.shape, Shape::Curve(curve) if curve.of == CurveOf::Publication)
+    matches!(&series.shape, Shape::Curve(curve) if curve.of == CurveSource::Publication)
 }
 
-/// A line rather than a level where an agent has both, so that the sample shows its dash.
+/// The first line of a group; a level only where the group has no line, so that the sample shows the dash.
 fn first_line<'a>(group: &[&'a Series]) -> &'a Series {
     group
         .iter()
@@ -110,7 +110,7 @@ fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Serie
     lines
 }
 
-/// Lines need room to show their dashes.
+/// Width of the sample; lines need more room to show their dashes.
 fn sample_width(series: &Series) -> f64 {
     match series.shape {
         Shape::Line(_) | Shape::Curve(_) | Shape::MarkedLine(_) | Shape::Level(_) => 20.0,

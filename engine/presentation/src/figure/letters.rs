@@ -1,8 +1,7 @@
-//! Letters that the carried font has, and what stands for those that it lacks.
+//! Letters of the bundled font, and replacements for letters that it lacks.
 //!
 //! A reader of an SVG file may have another font with them, so texts stay as they are there. In PNG and PDF files a
-//! replacement character stands for each, to be seen and to be read; of letters that are drawn as nothing one is
-//! left out.
+//! replacement character stands for each missing letter. Letters that are never drawn are left out.
 
 use super::{
     chart::Chart,
@@ -12,12 +11,12 @@ use super::{
 use std::{borrow::Cow, collections::BTreeMap, sync::OnceLock};
 use ttf_parser::Face;
 
-/// The letter that stands for one that the font lacks.
+/// Replacement for a letter that the font lacks.
 const REPLACEMENT: char = '\u{fffd}';
-/// So many letters are named; more are counted.
+/// The most letters that a sentence names; more are counted.
 const MOST_NAMED: usize = 8;
 
-/// True for a letter that the font can draw.
+/// Whether the font can draw a letter.
 fn has(letter: char) -> bool {
     static FACE: OnceLock<Option<Face<'static>>> = OnceLock::new();
     let face = FACE.get_or_init(|| Face::parse(FONT, 0).ok());
@@ -27,14 +26,14 @@ fn has(letter: char) -> bool {
             .is_some_and(|face| face.glyph_index(letter).is_some())
 }
 
-/// True for letters that only say how others are drawn: joiners, marks of direction, selectors of variants.
+/// Whether a letter only controls the drawing of others: joiners, marks of direction, selectors of variants.
 fn is_mark_of_layout(letter: char) -> bool {
     matches!(letter,
         '\u{ad}' | '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}'
         | '\u{fe00}'..='\u{fe0f}' | '\u{feff}' | '\u{e0000}'..='\u{e0fff}')
 }
 
-/// The text as the font can draw it.
+/// The text in letters that the font can draw.
 pub(super) fn drawable(text: &str) -> Cow<'_, str> {
     let stays = |letter: char| has(letter) && !is_mark_of_layout(letter);
     if text.chars().all(stays) {
@@ -81,7 +80,7 @@ pub fn lacking(chart: &Chart) -> Option<String> {
     })
 }
 
-/// The first of some words, and how many more there are.
+/// The first of some words, and the number of the others.
 fn first_of(words: &[String]) -> String {
     let more = words.len().saturating_sub(MOST_NAMED);
     let named = words[..words.len() - more].join(", ");

@@ -1,4 +1,4 @@
-//! Figures: what a study asks for, and how it is computed from the results.
+//! Figures: their specifications, and their computation from results.
 
 mod axes;
 mod bars;
@@ -48,8 +48,8 @@ pub use bars::Bars;
 pub use best_so_far::BestSoFar;
 pub use build::{Context, build};
 pub use chart::{
-    Cells, Chart, Curve, CurveOf, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface,
-    Tiles,
+    Cells, Chart, Curve, CurveSource, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style,
+    Surface, Tiles,
 };
 pub use contour::Contour;
 pub use crowd::name_the_best;
@@ -81,7 +81,7 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
 kinds! {
-    /// What a figure shows.
+    /// Kind of a figure, with its options.
     FigureKind: Figure {
         "learning_curve" => LearningCurve(LearningCurve),
             "A metric against training steps, one line per agent with its seeds or a band over them.";
@@ -122,9 +122,9 @@ kinds! {
     }
 }
 
-/// What every kind of figure can do.
+/// Interface of every kind of figure.
 pub(crate) trait Figure {
-    /// A use of it.
+    /// A use of the kind in YAML, for `describe` and for tests.
     fn example() -> &'static str
     where
         Self: Sized;
@@ -137,16 +137,16 @@ pub(crate) trait Figure {
         None
     }
 
-    /// Checks every name in it against what trials record.
+    /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
 
-    /// What it shows of that which trials leave; `None` where it shows what they record.
+    /// Kind of artifact that it shows; `None` where it shows recorded metrics.
     fn shows(&self) -> Option<ArtifactKind> {
         None
     }
 
-    /// True where the record in a folder of results holds what it shows: means over episodes, and neither steps
-    /// nor what trials leave.
+    /// Whether the record in a folder of results holds all its values: means over episodes, without steps and
+    /// artifacts.
     fn is_recorded(&self) -> bool {
         self.shows().is_none()
     }
@@ -154,7 +154,7 @@ pub(crate) trait Figure {
     /// Computes its panels.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results hold nothing of what it shows.
+    /// [`Error::Render`] where the results lack the values that it shows.
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error>;
 }
 
@@ -162,10 +162,10 @@ pub(crate) trait Figure {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FigureSpec {
-    /// What the figure shows, in one sentence.
+    /// Caption of the figure, in one sentence.
     #[serde(default)]
     pub caption: String,
-    /// What is drawn: exactly one kind.
+    /// Kind of the figure: exactly one.
     #[serde(flatten)]
     pub kind: FigureKind,
     /// Names to print instead of the study's own.
@@ -191,7 +191,7 @@ pub struct FigureSpec {
 }
 
 impl FigureSpec {
-    /// A figure of this kind, with nothing to say of it.
+    /// A figure of this kind, without caption, labels and notes.
     #[must_use]
     pub fn of(kind: impl Into<FigureKind>) -> Self {
         Self {
@@ -206,7 +206,7 @@ impl FigureSpec {
         }
     }
 
-    /// Seeks the files of its published curves from `folder`.
+    /// Resolves the files of its published curves against `folder`.
     pub fn seek_from(&mut self, folder: &Path) {
         self.published_curves_mut()
             .iter_mut()
@@ -229,13 +229,13 @@ impl FigureKind {
         self.it().check(names, at);
     }
 
-    /// What it shows of that which trials leave; `None` where it shows what they record.
+    /// Kind of artifact that it shows; `None` where it shows recorded metrics.
     #[must_use]
     pub fn shows(&self) -> Option<ArtifactKind> {
         self.it().shows()
     }
 
-    /// True where the record in a folder of results holds what it shows.
+    /// Whether the record in a folder of results holds all its values.
     #[must_use]
     pub fn is_recorded(&self) -> bool {
         self.it().is_recorded()
@@ -248,7 +248,7 @@ pub fn legend_names(chart: &Chart) -> Vec<String> {
     legend::entries(chart).into_iter().map(|(_, name)| name).collect()
 }
 
-/// True where a chart is drawn as wide as two columns of a paper.
+/// Whether a chart is as wide as two columns of a paper.
 #[must_use]
 pub fn is_wide(chart: &Chart) -> bool {
     layout::draw(chart).width > layout::SINGLE
@@ -259,7 +259,7 @@ pub fn is_wide(chart: &Chart) -> bool {
 /// # Errors
 /// [`Error::Render`] where the drawing is refused.
 pub fn svg(chart: &Chart) -> Result<String, Error> {
-    // A width that a study asks for is kept to a hundredth of a millimetre.
+    // A width from the study is kept to a hundredth of a millimetre.
     let decimals = if chart.paper.width_mm.is_some() { 2 } else { 1 };
     paint::svg(&layout::draw(chart), decimals)
 }

@@ -1,5 +1,5 @@
-//! What becomes of the colours of a drawing on a dark page. The drawing itself stays as it is: the page's style
-//! sheet names the colours that it finds in the SVG and what stands for each.
+//! Colours of a drawing on a dark page. The drawing itself stays as it is: the page's style sheet names the colours
+//! in the SVG and a replacement for each.
 
 use super::{
     axes::{AXIS_WIDTH, TEXT},
@@ -13,25 +13,25 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The paper of a dark page, as its style sheet has it.
 pub(super) const DARK_PAPER: Rgb = (0x16, 0x18, 0x1b);
 const WHITE: Rgb = (0xff, 0xff, 0xff);
-/// Black agents are as light on dark paper as text is.
+/// Colour of black agents on dark paper, as light as text is there.
 const PALE: Rgb = (0xe6, 0xe7, 0xe9);
-/// How much a line stands out from its paper at the least, as the ratio that WCAG 2.1 defines.
+/// Least contrast of a line with its paper, as the ratio that WCAG 2.1 defines.
 const CONTRAST: f64 = 4.5;
 
-/// What the marks of a chart lie on, which decides what may change on a dark page.
+/// Ground under the marks of a chart, which decides the changes on a dark page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ground {
-    /// Paper: every colour has one that stands for it.
+    /// Paper: every colour has a replacement.
     Paper,
-    /// Coloured areas or images, whose colours are data: paper, text and axes change, and nothing else.
+    /// Coloured areas or images, whose colours are data: only paper, text and axes change.
     Colored,
     /// Light boxes with dark text in them: the drawing stays on white paper.
     Boxes,
 }
 
 impl Ground {
-    /// What lies under the marks of a chart.
+    /// Ground under the marks of a chart.
     #[must_use]
     pub fn of(chart: &Chart) -> Self {
         let has = |is: fn(&Shape) -> bool| {
@@ -47,7 +47,7 @@ impl Ground {
         }
     }
 
-    /// The class of the `figure` element that the rules are for.
+    /// Class of the `figure` element that the rules apply to.
     #[must_use]
     pub fn class(self) -> &'static str {
         match self {
@@ -58,21 +58,21 @@ impl Ground {
     }
 }
 
-/// Facts on a chart by which the style sheet of a page changes its colours on dark paper.
+/// Colours of a chart, for the rules of the page's style sheet on dark paper.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shades {
-    /// What its marks lie on.
+    /// Ground under its marks.
     pub ground: Ground,
-    /// The width of its axes in the SVG.
+    /// Width of its axes in the SVG, in the units of that file.
     axis_width: String,
-    /// Colours of its marks, and what stands for each on dark paper.
+    /// Colours of its marks, with the replacement for each on dark paper.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     colors: BTreeMap<String, String>,
 }
 
 impl Shades {
-    /// Those of a chart.
+    /// Shades of a chart.
     #[must_use]
     pub fn of(chart: &Chart) -> Self {
         let ground = Ground::of(chart);
@@ -95,7 +95,7 @@ impl Shades {
     }
 }
 
-/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where none
+/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where no colour
 /// changes.
 #[must_use]
 pub fn on_dark(charts: &[Shades]) -> String {
@@ -118,7 +118,7 @@ pub fn on_dark(charts: &[Shades]) -> String {
     rules
 }
 
-/// The width of axes in the SVG of a chart, which tells them from marks of the same colour.
+/// Width of axes in the SVG of a chart, which differs from that of marks of the same colour.
 fn axis_width(chart: &Chart) -> String {
     let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
     format!("{:.0}", (AXIS_WIDTH * scale * SVG_SCALE).round())

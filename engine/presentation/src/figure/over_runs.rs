@@ -8,20 +8,20 @@ use statistics::{
     thinning,
 };
 
-/// Up to so many seeds are few: all of them can be seen, and their smallest and largest value do not enclose
-/// the mean often enough to cut an interval there. Of `n` seeds of a symmetric distribution they do with
-/// probability `1 - 2^(1 - n)`: 94 % of the time with five, 97 % with six.
+/// The most seeds that count as few. All of them can be seen, and their smallest and largest value do not enclose the
+/// mean often enough to cut an interval there. For `n` seeds of a symmetric distribution they do with probability `1
+/// - 2^(1 - n)`: 94 % of the time with five, 97 % with six.
 pub(super) const FEW: usize = 5;
 
-/// What a panel shows of its runs beside the line.
+/// Display of single runs and of the band beside the line of a panel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Shown {
+pub(super) struct RunDisplay {
     pub band: Band,
     pub runs: bool,
 }
 
-impl Shown {
-    /// What a study asks for, in a panel where an agent has few seeds or none has.
+impl RunDisplay {
+    /// Display that a study asks for, in a panel where an agent has few seeds or none has.
     pub(super) fn of(kind: &LearningCurve, few: bool) -> Self {
         let runs = match kind.seeds {
             SeedLines::Said(said) => said,
@@ -36,7 +36,7 @@ impl Shown {
     }
 }
 
-/// A run as it is drawn: its steps from the first wanted one on, as their moving average.
+/// A run as it is drawn: the moving average of its steps from `from_step` on.
 pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Run {
     let (steps, values): (Vec<u64>, Vec<f64>) = points
         .iter()
@@ -49,8 +49,8 @@ pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Run {
         .collect()
 }
 
-/// Line and band over runs at their common steps: every point is of all of them. Of very many steps those stay at which
-/// the line can be told from its neighbours.
+/// Line and band over runs at their common steps; every point is over all runs. Lines with very many steps are
+/// thinned to the steps that change the drawing.
 pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
     let runs: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
     let mut middles: Run = Vec::new();
@@ -70,7 +70,7 @@ pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
     points
 }
 
-/// The statistic of the line over the last values of runs, where these do not all end where the line does.
+/// The statistic of the line over the last values of runs; `None` where all runs end where the line does.
 pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
     let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
     let end = shared_stretch(&slices).map(|(_, end)| end);
@@ -80,7 +80,7 @@ pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
     uneven.then(|| middle(&values, line))
 }
 
-/// True where runs begin or end at different steps, so that their line leaves a part of them out.
+/// Whether runs begin or end at different steps, so that their line leaves out a part of them.
 pub(super) fn are_uneven(runs: &[Run]) -> bool {
     let ends = |run: &Run| (run.first().map(|it| it.0), run.last().map(|it| it.0));
     runs.iter().any(|run| ends(run) != ends(&runs[0]))
@@ -134,10 +134,10 @@ fn ends(values: &[f64], y: f64, line: Line, band: Band) -> Option<(f64, f64)> {
     }
 }
 
-/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds:
-/// with six normal ones they cover 87 % instead of 95 %. The Student-t interval is not, but may reach beyond
-/// any possible value where seeds differ much; so from six seeds on it ends at the smallest and the largest
-/// of them, which lowers the coverage by half a percent with six normal seeds, and by less with more.
+/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds: with
+/// six normal ones they cover 87 % instead of 95 %. The Student-t interval is not, but may reach beyond any possible
+/// value where seeds differ much. So from six seeds on it ends at the smallest and the largest of them. That lowers
+/// the coverage by half a percent with six normal seeds, and by less with more.
 fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
     let interval = MeanEstimate::of(values).interval(0.95)?;
     let (smallest, largest) = range(values);
@@ -259,17 +259,17 @@ mod tests {
     #[test]
     fn few_seeds_are_drawn_and_many_have_an_interval() {
         let kind = LearningCurve::default();
-        let shown = |band, runs| Shown { band, runs };
-        assert_eq!(Shown::of(&kind, true), shown(Band::None, true));
-        assert_eq!(Shown::of(&kind, false), shown(Band::Interval, false));
+        let shown = |band, runs| RunDisplay { band, runs };
+        assert_eq!(RunDisplay::of(&kind, true), shown(Band::None, true));
+        assert_eq!(RunDisplay::of(&kind, false), shown(Band::Interval, false));
         let with = |seeds| LearningCurve {
             seeds: SeedLines::Said(seeds),
             ..LearningCurve::default()
         };
-        assert_eq!(Shown::of(&with(true), false), shown(Band::Interval, true));
-        assert_eq!(Shown::of(&with(false), true), shown(Band::Interval, false));
+        assert_eq!(RunDisplay::of(&with(true), false), shown(Band::Interval, true));
+        assert_eq!(RunDisplay::of(&with(false), true), shown(Band::Interval, false));
         assert_eq!(
-            Shown::of(
+            RunDisplay::of(
                 &LearningCurve {
                     band: Band::Sd,
                     ..kind

@@ -25,11 +25,11 @@ pub(super) const SVG_SCALE: f64 = 10.0;
 pub(super) const PNG_SCALE: f64 = 4.0;
 /// Each pixel of a PNG is the mean of a square of this side.
 const OVERSAMPLING: usize = 2;
-/// plotters-svg writes a font size as this part of the style's size.
+/// Ratio of the font size that plotters-svg writes to the size of the style.
 const SVG_SIZE_PER_EM: f64 = 1.24;
-/// The rasteriser takes a size as the height from ascent to descent, which is this many em of DejaVu Sans.
+/// Height from ascent to descent in em of DejaVu Sans, which the rasteriser takes as the size.
 const PNG_SIZE_PER_EM: f64 = 2384.0 / 2048.0;
-/// The rasteriser centres a text this many em higher than SVG does.
+/// Offset by which the rasteriser centres a text higher than SVG does, in em.
 const PNG_RAISE: f64 = 0.16;
 
 /// A drawing: its size in points and its marks, the first at the bottom.
@@ -41,7 +41,7 @@ pub(super) struct Drawing {
 }
 
 impl Drawing {
-    /// The same, larger or smaller.
+    /// The drawing at another scale.
     pub(super) fn scaled(self, scale: f64) -> Self {
         if scale == 1.0 {
             return self;
@@ -61,7 +61,7 @@ impl Drawing {
 /// A position in points, from the upper left corner.
 pub(super) type Place = (f64, f64);
 
-/// Something to paint.
+/// A shape, a text or an image to paint.
 #[derive(Clone)]
 pub(super) enum Mark {
     Line {
@@ -86,7 +86,7 @@ pub(super) enum Mark {
     Image { corner: Place, side: f64, image: Image },
 }
 
-/// What marks take, in points.
+/// Bounding box of marks, in points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extent {
     pub left: f64,
@@ -96,7 +96,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// The smallest that holds both.
+    /// The smallest box that holds both.
     pub(super) fn with(self, other: Self) -> Self {
         Self {
             left: self.left.min(other.left),
@@ -108,7 +108,7 @@ impl Extent {
 }
 
 impl Mark {
-    /// The same mark, made larger or smaller, then moved.
+    /// The mark, scaled and then moved.
     pub(super) fn moved(&self, scale: f64, by: Place) -> Self {
         let place = |(x, y): &Place| (x * scale + by.0, y * scale + by.1);
         let all = |points: &[Place]| points.iter().map(place).collect();
@@ -150,7 +150,7 @@ impl Mark {
         }
     }
 
-    /// What the points of a line or an area take; `None` for other marks.
+    /// Bounding box of the points of a line or an area; `None` for other marks.
     pub(super) fn extent(&self) -> Option<Extent> {
         let (Self::Line { points, .. } | Self::Fill { points, .. }) = self else {
             return None;
@@ -177,7 +177,7 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
         .map_or(0.0, |(width, _)| f64::from(width) / 1000.0 * size)
 }
 
-/// The drawing as an SVG file whose size on paper is that of the drawing, in millimetres with `decimals`.
+/// The drawing as an SVG file with the same size on paper, in millimetres with `decimals`.
 pub(super) fn svg(drawing: &Drawing, decimals: usize) -> Result<String, Error> {
     let (width, height) = (
         whole(drawing.width * SVG_SCALE),
@@ -269,8 +269,8 @@ fn shrink(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
         .collect()
 }
 
-/// Copies an image into the pixels of a PNG file, `[height, width, 3]`, so that each pixel of it becomes a
-/// rectangle of one colour; does nothing for other marks.
+/// Copies an image into the pixels of a PNG file, `[height, width, 3]`, so that each pixel of it becomes a rectangle
+/// of one colour. Does nothing for other marks.
 fn paste(mark: &Mark, pixels: &mut [u8], (width, height): (usize, usize)) {
     let Mark::Image { corner, side, image } = mark else {
         return;
@@ -288,13 +288,13 @@ fn paste(mark: &Mark, pixels: &mut [u8], (width, height): (usize, usize)) {
     }
 }
 
-/// What differs between the two formats.
+/// Differences between the two formats.
 struct Pen {
     scale: f64,
     size_per_em: f64,
     raise: f64,
-    /// True for the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line of
-    /// its own, and it has the carried font alone.
+    /// Whether this is the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line
+    /// of its own, and it has only the bundled font.
     rasters: bool,
 }
 
@@ -426,14 +426,13 @@ fn whole(number: f64) -> i32 {
 fn load_font() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        // The bytes are compiled in and parsed by the tests; without a font the backends report it
-        // themselves.
+        // The bytes are compiled in and parsed by the tests. Without a font the backends report an error themselves.
         let _ = register_font(FAMILY, FontStyle::Normal, FONT);
     });
 }
 
-/// Why the file of an image was not written. The backend's error tells that in its debugging text alone, where
-/// the words of the system stand in quotes.
+/// Error for the file of an image that was not written. The backend's error has the reason in its debugging text
+/// alone, with the words of the system in quotes.
 fn unwritten(path: &Path, error: &impl std::fmt::Display) -> Error {
     let text = error.to_string();
     let words = text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"'));

@@ -1,10 +1,10 @@
-//! The settings that a search tried, a line each over its keys.
+//! The settings that a search tried, one line each over its keys.
 
 use super::{
     Figure, FigureSpec,
     build::{Context, count, label, spaced},
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
-    searched::Searched,
+    searched::CompletedSettings,
     ticks::{self, Tick},
 };
 use crate::{
@@ -17,7 +17,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// So many ticks are asked for on an axis.
+/// Number of ticks to aim for on an axis.
 const TICKS: usize = 5;
 
 /// The settings that a search tried.
@@ -42,11 +42,15 @@ impl Figure for ParallelCoordinates {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        Ok(chart(&Searched::of(&self.search, context)?, self.best, spec))
+        Ok(chart(
+            &CompletedSettings::of(&self.search, context)?,
+            self.best,
+            spec,
+        ))
     }
 }
 
-fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Chart {
+fn chart(searched: &CompletedSettings<'_>, best: Option<usize>, spec: &FigureSpec) -> Chart {
     let drawn = ranked(searched, best);
     let range = ends(drawn.iter().map(|at| searched.values[*at]));
     let line = |(rank, at): (usize, &usize)| Series {
@@ -81,8 +85,8 @@ fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Cha
     }
 }
 
-/// The settings that are drawn, the best last.
-fn ranked(searched: &Searched<'_>, best: Option<usize>) -> Vec<usize> {
+/// The drawn settings, the best last.
+fn ranked(searched: &CompletedSettings<'_>, best: Option<usize>) -> Vec<usize> {
     let merit = |at: &usize| searched.result.search.direction.merit(searched.values[*at]);
     let mut all: Vec<usize> = (0..searched.values.len()).collect();
     all.sort_by(|one, other| merit(one).total_cmp(&merit(other)).then(one.cmp(other)));
@@ -90,8 +94,8 @@ fn ranked(searched: &Searched<'_>, best: Option<usize>) -> Vec<usize> {
     all
 }
 
-/// Where a setting lies on the axes of the keys, and then on that of the metric.
-fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Point> {
+/// Places of a setting on the axes of the keys, and then on that of the metric.
+fn points(searched: &CompletedSettings<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Point> {
     let value = searched.values[at];
     let value = if high > low {
         (value - low) / (high - low)
@@ -108,14 +112,14 @@ fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Po
 }
 
 /// The names of the axes: the keys, and the metric.
-fn names(searched: &Searched<'_>, spec: &FigureSpec) -> Vec<String> {
+fn names(searched: &CompletedSettings<'_>, spec: &FigureSpec) -> Vec<String> {
     let keys = searched.keys().into_iter().map(|key| label(spec, &spaced(key)));
     keys.chain([label(spec, &spaced(&searched.result.search.metric))])
         .collect()
 }
 
-/// The ticks of the axes: the values of each key, and those of the metric between the ends that are drawn.
-fn axes(searched: &Searched<'_>, (low, high): (f64, f64)) -> Vec<Vec<Tick>> {
+/// The ticks of the axes: the values of each key, and those of the metric between the drawn ends.
+fn axes(searched: &CompletedSettings<'_>, (low, high): (f64, f64)) -> Vec<Vec<Tick>> {
     let keys = searched.result.search.keys.iter();
     let of_metric = if high > low {
         placed(ticks::linear(low, high, TICKS), |value| {
@@ -172,7 +176,7 @@ fn placed(ticks: impl IntoIterator<Item = Tick>, place: impl Fn(f64) -> f64) -> 
     ticks.into_iter().map(at_place).collect()
 }
 
-fn note(searched: &Searched<'_>, drawn: usize) -> String {
+fn note(searched: &CompletedSettings<'_>, drawn: usize) -> String {
     let rest = match searched.result.tried.len() - drawn {
         0 => String::new(),
         more => format!(

@@ -9,12 +9,11 @@ use svg2pdf::{
     usvg::{Options, Tree, fontdb},
 };
 
-/// SVG lengths in points become those of the page.
+/// Points per inch of the page, so that SVG lengths in points stay.
 const POINTS_PER_INCH: f32 = 72.0;
 
-/// An SVG file of a figure as a PDF file of one page, which is as large as the figure. The same file gives the
-/// same bytes. Letters that the font lacks are read as U+FFFD: all would have one glyph, which the file can name
-/// but once.
+/// Converts an SVG file of a figure into a PDF file of one page with the size of the figure. The same file gives the
+/// same bytes. Letters that the font lacks are read as U+FFFD: all have one glyph, which the file can name but once.
 ///
 /// # Errors
 /// [`Error::Render`] where the drawing is refused.
@@ -33,8 +32,8 @@ pub fn pdf(svg: &str) -> Result<Vec<u8>, Error> {
     Ok(in_order(bytes))
 }
 
-/// The same file with the entries of its dictionaries of resources in order, which come in that of a hash map.
-/// No object moves or changes its length, so the table of places stays right.
+/// Sorts the entries in dictionaries of resources, which come in the order of a hash map. No object moves or changes
+/// its length, so the table of places stays right.
 fn in_order(mut pdf: Vec<u8>) -> Vec<u8> {
     let lines: Vec<std::ops::Range<usize>> = lines(&pdf);
     let groups =
@@ -53,7 +52,7 @@ fn in_order(mut pdf: Vec<u8>) -> Vec<u8> {
     pdf
 }
 
-/// Where each line lies, with its end; a stream is part of the line that it begins in.
+/// The range of each line with its end; a stream is part of the line that it begins in.
 fn lines(pdf: &[u8]) -> Vec<std::ops::Range<usize>> {
     const STREAM: &[u8] = b"stream\n";
     const END: &[u8] = b"\nendstream";
@@ -72,7 +71,7 @@ fn lines(pdf: &[u8]) -> Vec<std::ops::Range<usize>> {
     lines
 }
 
-/// True for a line that gives a resource its name, as `/gs0 7 0 R`.
+/// Whether a line gives a resource its name, as `/gs0 7 0 R`.
 fn is_resource(line: &[u8]) -> bool {
     let text = line.trim_ascii();
     text.starts_with(b"/") && text.ends_with(b" 0 R") && text[1..].iter().take(2).all(u8::is_ascii_lowercase)

@@ -1,16 +1,16 @@
-//! The lines of learning curves as data for the page's own plot: what the drawing shows, the single runs that it
-//! leaves out, and which trial each of them is.
+//! The lines of learning curves as data for the page's own plot: the drawn lines, the single runs that are not drawn,
+//! and the trial of each run.
 
 use super::{
-    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Series, Shape},
+    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Series, Shape},
     on_dark::hex,
 };
 use serde_json::{Map, Value, json};
 
-/// Longer lines are thinned to so many points; the smallest and the largest value of each stretch stay.
+/// The most points of a line. Longer lines are thinned; the smallest and the largest value of each stretch stay.
 const MOST: usize = 400;
 
-/// The panels of a chart that shows curves and levels against numbers, and nothing else; `None` of any other.
+/// The panels of a chart that shows only curves and levels against numbers; `None` for any other chart.
 #[must_use]
 pub fn plot_data(chart: &Chart) -> Option<Value> {
     let series = || chart.panels.iter().flat_map(|panel| &panel.series);
@@ -48,9 +48,9 @@ fn series(series: &Series, log: bool) -> Value {
         Shape::Curve(curve) => {
             data.extend(lines(curve, log));
             match curve.of {
-                CurveOf::Learner => style.dashes(),
-                CurveOf::NonLearner => style.short_dashes(),
-                CurveOf::Publication => style.dots(),
+                CurveSource::Learner => style.dashes(),
+                CurveSource::NonLearner => style.short_dashes(),
+                CurveSource::Publication => style.dots(),
             }
         }
         Shape::Level(level) => {
@@ -63,7 +63,7 @@ fn series(series: &Series, log: bool) -> Value {
     Value::Object(data)
 }
 
-/// The line, its band and its runs. Runs have steps of their own only where these are not those of the line.
+/// The line, its band and its runs. Runs have steps of their own only where they differ from those of the line.
 fn lines(curve: &Curve, log: bool) -> Map<String, Value> {
     let points = thinned(&curve.points);
     let x = numbers(points.iter().map(|point| point.x));
@@ -95,7 +95,7 @@ fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
     data
 }
 
-/// The points, or of many the lowest and the highest of each stretch, in their order, with both ends.
+/// The points; of too many points the lowest and the highest of each stretch, in their order, with both ends.
 fn thinned(points: &[Point]) -> Vec<Point> {
     if points.len() <= MOST {
         return points.to_vec();
@@ -127,7 +127,7 @@ fn numbers(values: impl Iterator<Item = f64>) -> Value {
     values.map(number).collect()
 }
 
-/// A number with six digits, which is more than a screen shows; whole ones stay whole.
+/// A number with six digits, more than a screen shows; whole numbers stay whole.
 fn number(value: f64) -> Value {
     #[allow(clippy::cast_possible_truncation, reason = "a whole number below 2^53")]
     if value.fract() == 0.0 && value.abs() < 9e15 {
@@ -177,7 +177,7 @@ mod tests {
             points: points(values),
         };
         Curve {
-            of: CurveOf::Learner,
+            of: CurveSource::Learner,
             points: points(&[1.0, 1.0 / 3.0]),
             runs: Vec::new(),
             undrawn: vec![run("seed 0", &[1.0, 0.5]), run("seed 1", &[f64::NAN])],

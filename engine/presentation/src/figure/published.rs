@@ -3,15 +3,15 @@
 use super::{
     Band, LearningCurve, Line, SeedLines,
     build::Context,
-    chart::{Curve, CurveOf, Hue, RunLine, Series, Shape, Style},
+    chart::{Curve, CurveSource, Hue, RunLine, Series, Shape, Style},
     over_runs::{over, points, smoothed},
 };
 use analysis::published_curve::{self, PublishedCurve};
 use contract::Error;
 use statistics::common_steps::Run;
 
-/// The published curves of an environment, as far as `end`: logs may go on long after the study ended, which
-/// would leave its own curves a strip at the edge.
+/// The published curves of an environment up to `end`. Logs may go on long after the study ended, and would squeeze
+/// its own curves to a strip at the edge.
 pub(super) fn series(
     kind: &LearningCurve,
     context: Context<'_>,
@@ -41,7 +41,7 @@ fn refused(curve: &PublishedCurve, error: &impl std::fmt::Display) -> Error {
     }
 }
 
-/// The colour of the agent; curves that share one differ in their dots.
+/// The colour of the agent; curves of one agent differ in their dots.
 fn style(kind: &LearningCurve, index: usize, context: Context<'_>) -> Style {
     let agent = &kind.published[index].agent;
     let variant = kind.published[..index]
@@ -87,7 +87,7 @@ fn one(
     };
     let seeds = curve.by.is_some().then_some((runs.len(), runs.len()));
     let shape = Shape::Curve(Curve {
-        of: CurveOf::Publication,
+        of: CurveSource::Publication,
         points: over(&values, Line::Mean, Band::None),
         runs: drawn,
         undrawn,

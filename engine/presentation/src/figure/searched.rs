@@ -1,4 +1,4 @@
-//! What figures read of a search: the settings that went to their ends, as places in their ranges.
+//! Settings of a search that were completed, as places in their ranges, for figures.
 
 use super::build::{Context, problem};
 use analysis::{
@@ -7,22 +7,22 @@ use analysis::{
 };
 use contract::Error;
 
-/// Settings that went to their ends.
-pub(super) struct Searched<'a> {
+/// Settings that were trained to the end.
+pub(super) struct CompletedSettings<'a> {
     pub(super) result: &'a SearchResult,
-    /// The place of each setting in the order in which they were tried.
+    /// Number of each setting in the order of trials.
     pub(super) places: Vec<usize>,
-    /// Where the values of each setting lie between the ends of their ranges, from 0 to 1 `[setting][key]`.
+    /// Places of the values of each setting between the ends of their ranges, from 0 to 1, `[setting][key]`.
     pub(super) shares: Vec<Vec<f64>>,
     /// The mean over seeds of each setting.
     pub(super) values: Vec<f64>,
 }
 
-impl<'a> Searched<'a> {
-    /// The search of this name.
+impl<'a> CompletedSettings<'a> {
+    /// The completed settings of the search with this name.
     ///
     /// # Errors
-    /// [`Error::Render`] where there is none, or no setting went to its end.
+    /// [`Error::Render`] where there is no such search, or no setting was completed.
     pub(super) fn of(name: &str, context: Context<'a>) -> Result<Self, Error> {
         let all = &context.results.searches;
         let result = all
@@ -53,7 +53,7 @@ impl<'a> Searched<'a> {
         Ok(searched)
     }
 
-    /// The keys by their last words, or as a whole where these are not unique.
+    /// The keys by their last words, or in full where last words are not unique.
     pub(super) fn keys(&self) -> Vec<&'a str> {
         let all = &self.result.search.keys;
         let last = |key: &'a str| key.rsplit('.').next().unwrap_or_default();

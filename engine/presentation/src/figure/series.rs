@@ -2,7 +2,7 @@
 
 use super::{
     axes::{self, Frame, Range},
-    chart::{Curve, CurveOf, Panel, Point, Series, Shape, Style},
+    chart::{Curve, CurveSource, Panel, Point, Series, Shape, Style},
     heat_map,
     layout::count,
     paint::{Mark, Place},
@@ -18,7 +18,7 @@ const MARKER: f64 = 2.2;
 const DOT: f64 = 1.4;
 const BAND_OPACITY: f64 = 0.18;
 
-/// All series of a panel: grey lines below all others, thin lines below bands and bands below lines, so that none is
+/// All series of a panel: grey lines below all others, thin lines below bands, and bands below lines, so that none is
 /// hidden.
 pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
     let (others, named): (Vec<&Series>, Vec<&Series>) =
@@ -92,7 +92,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         Shape::Crosses(points) => places(points, frame)
             .into_iter()
             .for_each(|at| marks.extend(cross(at))),
-        // What has no axes is drawn by painters of its own, and has no entry in a legend.
+        // Shapes without axes have painters of their own and no entry in a legend.
         Shape::Images(_) | Shape::Graph(_) => {}
         Shape::Axes(axes) => axes::upright_scales(axes, frame, marks),
     }
@@ -139,13 +139,13 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
     }
 }
 
-/// The places of points, without those that have none on the axes.
+/// The positions of points, without points that have no place on the axes.
 fn places(points: &[Point], frame: &Frame) -> Vec<Place> {
     pieces(points, frame).concat()
 }
 
-/// The places of a line in pieces, between which points have no place on the axes: nothing is drawn there. Of very many
-/// points those stay that can be told apart.
+/// The positions of a line in pieces, cut at points without a place on the axes. Lines of very many points are
+/// thinned to those that can be told apart.
 fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Place>> {
     /// Width of the columns of a thinned line, in points: less than that of any line.
     const COLUMN: f64 = 0.5;
@@ -187,17 +187,17 @@ fn bands(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
     runs.filter_map(band).collect()
 }
 
-/// The line of a learning curve; its dashes say whose it is.
+/// The line of a learning curve; its dashes show the source of the curve.
 fn line(curve: &Curve, style: Style, places: &[Place]) -> Vec<Mark> {
     match curve.of {
-        CurveOf::Learner => dashed(places, style.dashes(), style.width(), style.color()),
-        CurveOf::NonLearner => dashed(places, style.short_dashes(), LINE_WIDTH, style.color()),
-        CurveOf::Publication => dashed(places, style.dots(), PUBLISHED_WIDTH, style.color()),
+        CurveSource::Learner => dashed(places, style.dashes(), style.width(), style.color()),
+        CurveSource::NonLearner => dashed(places, style.short_dashes(), LINE_WIDTH, style.color()),
+        CurveSource::Publication => dashed(places, style.dots(), PUBLISHED_WIDTH, style.color()),
     }
 }
 
-/// The thin lines of learning curves, thinner where there are many. A run of each curve after the other, so
-/// that no curve covers another with all its runs.
+/// The thin lines of learning curves, thinner where there are many. Runs are drawn in turns, one of each curve after
+/// the other, so that no curve covers another with all its runs.
 fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
     let most = curves
         .iter()
@@ -210,7 +210,7 @@ fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
             .iter()
             .filter_map(|(curve, style)| Some((curve, style, curve.runs.get(index)?)))
         {
-            let dashes = if curve.of == CurveOf::Publication {
+            let dashes = if curve.of == CurveSource::Publication {
                 style.dots()
             } else {
                 &[]
@@ -324,7 +324,7 @@ fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec
 fn across(points: &[Point], frame: &Frame, color: Rgb, marks: &mut Vec<Mark>) {
     const HALF: f64 = 0.3;
     for point in points.iter().filter(|point| point.y.is_finite()) {
-        // Dark on its bar, and in the colour of the agent where there is no bar to be seen.
+        // The value is dark on its bar, and in the colour of the agent where the bar is too narrow to be seen.
         let is_wide = point.interval.is_some_and(|(low, high)| low < high);
         if let Some((low, high)) = point.interval {
             let corners = [(low, -HALF), (high, HALF)].map(|(value, by)| frame.at(value, point.x + by));

@@ -5,13 +5,13 @@ use super::chart::{Hue, Style};
 /// Red, green, blue.
 pub type Rgb = (u8, u8, u8);
 
-/// Text and frames.
+/// Colour of text and frames.
 pub const INK: Rgb = (0x22, 0x22, 0x22);
-/// Grid lines.
+/// Colour of grid lines.
 pub const FAINT: Rgb = (0xe2, 0xe2, 0xe2);
 
-/// Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow is
-/// too light for a line on white paper and stands last.
+/// Palette by Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow
+/// is too light for a line on white paper and stands last.
 const PALETTE: [Rgb; 8] = [
     (0x00, 0x72, 0xb2),
     (0xd5, 0x5e, 0x00),
@@ -49,7 +49,7 @@ pub enum Marker {
 }
 
 impl Style {
-    /// The look of the n-th agent of a study. Where colours begin anew their dashes are others.
+    /// The look of the n-th agent of a study. Agents that share a colour differ in dashes.
     #[must_use]
     pub fn of_agent(index: usize) -> Self {
         Self {
@@ -58,7 +58,7 @@ impl Style {
         }
     }
 
-    /// The colour.
+    /// Colour of the series on white paper.
     #[must_use]
     pub fn color(self) -> Rgb {
         match self.hue {
@@ -102,7 +102,7 @@ impl Style {
         }
     }
 
-    /// Dots, for what others published.
+    /// Dots, for published curves.
     #[must_use]
     pub fn dots(self) -> &'static [f64] {
         match self.variant % 4 {
@@ -113,7 +113,7 @@ impl Style {
         }
     }
 
-    /// The colour of thin lines: equally light for all agents, so that the seeds of none stand out.
+    /// The colour of thin lines: equally light for all agents, so that no agent's seeds stand out.
     #[must_use]
     pub fn light(self) -> Rgb {
         const LIGHT: f64 = 0.74;
@@ -127,7 +127,7 @@ impl Style {
         )
     }
 
-    /// The marker.
+    /// Marker at the points of the series.
     #[must_use]
     pub fn marker(self) -> Marker {
         [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond][self.variant % 4]

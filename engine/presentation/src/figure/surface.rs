@@ -10,7 +10,7 @@ use super::{
 };
 use plotters::style::text_anchor::HPos;
 
-/// Bands of colour, about.
+/// Approximate number of bands of colour.
 const BANDS: usize = 20;
 
 /// The heights of all surfaces and cells of a chart, which share their colours; `None` where there is neither.
@@ -33,7 +33,7 @@ pub(super) fn heights(chart: &Chart) -> Option<Range> {
         .then(|| Range::around(values, false, 0.0))
 }
 
-/// Paints everything in the lowest colour, then what lies above each level over it, so that no seam shows.
+/// Paints everything in the lowest colour, then the area above each level over it, so that no seam shows.
 pub(super) fn draw(surface: &Surface, heights: Option<Range>, frame: &Frame, marks: &mut Vec<Mark>) {
     let Some(heights) = heights else { return };
     let all = vec![
@@ -62,8 +62,8 @@ pub(super) fn draw(surface: &Surface, heights: Option<Range>, frame: &Frame, mar
     }
 }
 
-/// What lies above a level between two rows of the grid: runs of whole cells as one rectangle, other cells as
-/// triangles' parts.
+/// The area above a level between two rows of the grid: runs of whole cells as one rectangle, other cells as parts of
+/// triangles.
 fn strip(surface: &Surface, row: usize, level: f64, emit: &mut dyn FnMut(&[Place])) {
     let (x, y, z) = (&surface.x, &surface.y, &surface.z);
     let corners = |column: usize| {
@@ -167,7 +167,7 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
             opacity: 1.0,
         });
     }
-    // A low bar has a few numbers all the same.
+    // Even a low bar has a few numbers.
     let length = (bar.bottom - bar.top).max(72.0);
     for tick in axes::ticks(&Scale::default(), heights, length, false) {
         marks.push(text(

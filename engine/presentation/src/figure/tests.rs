@@ -1,10 +1,10 @@
-//! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
+//! Figures of synthetic results: their data by snapshot, their drawing by properties.
 
 use super::{
     Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, HeatMap, LearningCurve,
     Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
-use crate::table::{Along, Axis, Comparison};
+use crate::table::{Axis, Comparison, TableAxis};
 use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES};
 use std::{
@@ -76,8 +76,8 @@ fn a_heat_map_has_its_numbers_in_the_order_of_axes() {
         with("rate=0.1 width=8", 3.0),
     ]);
     let of = Comparison {
-        rows: Along::Key("rate".into()),
-        columns: Some(Along::Key("width".into())),
+        rows: TableAxis::Key("rate".into()),
+        columns: Some(TableAxis::Key("width".into())),
         ..Comparison::default()
     };
     let chart = chart(&FigureSpec::of(HeatMap { of }), &results);
@@ -276,7 +276,7 @@ pub(super) fn has_nan(svg: &str) -> bool {
 )]
 fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
-    // `FIGURES=DIR` keeps the pictures, to be looked at.
+    // `FIGURES=DIR` keeps the pictures for inspection by eye.
     let dir: PathBuf = std::env::var_os("FIGURES").map_or_else(|| dir.path().to_owned(), Into::into);
     for (name, chart) in all(&dir) {
         let text = svg(&chart).unwrap();

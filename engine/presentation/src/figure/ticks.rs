@@ -1,19 +1,19 @@
-//! Where an axis has ticks and what is written at them.
+//! Ticks of an axis: their places and their texts.
 
 /// A tick: its place and its text, empty for one without text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// The value on the axis.
+    /// Value on the axis, in its unit.
     pub value: f64,
-    /// What is written.
+    /// Text at the tick; empty for a tick without text.
     pub text: String,
 }
 
-/// About `wanted` ticks at round values inside `low..=high`.
+/// Ticks at round values inside `low..=high`, about `wanted` of them.
 #[must_use]
 pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     let parts = f64::from(u32::try_from(wanted.max(1)).unwrap_or(1));
-    // The largest numbers are further apart than a number can say.
+    // The largest numbers are further apart than the type can represent.
     let part = Some((high - low) / parts).filter(|part| part.is_finite());
     let step = round_step(part.unwrap_or_else(|| high / parts - low / parts));
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
@@ -40,10 +40,10 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them,
-/// with text only where few powers are in range: 2 and 5, or all of them where two texts would be missing still.
-/// An axis that not even these mark twice has round steps. Where many powers are in range there is nothing
-/// between them, and where they are very many only those with text have ticks.
+/// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them. The
+/// ticks at 2 and 5 have text where few powers are in range, and all of them where two texts would still be missing.
+/// An axis with fewer than two such ticks has round steps. Where many powers are in range there are no ticks between
+/// them, and where they are very many only those with text have ticks.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     const EVERY_DIGIT: [i32; 9] = [1, 2, 3, 4, 5, 6, 7, 8, 9];
@@ -59,7 +59,7 @@ pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .unwrap_or_else(|| linear(low, high, wanted.max(FEWEST_STEPS)))
 }
 
-/// How many powers of ten lie between two texts: a round number where there are many.
+/// Number of powers of ten from one text to the next: a round number where it is large.
 fn round_skip(skip: i32) -> i32 {
     const ROUND: [i32; 6] = [10, 20, 50, 100, 200, 500];
     if skip < ROUND[0] {
@@ -73,12 +73,12 @@ fn exponent(value: f64) -> i32 {
     value.log10().floor() as i32
 }
 
-/// Steps that are asked for, so that at least two ticks lie inside whatever the range.
+/// Least number of steps to aim for, so that at least two ticks lie inside any range.
 const FEWEST_STEPS: usize = 6;
 
-/// Over more powers of ten than these there are no ticks between them.
+/// Number of powers of ten beyond which there are no ticks between them.
 const MOST_DIVIDED: i32 = 20;
-/// Over more powers of ten than these only those with text have ticks.
+/// Number of powers of ten beyond which only those with text have ticks.
 const MOST_POWERS: i32 = 60;
 
 /// Ticks at the digits of each power of ten, with text at every `skip`th power, and at the `named` digits where few
@@ -106,7 +106,7 @@ fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
         .collect()
 }
 
-/// Of the smallest numbers too, whose inverse is none.
+/// A power of ten; also the smallest ones, whose inverse is no finite number.
 fn power_of_ten(exponent: i32) -> f64 {
     if exponent < -300 {
         10f64.powf(f64::from(exponent))
@@ -125,7 +125,7 @@ fn round_step(step: f64) -> f64 {
     factor.unwrap_or(1.0) * power
 }
 
-/// Writes a tick with just the digits that the step needs; `largest` is the largest value on the axis.
+/// Writes a tick with the digits that the step needs; `largest` is the largest value on the axis.
 fn write(value: f64, step: f64, largest: f64) -> String {
     let (divisor, suffix) = match largest {
         _ if largest >= 1e9 || (largest > 0.0 && largest < 1e-3) => return scientific(value, step, largest),
@@ -151,11 +151,11 @@ fn scientific(value: f64, step: f64, largest: f64) -> String {
     format!("{}×10{power}", minus(&fixed(value / unit, step / unit)))
 }
 
-/// Numbers that differ in a later place are not told apart by an axis.
+/// The most decimal places of a tick.
 const MOST_DECIMALS: i32 = 15;
 
 fn fixed(value: f64, step: f64) -> String {
-    // 2.5 needs one more digit than its power of ten says.
+    // 2.5 needs one more digit than its power of ten.
     let decimals = (0..=MOST_DECIMALS)
         .find(|decimals| is_whole(step * 10f64.powi(*decimals)))
         .unwrap_or(MOST_DECIMALS);
@@ -233,7 +233,7 @@ mod tests {
         assert_eq!(texts(&logarithmic(2.1, 2.9, 6)), ["2.2", "2.4", "2.6", "2.8"]);
     }
 
-    /// Numbers of any size, those at the ends of what numbers can say among them.
+    /// Numbers of any size, including the largest and the smallest ones.
     fn extreme() -> impl Strategy<Value = f64> {
         prop_oneof![
             any::<f64>().prop_filter("finite", |value| value.is_finite()),

@@ -185,7 +185,7 @@ fn panel(
     }
 }
 
-/// A reference channel as grey lines. All of them look alike, so that the legend has the words that they share.
+/// A reference channel as grey lines. All of them look alike, so the legend has the words that their names share.
 fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResult) -> Vec<Series> {
     let shared = shared_words(&kind.references);
     let series = |(name, points): (String, Vec<Point>)| Series {
@@ -203,7 +203,7 @@ fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResu
     lines(kind, trial, channel).into_iter().map(series).collect()
 }
 
-/// What several names begin with, in whole words; `None` for one name, and where they share no word.
+/// The whole words that several names begin with; `None` for one name, and for names that share no word.
 fn shared_words(names: &[String]) -> Option<String> {
     let (first, others) = names.split_first()?;
     let words: Vec<&str> = first.split('_').collect();
@@ -239,7 +239,7 @@ fn seats(kind: &Trajectory, trial: &TrialResult, name: &str) -> Vec<(String, Vec
         let rows = trial.select(Phase::Trace, name);
         rows.filter(|row| (kind.episode..=last).contains(&row.episode))
     };
-    // An episode begins where the one before it ended.
+    // An episode begins where the previous one ended.
     let mut lengths: BTreeMap<u64, u64> = BTreeMap::new();
     for row in drawn() {
         let length = lengths.entry(row.episode).or_default();
@@ -285,8 +285,8 @@ fn threshold(value: f64) -> Series {
     }
 }
 
-/// Rows that number the same things share one set of names in the legend: `1`, `2`, ... where the words
-/// before them differ.
+/// Gives rows that number the same entities one set of names in the legend: `1`, `2`, ..., where the words before the
+/// numbers differ.
 fn name_once(panels: &mut [Panel]) {
     let word = |label: &str| label.rsplit_once(' ').map(|(word, _)| word.to_owned());
     let numbered = |series: &&Series| matches!(series.style.hue, Hue::Ramp(..));

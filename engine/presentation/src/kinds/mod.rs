@@ -1,5 +1,4 @@
-//! Kinds of tables and of figures: one list of each, which everything reads that lists, describes, checks or
-//! builds them.
+//! Kinds of tables and of figures: one list of each, for listing, description, checks and construction.
 //!
 //! A kind is a type that can be read from a study, with the trait of its list ([`crate::table::TableKind`] or
 //! [`crate::figure::FigureKind`] names them). Adding one is a file with that type and a line in the list.
@@ -7,16 +6,16 @@
 use schemars::{Schema, SchemaGenerator, json_schema};
 use serde_json::{Map, Value, json};
 
-/// What is known of a kind without a study.
+/// Facts on a kind that hold without a study.
 #[derive(Debug, Clone, Copy)]
 pub struct Kind {
-    /// The key under which a study asks for it.
+    /// Key of the kind in a study.
     pub name: &'static str,
-    /// What it shows, in a sentence or two.
+    /// Description in a sentence or two, for `describe`.
     pub about: &'static str,
-    /// The schema of what stands under the key.
+    /// Schema of the value under the key.
     pub schema: fn(&mut SchemaGenerator) -> Schema,
-    /// Options under the key that exclude each other; `None` where there are none.
+    /// Check for options under the key that exclude each other; `None` where there are none.
     pub contradiction: fn(&Value) -> Option<Contradiction>,
     /// A use of it, in a study with the agents `rule`, `other` and `learner` (which learns), whose `discount` is
     /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test
@@ -30,14 +29,14 @@ pub struct Kind {
 pub struct Contradiction {
     /// The option, below the key of the kind.
     pub at: Vec<&'static str>,
-    /// What is wrong.
+    /// Sentence on the contradiction.
     pub message: String,
-    /// What to write instead; empty where that is plain.
+    /// Sentence on the repair; empty where it is plain.
     pub help: &'static str,
 }
 
 impl Contradiction {
-    /// The same, of options that stand one key deeper.
+    /// The same contradiction, with options one key deeper.
     #[must_use]
     pub fn below(mut self, key: &'static str) -> Self {
         self.at.insert(0, key);
@@ -45,7 +44,7 @@ impl Contradiction {
     }
 }
 
-/// What marks a key in a schema whose own keys are described under its name and not where it stands.
+/// Marker of a key in a schema whose own keys are described under their name and not at its place.
 pub const ELSEWHERE: &str = "x-described-by-name";
 
 /// The schema of an entry that gives exactly one of the kinds: a key for each. A key without a value counts

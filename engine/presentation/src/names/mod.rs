@@ -1,4 +1,4 @@
-//! The names of what trials record, against which tables, figures and claims are held.
+//! Names that trials record, for checks of tables, figures and claims.
 
 mod place;
 mod published_curves;
@@ -13,10 +13,9 @@ use document::{
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What trials record, for tables, figures and claims to be held against, and what was found wrong with
-/// these.
+/// Checker of tables, figures and claims against the names that trials record; collects their mistakes.
 pub struct Names<'a> {
-    /// The names that are known.
+    /// Names that trials may record.
     pub vocabulary: &'a Vocabulary,
     pub(crate) sources: &'a Sources,
     /// Rows and columns of the tables by name; none where a table cannot be read.
@@ -25,7 +24,7 @@ pub struct Names<'a> {
 }
 
 impl<'a> Names<'a> {
-    /// Nothing is held against them yet.
+    /// A checker that has found no mistake yet.
     #[must_use]
     pub fn new(vocabulary: &'a Vocabulary, sources: &'a Sources) -> Self {
         Self {
@@ -36,7 +35,7 @@ impl<'a> Names<'a> {
         }
     }
 
-    /// Mistakes that were found.
+    /// The mistakes that were found.
     #[must_use]
     pub fn into_found(self) -> Vec<Diagnostic> {
         self.found
@@ -44,7 +43,7 @@ impl<'a> Names<'a> {
 }
 
 impl Names<'_> {
-    /// Takes note of a mistake at a place.
+    /// Notes a mistake at a place.
     pub fn say(&mut self, (span, at): (Span, String), message: impl Into<String>, help: impl Into<String>) {
         let help = help.into();
         let error = self.sources.error(span, &at, message);
@@ -61,7 +60,7 @@ impl Names<'_> {
         }
     }
 
-    /// Names of what traces of these environments hold.
+    /// Names that traces of these environments hold.
     #[must_use]
     pub fn traced(&self, picked: &Picked) -> BTreeSet<String> {
         picked
@@ -87,7 +86,7 @@ impl Names<'_> {
             .collect()
     }
 
-    /// Says where a metric is missing, or is one that none of these trials records.
+    /// Says where a metric is missing, or is one that no such trial records.
     pub fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
         if name.is_empty() {
             return self.say(
@@ -102,7 +101,7 @@ impl Names<'_> {
         }
     }
 
-    /// Says that no trial records a metric, and what is recorded.
+    /// Says that no trial records a metric, and lists the recorded ones.
     pub fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
         let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
         let known = list
@@ -117,7 +116,7 @@ impl Names<'_> {
         self.say(place, format!("no trial records `{name}`"), help);
     }
 
-    /// The agents and environments that a table or figure names; all that have trials where it names none.
+    /// The agents and environments that a table or figure names; without names, all that have trials.
     pub fn pick(&mut self, place: &Place<'_>) -> Picked {
         let vocabulary = self.vocabulary;
         let one = |key: &str| {
@@ -151,7 +150,7 @@ impl Names<'_> {
         for agent in agents {
             self.meets(place, &picked, ("agents", "agent", agent));
         }
-        // One remark is enough for agents and environments that never meet.
+        // One remark is enough on agents and environments without common trials.
         if before == self.found.len() {
             for environment in environments {
                 self.meets(place, &picked, ("environments", "environment", environment));
@@ -160,7 +159,7 @@ impl Names<'_> {
         picked
     }
 
-    /// Says where an agent or an environment that is named has no trial among those that are picked.
+    /// Says where a named agent or environment has no trial among those that are picked.
     fn meets(&mut self, place: &Place<'_>, picked: &Picked, (key, kind, index): (&str, &str, usize)) {
         let vocabulary = self.vocabulary;
         let has_trial = |pair| vocabulary.recorded.contains_key(&pair);
@@ -205,7 +204,7 @@ impl Names<'_> {
         indices
     }
 
-    /// The index of a name among those that are known; says where it is none of them.
+    /// The index of a name among the known ones; says where it is unknown.
     pub fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
         let name = item.as_str()?;
         let index = known.iter().position(|it| it == name);
@@ -238,8 +237,8 @@ impl Names<'_> {
         }
     }
 
-    /// Checks that protocols leave what a figure shows: that of every agent that is named, or of any where
-    /// none is.
+    /// Checks that protocols leave the artifacts that a figure shows: the protocol of every named agent, or any
+    /// protocol where no agent is named.
     pub(crate) fn leaves(&mut self, kind: ArtifactKind, place: &Place<'_>, picked: &Picked) {
         let vocabulary = self.vocabulary;
         let what = match kind {

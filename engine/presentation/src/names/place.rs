@@ -1,17 +1,17 @@
-//! Places of a study that names are looked for at.
+//! Places of a study at which names are checked.
 
 use document::{Entry, Kind, Node, diagnostic::Span};
 
 /// The part of the study that a table or figure takes its values from.
 pub struct Picked {
-    /// Indices of agents.
+    /// Indices of agents in the vocabulary.
     pub agents: Vec<usize>,
-    /// Indices of environments.
+    /// Indices of environments in the vocabulary.
     pub environments: Vec<usize>,
 }
 
 impl Picked {
-    /// The same where one environment is shown: the one that is named, else the first.
+    /// The same for one environment: the named one, else the first.
     pub fn of_one_environment(mut self) -> Self {
         self.environments.truncate(1);
         self
@@ -21,11 +21,11 @@ impl Picked {
 /// A mapping of the study with its place.
 #[derive(Clone)]
 pub struct Place<'a> {
-    /// The mapping.
+    /// The mapping in the study file.
     pub node: &'a Node,
-    /// Where its key stands.
+    /// Position of its key in the file.
     pub key: Span,
-    /// Its dotted path.
+    /// Dotted path of the mapping, for messages.
     pub at: String,
 }
 
@@ -58,7 +58,7 @@ impl<'a> Place<'a> {
         self.node.items().iter().enumerate().map(item)
     }
 
-    /// Where the value under a key stands, or the mapping's own key where it is not given.
+    /// Position of the value under a key; that of the mapping's own key where the key is absent.
     pub fn value(&self, key: &str) -> (Span, String) {
         let at = format!("{}.{key}", self.at);
         match self.node.entry(key) {

@@ -1,11 +1,11 @@
-//! Published curves against the study: whose they are, where they are drawn, and what their files hold.
+//! Published curves against the study: their agents, their panels, and the contents of their files.
 
 use super::{Names, Picked, Place};
 use analysis::published_curve::{PublishedCurve, PublishedCurveError};
 use document::{Node, diagnostic::suggest, reach::Outside};
 
 impl Names<'_> {
-    /// Checks what a published curve names, and reads it.
+    /// Checks the names in a published curve, and reads its file.
     pub(crate) fn curve(&mut self, curve: &PublishedCurve, place: &Place<'_>, picked: &Picked) {
         self.agent_and_panel(place, picked);
         if let Err(error) = curve.runs() {
@@ -13,7 +13,7 @@ impl Names<'_> {
         }
     }
 
-    /// Whose colour a published curve takes, and in which panel it is drawn.
+    /// Checks the agent that gives a published curve its colour, and the environment of its panel.
     fn agent_and_panel(&mut self, place: &Place<'_>, picked: &Picked) {
         let vocabulary = self.vocabulary;
         if let Some(node) = place.node.get("agent") {
@@ -44,7 +44,7 @@ impl Names<'_> {
         }
     }
 
-    /// A published curve whose file does not hold what is asked of it, said at the key that asks.
+    /// Reports a published curve whose file lacks the requested values, at the key that requests them.
     fn unreadable(&mut self, curve: &PublishedCurve, error: &PublishedCurveError, place: &Place<'_>) {
         match error {
             PublishedCurveError::Unreadable { file, .. } if !file.exists() => {

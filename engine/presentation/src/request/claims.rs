@@ -1,4 +1,4 @@
-//! Claims against what trials record.
+//! Claims against the names that trials record.
 
 use super::typed;
 use crate::{
@@ -12,7 +12,7 @@ use document::{
     diagnostic::{Span, suggest},
 };
 
-/// A text, such as a claim, and where it stands.
+/// A text of the study, such as a claim, with its position.
 pub(super) struct Text<'a> {
     pub(super) text: &'a str,
     pub(super) span: Span,
@@ -112,7 +112,7 @@ impl Names<'_> {
         Some(spec)
     }
 
-    /// What matters is said of a direction; `within` has a distance of its own.
+    /// Checks that `min_effect` belongs to a claim of a direction; `within` has a distance of its own.
     fn min_effect(&mut self, claim: &Claim, item: &Node, text: &Text<'_>) {
         if let Some(entry) = item
             .entry("min_effect")
@@ -152,7 +152,7 @@ impl Names<'_> {
         index.or(outer)
     }
 
-    /// An environment that the text names behind `in`, and where; says so where there is none of this name.
+    /// The environment that the text names after `in`, with its position; says where no environment has this name.
     fn environment_named(&mut self, name: &str, text: &Text<'_>) -> (Option<usize>, (Span, String)) {
         let named = format!("in {name}");
         let ends = |at: &usize| !text.text[at + named.len()..].starts_with(claim::is_name_character);
@@ -209,7 +209,7 @@ impl Names<'_> {
         }
     }
 
-    /// Successes are counted: their share stands against a number or against another share, as it is.
+    /// Checks claims on success: its share is compared with a number or with another share, without a factor.
     fn shares(&mut self, claim: &Claim, text: &Text<'_>) {
         let sides = [&claim.left, &claim.right];
         let share = |side: &&Quantity| {
@@ -263,8 +263,7 @@ impl Names<'_> {
         }
     }
 
-    /// The first key or value of an operand's setting that no sweep has, what is said of it, and what there
-    /// is.
+    /// The first key or value of an operand's setting that no sweep has, with a sentence on it and the known ones.
     fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, Vec<String>)> {
         operand.setting.iter().find_map(|(key, value)| {
             let Some(values) = self.vocabulary.swept_values.get(key) else {
@@ -289,7 +288,7 @@ impl Names<'_> {
         }
     }
 
-    /// The environments in which an operand is looked at: its own, that of the claim, or all.
+    /// The environments in which an operand is evaluated: its own, that of the claim, or all.
     fn environments_of(
         &mut self,
         operand: &Operand,
@@ -303,7 +302,7 @@ impl Names<'_> {
         }
     }
 
-    /// Checks `AGENT.METRIC` against what the agent's trials record.
+    /// Checks `AGENT.METRIC` against the metrics of the agent's trials.
     fn in_trials(&mut self, operand: &Operand, environments: Vec<usize>, text: &Text<'_>) {
         let name = &operand.agent;
         let at_agent = text.part_of(operand, 0, name);

@@ -1,4 +1,4 @@
-//! Figures against what trials record and trace.
+//! Figures against the names that trials record and trace.
 
 use crate::{
     figure::{FigureKind, FigureSpec},
@@ -8,8 +8,7 @@ use document::{Entry, diagnostic::suggest};
 use std::path::Path;
 
 impl Names<'_> {
-    /// Reads a figure and checks every name in it; `None` where it is of no kind, or cannot be read, which
-    /// was said.
+    /// Reads a figure and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
     pub(super) fn figure(&mut self, entry: &Entry, folder: &Path) -> Option<FigureSpec> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
         let (mut spec, kind) =

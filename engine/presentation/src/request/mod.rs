@@ -1,4 +1,4 @@
-//! Tables, figures, claims and the sentence against what trials record: every metric, agent, environment,
+//! Tables, figures, claims and the sentence against the names that trials record: every metric, agent, environment,
 //! setting, channel and row.
 
 mod claims;
@@ -27,26 +27,26 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::path::Path;
 
-/// What a study asks for, and what is wrong with it.
+/// Tables, figures, claims and sentences that a study asks for, with the mistakes in them.
 #[derive(Debug, Default)]
 pub struct Request {
-    /// Tables by name.
+    /// Tables by name, in the order of the study.
     pub tables: Vec<(String, TableSpec)>,
-    /// Figures by name.
+    /// Figures by name, in the order of the study.
     pub figures: Vec<(String, FigureSpec)>,
-    /// Claims.
+    /// Claims that could be read, in the order of the study.
     pub claims: Vec<ClaimSpec>,
     /// The sentence that sums the study up.
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
-    /// Mistakes.
+    /// Mistakes in these sections.
     pub found: Vec<Diagnostic>,
 }
 
 impl Request {
-    /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; files are sought from `folder`.
-    /// Entries that the check against the schema refused are passed over.
+    /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; paths of files are relative to
+    /// `folder`. Entries that the check against the schema refused are passed over.
     #[must_use]
     pub fn read(root: &Node, vocabulary: &Vocabulary, sources: &Sources, folder: &Path) -> Self {
         let mut request = Self::default();
@@ -85,8 +85,7 @@ impl Request {
     }
 }
 
-/// Checks what the study calls a success, and lets every combination that records its metric record
-/// `success`.
+/// Checks the study's definition of success, and adds `success` to every combination that records its metric.
 pub fn success(
     root: &Node,
     success: Option<&Success>,
@@ -157,7 +156,7 @@ pub fn beside_the_source(root: &Node, vocabulary: &Vocabulary, sources: &Sources
     unknown.chain(unreasoned(root, sources)).collect()
 }
 
-/// Another share than the one of all studies, without a reason.
+/// Diagnostic for a share other than the usual one without a reason.
 fn unreasoned(root: &Node, sources: &Sources) -> Option<Diagnostic> {
     let node = root.get("relevance")?;
     let relevance: Relevance = typed(node)?;
@@ -178,8 +177,8 @@ fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
 }
 
 impl Names<'_> {
-    /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each
-    /// other all but one are left out, so that what else is wrong is found too.
+    /// The one kind of a table or figure, and the value under its key. Of options that exclude each other all but one
+    /// are removed, so that further mistakes are found too.
     fn kind<Spec: DeserializeOwned + JsonSchema>(
         &mut self,
         what: &str,
@@ -203,8 +202,8 @@ impl Names<'_> {
         serde_json::from_value(value).ok().map(|spec| (spec, *kind))
     }
 
-    /// Says that a table or figure gives no kind, or several; a key that nobody knows may have been meant and
-    /// was said before.
+    /// Says that a table or figure gives no kind, or several. An unknown key may have been meant as the kind and has
+    /// its own diagnostic.
     fn not_one_kind<Spec: JsonSchema>(
         &mut self,
         what: &str,
@@ -232,7 +231,7 @@ impl Names<'_> {
         }
     }
 
-    /// Says which options exclude each other, and removes them.
+    /// Says which options exclude each other, and removes all but one.
     fn contradictions(&mut self, kind: &kinds::Kind, place: &Place<'_>, value: &mut Value) {
         while let Some(contradiction) = (kind.contradiction)(value) {
             let Some((key, outer)) = contradiction.at.split_last() else {

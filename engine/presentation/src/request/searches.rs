@@ -1,4 +1,4 @@
-//! The table and the figures of a search that a report has where the study asks for none.
+//! The table and the figures of a search in a report whose study asks for none.
 
 use super::Request;
 use crate::{
@@ -7,8 +7,8 @@ use crate::{
 };
 
 impl Request {
-    /// Adds the best settings of a search, the way to them and their values, each where the study has no such table or
-    /// figure, and nothing else of that name.
+    /// Adds the best settings of a search, its progress and its values. Each is added only where the study has no
+    /// such table or figure, and nothing else of that name.
     pub(super) fn show_search(&mut self, search: &str) {
         let is_best = |kind: &TableKind| matches!(kind, TableKind::BestSettings(it) if it.search == search);
         let name = format!("{search}-best-settings");

@@ -4,7 +4,7 @@ use super::claims::Text;
 use crate::{
     answers::{Answer, AnswerText},
     names::Names,
-    summary::{Asks, Lost, PLACEHOLDERS, Summary, SummaryError, locate},
+    summary::{LookupError, PLACEHOLDERS, PlaceholderTarget, Summary, SummaryError, locate},
 };
 use document::{
     Node,
@@ -12,7 +12,7 @@ use document::{
 };
 
 impl Names<'_> {
-    /// Reads a line of the answers; `None` where it cannot be read, which was said.
+    /// Reads a line of the answers; `None` where it cannot be read, after a diagnostic.
     pub(super) fn answer(&mut self, node: &Node, index: usize, claims: usize) -> Option<Answer> {
         let at = format!("answers[{index}]");
         let text: AnswerText = serde_json::from_value(node.to_value()).ok()?;
@@ -34,8 +34,8 @@ impl Names<'_> {
         Some(Answer { text, here, by })
     }
 
-    /// Checks every placeholder of the sentence; `None` where it cannot be read, which was said. `claims` is
-    /// their number.
+    /// Checks every placeholder of the sentence; `None` where it cannot be read, after a diagnostic. `claims` is the
+    /// number of claims.
     pub(super) fn sentence(&mut self, node: &Node, at: &str, claims: usize) -> Option<Summary> {
         let text = Text {
             text: node.as_str()?,
@@ -60,17 +60,17 @@ impl Names<'_> {
         }
     }
 
-    fn asked(&mut self, asks: &Asks, claims: usize, place: (Span, String)) {
+    fn asked(&mut self, asks: &PlaceholderTarget, claims: usize, place: (Span, String)) {
         match asks {
-            Asks::Claim(number) if *number > claims => {
+            PlaceholderTarget::Claim(number) if *number > claims => {
                 let help = match claims {
                     0 => "write them under `claims`".to_owned(),
                     _ => format!("it has {claims}, numbered from 1"),
                 };
                 self.say(place, format!("the study has no claim {number}"), help);
             }
-            Asks::Claim(_) => {}
-            Asks::Cell {
+            PlaceholderTarget::Claim(_) => {}
+            PlaceholderTarget::Cell {
                 table, place: cell, ..
             } => self.cell(table, cell, place),
         }
@@ -83,25 +83,25 @@ impl Names<'_> {
         };
         let [rows, columns] =
             [rows, columns].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
-        // What is wrong with a table without rows was said.
+        // A table without rows has a diagnostic of its own.
         if rows.is_empty() {
             return;
         }
         let (message, help) = match locate(cell, &rows, &columns) {
             Ok(_) => return,
-            Err(Lost::Row(row)) => (
+            Err(LookupError::Row(row)) => (
                 format!("the table `{table}` has no row `{row}`"),
                 suggest(&row, rows),
             ),
-            Err(Lost::Column(row, _)) if columns.len() < 2 => (
+            Err(LookupError::Column(row, _)) if columns.len() < 2 => (
                 format!("the table `{table}` has one column"),
                 format!("write `{{{table}: {}}}`", rows[row]),
             ),
-            Err(Lost::Column(_, column)) => (
+            Err(LookupError::Column(_, column)) => (
                 format!("the table `{table}` has no column `{column}`"),
                 suggest(&column, columns),
             ),
-            Err(Lost::WhichColumn) => (
+            Err(LookupError::WhichColumn) => (
                 format!("the table `{table}` has several columns"),
                 format!("write `{{{table}: {cell}, COLUMN}}`, {}", suggest("", columns)),
             ),
@@ -110,7 +110,7 @@ impl Names<'_> {
     }
 }
 
-/// The place of a part of a text that stands on one line as it is read; of the whole text elsewhere.
+/// The position of a part of a text on one line of the file; that of the whole text where it spans several.
 fn within(text: &Text<'_>, start: usize, length: usize) -> (Span, String) {
     let characters = text.text.chars().count();
     if [characters, characters + 2].contains(&text.span.length) {

@@ -1,8 +1,8 @@
-//! Tables against what trials record: what they are made of, published values, margins.
+//! Tables against the names that trials record: their parts, published values, margins.
 
 use crate::{
     names::{Names, Place},
-    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use document::{
     Entry,
@@ -11,8 +11,7 @@ use document::{
 use std::path::Path;
 
 impl Names<'_> {
-    /// Reads a table and checks every name in it; `None` where it is of no kind, or cannot be read, which was
-    /// said.
+    /// Reads a table and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
     pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
         self.shown.entry(entry.key.clone()).or_default();
@@ -36,7 +35,7 @@ impl Names<'_> {
         Some(spec)
     }
 
-    /// Verdicts are passed on means over seeds, so that what is shown beside a published value has to be one.
+    /// Checks that values beside published ones are means over seeds, since verdicts are passed on means.
     fn of_means(&mut self, spec: &TableSpec, place: &Place<'_>) {
         let (Some(shown), Some(inner)) = (spec.kind.no_means(), place.below("published")) else {
             return;
@@ -50,7 +49,7 @@ impl Names<'_> {
         }
     }
 
-    /// What is best is known only where a direction is.
+    /// Checks that bold best values have a direction.
     fn typeset(&mut self, spec: &TableSpec, columns: &[String], place: &Place<'_>) {
         let (Some(layout), Some(inner)) = (&spec.latex, place.below("latex")) else {
             return;
@@ -74,7 +73,7 @@ impl Names<'_> {
     fn published(
         &mut self,
         row: &str,
-        published: &Published,
+        published: &PublishedRow,
         rows: &[String],
         columns: &[String],
         place: &Place<'_>,
@@ -91,7 +90,7 @@ impl Names<'_> {
                 suggest(row, rows.iter().map(String::as_str)),
             );
         }
-        let Published::Columns(values) = published else {
+        let PublishedRow::Columns(values) = published else {
             return;
         };
         for column in values.keys().filter(|column| !columns.contains(column)) {
@@ -106,7 +105,7 @@ impl Names<'_> {
         }
     }
 
-    /// Published curves are compared at steps, with the row of an agent.
+    /// Checks that published curves are compared at steps, with the row of an agent.
     fn compared_curves(&mut self, spec: &TableSpec, place: &Place<'_>) {
         let Some(list) = place.below("published_curves") else {
             return;
@@ -132,7 +131,7 @@ impl Names<'_> {
         }
     }
 
-    /// Only what is published can differ, so that its cause is ever printed.
+    /// Checks that a cause is given only for a table with published values, since only these can differ.
     fn caused(&mut self, spec: &TableSpec, rows: &[String], place: &Place<'_>) {
         let (Some(cause), Some(inner)) = (&spec.cause, place.below("cause")) else {
             return;
@@ -160,7 +159,7 @@ impl Names<'_> {
         }
     }
 
-    /// A margin is on one scale.
+    /// Checks that a margin is on one scale.
     fn margin(&mut self, spec: &TableSpec, place: &Place<'_>) {
         let Some(Margin::Stated(StatedMargin {
             absolute,
@@ -193,8 +192,9 @@ impl Names<'_> {
         );
     }
 
-    /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
-    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &Published, place: &Place<'_>) {
+    /// Checks that published values can be judged: a margin of zero can never be met, and a standard deviation needs
+    /// a number of runs.
+    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &PublishedRow, place: &Place<'_>) {
         let Some(inner) = place.below("published").and_then(|section| section.below(row)) else {
             return;
         };
@@ -206,12 +206,12 @@ impl Names<'_> {
             )
         };
         let entries: Vec<(PublishedValue, (Span, String))> = match published {
-            Published::Value(value) => vec![(
+            PublishedRow::Value(value) => vec![(
                 PublishedCell::Value(*value).entry(),
                 (inner.key, inner.at.clone()),
             )],
-            Published::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
-            Published::Columns(columns) => columns
+            PublishedRow::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
+            PublishedRow::Columns(columns) => columns
                 .iter()
                 .map(|(name, cell)| (cell.entry(), below(name)))
                 .collect(),
@@ -240,7 +240,7 @@ impl Names<'_> {
         }
     }
 
-    /// A spread is that of two runs or more.
+    /// Checks that a spread is one of two runs or more.
     fn spread(&mut self, entry: &PublishedValue, at: &(Span, String)) {
         let Some(sd) = entry.sd else { return };
         if sd.is_nan() || sd < 0.0 {
@@ -256,7 +256,8 @@ impl Names<'_> {
         }
     }
 
-    /// A published share is one of so many runs, and its spread follows from that.
+    /// Checks that a published share is a possible one of its number of runs, without a spread of its own, which
+    /// follows from the share.
     fn share(&mut self, entry: &PublishedValue, at: (Span, String)) {
         let n = entry.n.unwrap_or(1);
         if entry.sd.is_some() {

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The column of what the chosen setting comes to on seeds that the search has not seen.
+/// The column with the value of the chosen setting on seeds that the search has not seen.
 const FRESH: &str = "fresh";
 
 /// The best settings of a search, one row each, and beside the chosen one its value on seeds that the search has not
@@ -77,7 +77,7 @@ pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'
 }
 
 impl BestSettings {
-    /// The table of a search where nothing else is said of it.
+    /// The table of a search with all options absent.
     #[must_use]
     pub fn of(search: &str) -> Self {
         Self {
@@ -139,12 +139,12 @@ impl BestSettings {
     }
 }
 
-/// As many digits as tell the settings apart.
+/// The format with enough digits to tell the settings apart.
 fn fitting(shown: &[&TriedSetting]) -> NumberFormat {
     NumberFormat::fitting(shown.iter().filter_map(|tried| tried.value()))
 }
 
-/// The chosen setting on seeds that the search has not seen; `None` before it is chosen.
+/// The value of the chosen setting on seeds that the search has not seen; `None` before it is chosen.
 fn fresh(it: &SearchResult, results: &Results) -> Option<Cell> {
     let trials = it.fresh_trials(&results.trials);
     let scope = Scope { trials };

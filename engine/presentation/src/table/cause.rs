@@ -1,4 +1,4 @@
-//! What was found out about values that differ from the published ones.
+//! Causes of values that differ from the published ones, as the study states them.
 
 use super::Grid;
 use schemars::JsonSchema;
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use statistics::Verdict;
 use std::collections::BTreeMap;
 
-/// What was tried to find out why values differ: of the whole table, or of each row.
+/// Attempts to find out why values differ: of the whole table, or of each row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Cause {
@@ -17,7 +17,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// The paragraph about a row; `None` where nothing is written about it.
+    /// The paragraph about a row; `None` where the study has none for it.
     #[must_use]
     pub fn of(&self, row: &str) -> Option<&str> {
         let text = match self {
@@ -29,7 +29,7 @@ impl Cause {
 }
 
 impl Grid {
-    /// What was found out about a row with a value that differs; `None` where none does or nothing is written.
+    /// The cause for a row with a value that differs; `None` where no value differs or the study states no cause.
     #[must_use]
     pub fn cause(&self, row: usize) -> Option<&str> {
         let differs = self.cells[row]

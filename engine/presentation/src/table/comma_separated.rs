@@ -65,7 +65,7 @@ fn fields(cell: &Cell) -> [String; 10] {
     ]
 }
 
-/// A field as a cell: what a spreadsheet would compute has an apostrophe before it and stays a text; numbers are
+/// A field as a cell. Text that a spreadsheet would compute has an apostrophe before it and stays text; numbers stay
 /// numbers.
 #[must_use]
 pub fn guarded(field: &str) -> Cow<'_, str> {

@@ -1,9 +1,9 @@
-//! The matrix of a play: who played one role along the rows, who played another along the columns, and both
-//! means.
+//! The matrix of a play: the players of one role along the rows, those of another along the columns, and the means of
+//! both.
 
 use super::{
-    Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, Quantity, Scope, Statistic, Table,
-    comparison::summarise, problem,
+    Cell, FixedReason, Grid, Heading, MissingReason, MissingSeeds, NumberFormat, Quantity, Scope, Statistic,
+    Table, comparison::summarise, problem,
 };
 use crate::names::{Names, Place};
 use analysis::{cross_play::Encounters, results::Results};
@@ -118,9 +118,8 @@ fn check(spec: &CrossPlayTable, names: &mut Names<'_>, place: &Place<'_>) -> (Ve
     (lines.clone(), lines)
 }
 
-/// Which trials a cell is made of: agents by role. A role that is left out is played by every agent that was
-/// trained.
-type Casting<'a> = Vec<(&'a str, &'a str)>;
+/// The trials of a cell, as agents by role. A role without an entry is played by every trained agent.
+type RoleAssignment<'a> = Vec<(&'a str, &'a str)>;
 
 /// Computes the matrix. The mean of a row or column is over trained opponents, seed by seed.
 ///
@@ -137,7 +136,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     }
     let matrix = Matrix::of(spec, results, &encounters, [&rows, &columns]);
     let cell = |row: Option<&str>, column: Option<&str>| {
-        let casting: Casting<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
+        let casting: RoleAssignment<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
             .into_iter()
             .filter_map(|(role, it)| Some((role, it?)))
             .collect();
@@ -180,18 +179,18 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     })
 }
 
-/// What becomes 0 and 1.
+/// The ends of the scale of a normalised matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Scale {
     low: f64,
     high: f64,
-    /// Cells between trained agents, and how many of them have a value.
+    /// Number of cells between trained agents, and number of those with a value.
     n_cells: usize,
     n_known: usize,
 }
 
 impl Scale {
-    /// The smallest and largest mean over seeds of a cell between agents that were trained.
+    /// The scale from the smallest to the largest mean over seeds of a cell between trained agents.
     fn of(spec: &CrossPlayTable, encounters: &Encounters<'_>, rows: &[&str], columns: &[&str]) -> Self {
         let trained = |names: &[&'_ str]| {
             names
@@ -219,13 +218,13 @@ impl Scale {
         }
     }
 
-    /// True for values whose mean is one of the two that make the scale.
+    /// Whether the mean of some values is one of the two ends of the scale.
     fn is_end(&self, values: &[f64]) -> bool {
         let mean = mean(values);
         mean == self.low || mean == self.high
     }
 
-    /// What 0 and 1 stand for, as a sentence.
+    /// A sentence on the ends of the scale.
     fn in_words(&self, design: Option<&Design>) -> String {
         let format = NumberFormat::fitting([self.low, self.high].into_iter());
         let [low, high] = [self.low, self.high].map(|end| format.write(end));
@@ -236,7 +235,7 @@ impl Scale {
         format!("0 stands for {low} and 1 for {high}{when}.")
     }
 
-    /// That cells of the scale have no value yet, as a sentence; `None` where all have.
+    /// A sentence on cells of the scale without a value; `None` where all have one.
     fn lack_in_words(&self) -> Option<String> {
         let Self { n_known, n_cells, .. } = *self;
         (n_known < n_cells).then(|| {
@@ -246,7 +245,7 @@ impl Scale {
         })
     }
 
-    /// `None` where all cells are alike, or fewer than two have a value.
+    /// A value on the scale; `None` where all cells are alike, or fewer than two have a value.
     fn apply(&self, value: f64) -> Option<f64> {
         (self.high > self.low).then(|| (value - self.low) / (self.high - self.low))
     }
@@ -257,14 +256,15 @@ struct Matrix<'a> {
     spec: &'a CrossPlayTable,
     encounters: &'a Encounters<'a>,
     scale: Option<Scale>,
-    /// The meetings that the scale is made of.
+    /// The meetings that set the scale.
     ends_of: Encounters<'a>,
-    /// True where all of these have ended, which no planned look is complete without.
+    /// Whether all of these meetings have ended; no planned look is complete without them.
     stands: bool,
 }
 
 impl<'a> Matrix<'a> {
-    /// Where looks are planned, 0 and 1 are what the first of them says, so that later seeds move no earlier verdict.
+    /// With planned looks the ends of the scale are those of the first look, so that later seeds move no earlier
+    /// verdict.
     fn of(
         spec: &'a CrossPlayTable,
         results: &Results,
@@ -290,13 +290,13 @@ impl<'a> Matrix<'a> {
         let raw = self.encounters.by_seed(casting, &self.spec.value);
         let seeds = self.scaled(&raw);
         if seeds.len() < raw.len() {
-            missing.push(Missing::of(NoValue::AllAlike));
+            missing.push(MissingSeeds::of(MissingReason::AllAlike));
         }
         let mut cell = Cell {
             planned: scope.planned(),
             failed: scope.failed(),
             missing,
-            fixed: self.is_end(casting).then_some(Fixed::Ends),
+            fixed: self.is_end(casting).then_some(FixedReason::Ends),
             ..Cell::resting_on(&scope.trials, results)
         };
         if self.scale.is_some() && !self.stands {
@@ -320,7 +320,7 @@ impl<'a> Matrix<'a> {
             .collect()
     }
 
-    /// True for what is 0 or 1 because it makes the scale.
+    /// Whether a cell is 0 or 1 because it sets the scale.
     fn is_end(&self, casting: &[(&str, &str)]) -> bool {
         let values = || self.ends_of.by_seed(casting, &self.spec.value).into_values();
         self.scale

@@ -1,30 +1,29 @@
-//! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what
-//! to be careful with.
+//! The sentences under a table: meaning of numbers, rules of verdicts, missing seeds, and cautions.
 
-use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
+use super::{Cell, FixedReason, Grid, Margin, Reduction, Statistic};
 use document::count::{count, seed_ranges};
 use statistics::{Judgement, Verdict};
 
-/// How the medium shows intervals.
+/// Display of intervals in the medium.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Intervals {
-    /// In brackets after the number; cells with seeds missing have a star.
+    /// Brackets after the number; cells with seeds missing have a star.
     InBrackets,
-    /// As half of their width after the number.
+    /// Half of the width after the number.
     AsHalfWidth,
-    /// Not at all.
+    /// No display.
     NotShown,
-    /// As lines over bars.
+    /// Lines over bars.
     AsLines,
 }
 
-/// Up to so many seeds a percentile bootstrap covers much less than its level: nine of ten times with five, three of
-/// four with three (normal values, median and interquartile mean).
+/// The most seeds with which a percentile bootstrap covers much less than its level: nine of ten times with five,
+/// three of four with three (normal values, median and interquartile mean).
 const FEW: usize = 5;
 
 impl Grid {
-    /// Why values differ, where the study says it; what the numbers are, how they were made, which seeds are
-    /// missing, and the notes of the study, a sentence each.
+    /// All notes, a sentence each: causes of differences that the study states, meaning and origin of the numbers,
+    /// missing seeds, and the notes of the study.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
         let star = if intervals == Intervals::AsLines { "" } else { "* " };
@@ -43,7 +42,7 @@ impl Grid {
         notes
     }
 
-    /// How to read the numbers and the verdicts, without what is special of some cells.
+    /// Notes on reading the numbers and the verdicts, without those on single cells.
     #[must_use]
     pub fn how_read(&self, intervals: Intervals) -> Vec<String> {
         std::iter::once(self.reading(intervals))
@@ -65,8 +64,8 @@ impl Grid {
         };
         let seeds = match self.usual_n() {
             None => "no seed has a value yet".into(),
-            // What would be others the next time is what is ranked, not the seeds.
-            Some(n) if self.one_number == OneNumber::RankCorrelation => {
+            // The bootstrap resamples the ranked points, not the seeds.
+            Some(n) if self.one_number == Reduction::RankCorrelation => {
                 let seeds = count(n, "seed");
                 format!("rank correlation of means over n = {seeds}, 95 % interval over the points {shown}")
             }
@@ -84,17 +83,17 @@ impl Grid {
         format!("{}{unit}: {seeds}.{few}", self.quantity)
     }
 
-    /// True where intervals are percentiles of resampled seeds.
+    /// Whether intervals are percentiles of resampled seeds.
     fn is_resampled(&self) -> bool {
         let is_mean = |statistic: &Statistic| *statistic == Statistic::Mean;
         match &self.one_number {
-            OneNumber::Of(statistic) => !is_mean(statistic),
-            OneNumber::Aggregates => true,
-            OneNumber::Share | OneNumber::RankCorrelation => false,
+            Reduction::Of(statistic) => !is_mean(statistic),
+            Reduction::Aggregates => true,
+            Reduction::Share | Reduction::RankCorrelation => false,
         }
     }
 
-    /// How the verdicts come about; nothing where nothing is judged.
+    /// The rule of the verdicts; `None` where nothing is judged.
     fn judging(&self) -> Option<String> {
         let judged = || {
             self.cells
@@ -104,7 +103,7 @@ impl Grid {
                 .filter(|it| it.statement.is_some())
         };
         judged().next()?;
-        let of = if self.one_number == OneNumber::Share {
+        let of = if self.one_number == Reduction::Share {
             "share"
         } else {
             "mean"
@@ -133,7 +132,7 @@ impl Grid {
         ))
     }
 
-    /// How certain the published values count as.
+    /// Sentence on the certainty of the published values.
     fn certainty(&self) -> &'static str {
         let references = || {
             let judged = self.cells.iter().flatten().filter_map(|it| it.judgement.as_ref());
@@ -174,7 +173,7 @@ impl Grid {
 }
 
 impl Cell {
-    /// How many seeds there are and why the others are missing.
+    /// Sentence on the number of seeds and on the reasons for missing ones.
     #[must_use]
     pub fn incompleteness(&self) -> String {
         let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
@@ -201,14 +200,14 @@ impl Cell {
     }
 }
 
-/// The seed that a sentence is about, and what it says of it.
+/// Splits a sentence into the seed that it is about and the rest.
 fn seed_and_reason(text: &str) -> (Option<u64>, &str) {
     let parts = text.strip_prefix("seed ").and_then(|rest| rest.split_once(": "));
     let parts = parts.and_then(|(seed, reason)| Some((seed.parse().ok()?, reason)));
     parts.map_or((None, text), |(seed, reason)| (Some(seed), reason))
 }
 
-/// What keeps a value or its verdict from meaning what it seems to.
+/// Caution about a value or its verdict; `None` where there is none.
 fn caution(cell: &Cell) -> Option<String> {
     let untrained = cell
         .is_untrained()
@@ -235,7 +234,7 @@ fn caution(cell: &Cell) -> Option<String> {
     (!cautions.is_empty()).then(|| cautions.join("; "))
 }
 
-/// Which agents made no update, as in `0 updates: sac was not trained`.
+/// Sentence on agents without updates, as in `0 updates: sac was not trained`.
 pub fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
     format!(
         "0 updates: {} was not trained",
@@ -243,41 +242,41 @@ pub fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
     )
 }
 
-/// That a verdict was seen with so many seeds, without a plan.
+/// Sentence on a verdict that was seen with so many seeds, without a plan.
 pub fn unplanned_look_in_words(seeds: u32) -> String {
     format!("unplanned look: the verdict was seen with {seeds} seeds before, so its level is not held")
 }
 
-/// That what a verdict is passed by was changed after it was seen.
+/// Sentence on a verdict whose rule was changed after it was seen.
 pub fn changed_rule_in_words(first: &str) -> String {
     format!("exploratory: judged by {first} when the verdict was first seen, which was changed afterwards")
 }
 
-fn why(fixed: Fixed) -> &'static str {
+fn why(fixed: FixedReason) -> &'static str {
     match fixed {
-        Fixed::Itself => "an agent is compared with itself",
-        Fixed::Ends => "the smallest and the largest mean are 0 and 1 by the normalisation",
-        Fixed::Scale => "its scores are 0 or 1 by the normalisation",
+        FixedReason::Itself => "an agent is compared with itself",
+        FixedReason::Ends => "the smallest and the largest mean are 0 and 1 by the normalisation",
+        FixedReason::Scale => "its scores are 0 or 1 by the normalisation",
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{Form, Missing, NoValue, Part, Quantity};
+    use crate::table::{Form, MissingReason, MissingSeeds, Part, Quantity};
     use contract::trial_end::EndState;
 
     #[test]
     fn seeds_that_lack_the_same_are_named_together() {
-        let other = |seed| NoValue::NoCounterpart {
+        let other = |seed| MissingReason::NoCounterpart {
             seed,
             agent: "equal".into(),
         };
-        let failed = NoValue::CounterpartFailed {
+        let failed = MissingReason::CounterpartFailed {
             seed: 3,
             agent: "equal".into(),
         };
-        let missing = [other(5), failed, other(6), other(7)].map(Missing::of);
+        let missing = [other(5), failed, other(6), other(7)].map(MissingSeeds::of);
         let cell = Cell {
             planned: 4,
             missing: missing.into(),
@@ -291,7 +290,8 @@ mod tests {
 
     #[test]
     fn a_cell_says_why_seeds_are_missing() {
-        let missing = [NoValue::Ended(1, EndState::Oom), NoValue::NotRun(1)].map(Missing::of);
+        let missing =
+            [MissingReason::Ended(1, EndState::Oom), MissingReason::NotRun(1)].map(MissingSeeds::of);
         let cell = Cell {
             planned: 2,
             failed: 1,
@@ -307,11 +307,11 @@ mod tests {
             .text(0, Part::Value(0))
         };
         assert_eq!(text(cell), "failed *");
-        let missing = |why| vec![Missing::of(why).within("maze")];
+        let missing = |why| vec![MissingSeeds::of(why).within("maze")];
         assert_eq!(
             text(Cell {
                 planned: 2,
-                missing: missing(NoValue::NotRun(2)),
+                missing: missing(MissingReason::NotRun(2)),
                 ..Cell::default()
             }),
             "not run *"
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(
             text(Cell {
                 planned: 2,
-                missing: missing(NoValue::NoScale),
+                missing: missing(MissingReason::NoScale),
                 ..Cell::default()
             }),
             "none *"

@@ -1,6 +1,6 @@
-//! A computed table: numbers with what they rest on. Its sentences are made in [`super::footnotes`].
+//! A computed table: numbers with the seeds and trials behind them. Its sentences are made in [`super::footnotes`].
 
-use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
+use super::{Cause, Direction, Form, LatexLayout, Margin, MissingSeeds, NumberFormat, Statistic};
 use analysis::{results::Results, training_share};
 use contract::{trial::CellName, trial_result::TrialResult};
 use statistics::{Judgement, MeanEstimate, Sample, Seeds, TrainingShare, Verdict};
@@ -10,18 +10,18 @@ use std::{
     fmt,
 };
 
-/// A table as data: what the renderers read.
+/// A table as data, for the renderers.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Grid {
-    /// What the table shows, in one sentence.
+    /// Caption, in one sentence.
     pub caption: String,
-    /// What the numbers are.
+    /// Quantity in the cells.
     pub quantity: Quantity,
     /// Unit of the numbers; empty where there is none or it is not known.
     pub unit: String,
-    /// How seeds became one number.
-    pub one_number: OneNumber,
-    /// What the rows are: `agent`, `environment` or `setting`.
+    /// Reduction of the seeds to one number.
+    pub one_number: Reduction,
+    /// Axis of the rows: `agent`, `environment` or `setting`.
     pub row_axis: Cow<'static, str>,
     /// One heading per row.
     pub rows: Vec<Heading>,
@@ -29,29 +29,28 @@ pub struct Grid {
     pub columns: Vec<Heading>,
     /// The cells, `[row][column]`.
     pub cells: Vec<Vec<Cell>>,
-    /// How numbers are written.
+    /// Format of the numbers.
     pub format: NumberFormat,
-    /// How far a value may lie from the published one.
+    /// Largest distance of a value from the published one that counts as reproduced.
     pub margin: Option<Margin>,
-    /// True where the comparison was thought of after results were seen.
+    /// Whether the comparison was thought of after results were seen.
     pub exploratory: bool,
-    /// What was found out about values that differ; printed where one does.
+    /// Cause of values that differ; printed where one does.
     pub cause: Option<Cause>,
     /// Sentences under the table.
     pub notes: Vec<String>,
-    /// Which values of each column are better, where that is known; empty where it was not asked for.
+    /// Better direction of each column; `None` in a column where it is unknown, empty where it was not requested.
     pub better: Vec<Option<Direction>>,
-    /// How it is set in LaTeX, where the study says it.
+    /// Typesetting in LaTeX, where the study states it.
     pub latex: Option<LatexLayout>,
 }
 
-/// What the numbers of a table are. Its display is a phrase, as in `cycle length, change from equal, by
-/// seed`.
+/// Quantity in the cells of a table. Its display is a phrase, as in `cycle length, change from equal, by seed`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Quantity {
-    /// The quantity of one agent.
+    /// Phrase for the quantity of one agent.
     pub value: String,
-    /// How values are written relative to an agent, and its name; `None` where they are not.
+    /// Form of values relative to an agent, and the agent's name; `None` for values that stand alone.
     pub relative: Option<(Form, String)>,
 }
 
@@ -65,7 +64,7 @@ impl Quantity {
         }
     }
 
-    /// The phrase without how values are paired, for the axis of a figure.
+    /// The phrase without the pairing of values, for the axis of a figure.
     #[must_use]
     pub fn label(&self) -> String {
         let value = &self.value;
@@ -88,46 +87,46 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// How seeds became one number.
+/// Reduction of seeds to one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OneNumber {
-    /// By a statistic over seeds.
+pub enum Reduction {
+    /// A statistic over seeds.
     Of(Statistic),
-    /// As the share of seeds with success.
+    /// The share of seeds with success.
     Share,
-    /// By a statistic of its own in each column.
+    /// A statistic of its own in each column.
     Aggregates,
-    /// As the correlation of the ranks of their means.
+    /// The correlation of the ranks of their means.
     RankCorrelation,
 }
 
-impl OneNumber {
-    /// The name in words.
+impl Reduction {
+    /// Name of the reduction in words.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            OneNumber::Of(statistic) => statistic.name(),
-            OneNumber::Share => "share",
-            OneNumber::Aggregates => "aggregates",
-            OneNumber::RankCorrelation => "rank correlation of means",
+            Reduction::Of(statistic) => statistic.name(),
+            Reduction::Share => "share",
+            Reduction::Aggregates => "aggregates",
+            Reduction::RankCorrelation => "rank correlation of means",
         }
     }
 }
 
-impl Default for OneNumber {
+impl Default for Reduction {
     fn default() -> Self {
         Self::Of(Statistic::Mean)
     }
 }
 
-/// Why a value is what it is by construction.
+/// Reason for a value that is fixed by construction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fixed {
-    /// An agent beside itself.
+pub enum FixedReason {
+    /// An agent is compared with itself.
     Itself,
-    /// The mean that became 0 or 1.
+    /// The mean became 0 or 1 by the normalisation.
     Ends,
-    /// An agent that stands for 0 or 1.
+    /// The agent sets the 0 or 1 of the scale.
     Scale,
 }
 
@@ -136,21 +135,21 @@ pub enum Fixed {
 pub struct Heading {
     /// Name in the study, by which published values are found.
     pub name: String,
-    /// What is printed.
+    /// Text to print.
     pub label: String,
 }
 
-/// One number of a table with what it rests on.
+/// One number of a table with the seeds and trials behind it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cell {
     /// The number of each seed, in the order of seeds.
     pub seeds: Vec<(u64, f64)>,
-    /// The same as it was when the seeds below a number were all there were, where the others move it: a verdict of an
-    /// earlier look knows nothing of later seeds. A number that is not here has those of `seeds`.
+    /// The numbers of the seeds below a limit, by limit, as they were when these seeds were all there were: a verdict
+    /// of an earlier look knows nothing of later seeds. A limit without an entry has the numbers in `seeds`.
     pub as_of: BTreeMap<u64, Vec<(u64, f64)>>,
-    /// How many seeds the study plans.
+    /// Number of seeds that the study plans.
     pub planned: usize,
-    /// How many seeds ended, but not well.
+    /// Number of seeds that ended, but not well.
     pub failed: usize,
     /// The seeds as one number; `None` where no seed has one.
     pub estimate: Option<f64>,
@@ -160,29 +159,29 @@ pub struct Cell {
     pub interval: Option<(f64, f64)>,
     /// The published number and how the seeds compare with it; `None` where nothing is published.
     pub judgement: Option<Judgement>,
-    /// Why seeds are missing.
-    pub missing: Vec<Missing>,
-    /// Why the value is what it is by construction; `None` where it is not.
-    pub fixed: Option<Fixed>,
-    /// What was chosen with the published value in view; `None` where nothing was.
+    /// Reasons for missing seeds.
+    pub missing: Vec<MissingSeeds>,
+    /// Reason for a value that is fixed by construction; `None` where it is not.
+    pub fixed: Option<FixedReason>,
+    /// Choice that was made with the published value in view; `None` where there was none.
     pub calibrated_on: Option<String>,
-    /// True where the values are successes of seeds, 0 or 1.
+    /// Whether the values are successes of seeds, 0 or 1.
     pub is_share: bool,
     /// Agents behind the value that made no update.
     pub untrained: Vec<String>,
-    /// How much of the source's training is behind the value; `None` where the study does not say it.
+    /// Share of the source's training behind the value; `None` where the study does not state it.
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
-    /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
+    /// First rule of the verdict, where it was changed after the verdict was seen: then the verdict is exploratory.
     pub first_judged_by: Option<String>,
-    /// Which seeds a verdict may rest on.
+    /// Seeds that a verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind the value.
     pub rests_on: BTreeSet<CellName>,
 }
 
-/// One printed column: a column of the grid, or what stands beside it.
+/// One printed column: a column of the grid, or its published values or verdicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// The reproduced value with its interval.
@@ -194,13 +193,14 @@ pub enum Part {
 }
 
 impl Grid {
-    /// True where a value of it, or what it is judged by, was thought of after results were seen.
+    /// Whether a cell is exploratory: its comparison or the rule of its verdict was thought of after results were
+    /// seen.
     #[must_use]
     pub fn is_exploratory(&self, cell: &Cell) -> bool {
         self.exploratory || cell.first_judged_by.is_some()
     }
 
-    /// The printed columns from left to right: each column, followed by published value and verdict where it
+    /// The printed columns from left to right: each column, followed by its published values and verdicts where it
     /// has any.
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
@@ -239,7 +239,7 @@ impl Grid {
         }
     }
 
-    /// Heading over the row headings: what the rows are.
+    /// Heading above the row headings: the axis of the rows.
     #[must_use]
     pub fn corner(&self) -> &str {
         &self.row_axis
@@ -263,8 +263,8 @@ impl Grid {
         })
     }
 
-    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no
-    /// cell has a seed.
+    /// The number of seeds behind most cells; cells with another number state theirs. `None` where no cell has a
+    /// seed.
     #[must_use]
     pub fn usual_n(&self) -> Option<usize> {
         let mut counts: std::collections::BTreeMap<usize, usize> = std::collections::BTreeMap::new();
@@ -288,8 +288,7 @@ impl Grid {
         text + &self.remark(cell)
     }
 
-    /// What follows a value: its number of seeds where that is not the usual one, and a star where some are
-    /// missing.
+    /// Remark after a value: its number of seeds where that is not the usual one, and a star where some are missing.
     pub(super) fn remark(&self, cell: &Cell) -> String {
         let mut text = String::new();
         if self.usual_n() != Some(cell.seeds.len()) {
@@ -303,25 +302,25 @@ impl Grid {
 }
 
 impl Cell {
-    /// True where the study plans more seeds than the cell has.
+    /// Whether the study plans more seeds than the cell has.
     #[must_use]
     pub fn is_incomplete(&self) -> bool {
         self.seeds.len() < self.planned
     }
 
-    /// The published number.
+    /// The published number; `None` where nothing is published for the cell.
     #[must_use]
     pub fn published(&self) -> Option<f64> {
         self.judgement.as_ref().map(|judgement| judgement.reference.value)
     }
 
-    /// How the seeds compare with the published number.
+    /// The verdict of the seeds on the published number; `None` where nothing is published.
     #[must_use]
     pub fn verdict(&self) -> Option<Verdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
-    /// The verdict, and the one that all judged values of the study have together where it is another.
+    /// The verdict, followed by the verdict of all judged values together (Holm) where that differs.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
         let Some(judgement) = &self.judgement else {
@@ -338,7 +337,7 @@ impl Cell {
         format!("{}{at}{holm}", judgement.verdict)
     }
 
-    /// A cell with what is behind it, without values.
+    /// A cell with the trials behind it, without values.
     #[must_use]
     pub fn resting_on(trials: &[&TrialResult], results: &Results) -> Self {
         let untrained: BTreeSet<&str> = trials
@@ -355,7 +354,7 @@ impl Cell {
         }
     }
 
-    /// The same with the mean of these values of seeds and its 95 % interval; without a value where there are none.
+    /// The cell with the mean of these values by seed and its 95 % interval; without a value where there are none.
     #[must_use]
     pub fn with_mean(self, seeds: BTreeMap<u64, f64>) -> Self {
         let values: Vec<f64> = seeds.values().copied().collect();
@@ -379,7 +378,7 @@ impl Cell {
         }
     }
 
-    /// True where an agent behind the value made no update.
+    /// Whether an agent behind the value made no update.
     #[must_use]
     pub fn is_untrained(&self) -> bool {
         !self.untrained.is_empty()
@@ -389,7 +388,7 @@ impl Cell {
         match self.planned {
             0 => "–",
             _ if self.failed > 0 => "failed *",
-            _ if !self.missing.iter().all(Missing::is_not_run) => "none *",
+            _ if !self.missing.iter().all(MissingSeeds::is_not_run) => "none *",
             _ => "not run *",
         }
     }

@@ -4,8 +4,8 @@ use super::{Grid, Intervals, Part, prose};
 use maud::{Markup, html};
 use statistics::Verdict;
 
-/// A `table` element with caption and head, followed by its notes. A published value and its verdict stand under the
-/// value that they belong to. It uses the classes `value`, `under` and `notes`.
+/// A `table` element with caption and head, followed by its notes. A published value and its verdict stand under
+/// their value. It uses the classes `value`, `under` and `notes`.
 #[must_use]
 pub fn html(grid: &Grid) -> Markup {
     html! {
@@ -50,7 +50,7 @@ fn cell(grid: &Grid, row: usize, column: usize) -> Markup {
     }
 }
 
-/// What stands under a value: the published one, and the verdict.
+/// Lines under a value: the published one, and the verdict.
 #[must_use]
 pub fn published_and_verdict(grid: &Grid, row: usize, column: usize) -> [String; 2] {
     let published = match grid.text(row, Part::Published(column)) {

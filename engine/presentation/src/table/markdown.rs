@@ -51,7 +51,7 @@ fn rule(part: Part) -> &'static str {
     }
 }
 
-/// Text with the characters that Markdown reads as markup made plain.
+/// Text with Markdown's special characters escaped.
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::new();
@@ -60,8 +60,8 @@ pub fn escape(text: &str) -> String {
     let mut rest = text.chars();
     while let Some(character) = rest.next() {
         match character {
-            // What stands in brackets is a link or an image by what follows them, and at the beginning of a text
-            // what others refer to.
+            // Text in brackets is a link or an image by its next character, and at the beginning of a text a link
+            // definition.
             ']' if rest.as_str().starts_with(['(', '[']) || refers && rest.as_str().starts_with(':') => {
                 out.push_str("\\]");
             }

@@ -1,4 +1,4 @@
-//! Several metrics side by side: one row each, agents along the columns, and how two agents rank them.
+//! Several metrics side by side: one row each, agents along the columns, and the correlation of two agents' rankings.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::names::{Names, Picked, Place};
@@ -18,7 +18,7 @@ const RANKS: &str = "rank_correlation";
 pub struct Metrics {
     /// The metrics, a row each.
     pub values: Vec<String>,
-    /// What the names of further metrics begin with, as `influence_` of the protocol `attribution`.
+    /// Beginning of the names of further metrics, as `influence_` of the protocol `attribution`.
     pub starting_with: String,
     /// The environment; the only one where absent.
     pub environment: String,
@@ -110,7 +110,7 @@ impl Table for Metrics {
 }
 
 impl Metrics {
-    /// Checks the metrics that are named, and gives back those that begin as is asked for.
+    /// Checks the named metrics, and returns the recorded ones that begin with the given words.
     fn further(&self, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) -> Vec<String> {
         for value in &self.values {
             names.metric(value, at, "values", picked);
@@ -128,7 +128,7 @@ impl Metrics {
         further
     }
 
-    /// What makes no table of metrics.
+    /// Says where the options make no table of metrics.
     fn refuse(&self, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked, agents: &[String]) {
         let place = || (at.key, at.at.clone());
         if self.values.is_empty() && self.starting_with.is_empty() {
@@ -201,7 +201,7 @@ impl Metrics {
         self.labels.get(name).map_or(name, String::as_str)
     }
 
-    /// The rows that are not ranked, in words.
+    /// The metrics that are not ranked, in words.
     fn left_out(&self) -> String {
         if self.starting_with.is_empty() || self.values.is_empty() {
             return String::new();
@@ -222,7 +222,7 @@ impl Metrics {
     }
 }
 
-/// The mean over seeds. A ranking against itself, or of metrics that are all equal, is none.
+/// The mean over seeds; empty for a ranking against itself or of metrics that are all equal.
 fn cell(behind: &Scope<'_>, seeds: BTreeMap<u64, f64>, results: &Results) -> Cell {
     let is_none = seeds.is_empty() && behind.trials.iter().any(|trial| trial.is_ok());
     let cell = Cell {
@@ -234,7 +234,7 @@ fn cell(behind: &Scope<'_>, seeds: BTreeMap<u64, f64>, results: &Results) -> Cel
     cell.with_mean(seeds)
 }
 
-/// How an agent ranks the metrics as another one does, by seed.
+/// The rank correlation of an agent's metrics with those of another agent, by seed.
 fn ranked(metrics: &[String], own: &Scope<'_>, against: &Scope<'_>) -> BTreeMap<u64, f64> {
     let values = |scope: &Scope<'_>| -> Vec<BTreeMap<u64, f64>> {
         metrics.iter().map(|metric| scope.finals(metric)).collect()
@@ -287,7 +287,7 @@ mod tests {
         assert_eq!(labels, ["a", "b", "c", "rank correlation with untrained"]);
         let learned = &grid.cells[2][0];
         assert!((learned.estimate.unwrap() - 0.5).abs() < 1e-12);
-        // Turned around at the first seed, the same at the second.
+        // The rankings are opposite at the first seed and the same at the second.
         assert_eq!(grid.cells[3][0].seeds, [(0, -1.0), (1, 1.0)]);
         assert_eq!((grid.cells[3][1].estimate, grid.cells[3][1].planned), (None, 0));
     }
@@ -300,7 +300,7 @@ mod tests {
         };
         let grid = listed.build(&results()).unwrap();
         assert_eq!(grid.rows[0].name, "influence_c");
-        // Of the two others both seeds rank one way and the other.
+        // The two other metrics are ranked opposite at one seed and the same at the other.
         assert_eq!(grid.cells[3][0].seeds, [(0, -1.0), (1, 1.0)]);
         assert!(
             grid.notes[0].contains("above but c with those of untrained"),

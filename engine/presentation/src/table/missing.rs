@@ -1,84 +1,84 @@
-//! Why seeds have no number.
+//! Reasons for seeds without a number.
 
 use contract::trial_end::EndState;
 use std::fmt;
 
-/// Seeds without a number, and why.
+/// Seeds without a number, with the reason.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Missing {
-    /// The environment, where a cell is made of several.
+pub struct MissingSeeds {
+    /// The environment, where a cell covers several.
     pub within: Option<String>,
-    /// Why they have none.
-    pub why: NoValue,
+    /// Reason, the same for all of these seeds.
+    pub why: MissingReason,
 }
 
-/// Why seeds have no number.
+/// Reason for seeds without a number.
 #[derive(Debug, Clone, PartialEq)]
-pub enum NoValue {
-    /// So many trials have not run.
+pub enum MissingReason {
+    /// This many trials have not run.
     NotRun(usize),
-    /// So many trials ended like this.
+    /// This many trials ended in this state.
     Ended(usize, EndState),
     /// The moving average of a seed was never above the level.
     NeverAbove {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The level.
+        /// Level that the study sets, in the unit of the metric.
         level: f64,
     },
     /// A seed was not measured until the step.
     NotMeasured {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The step.
+        /// Environment step of the column.
         until: u64,
     },
     /// A seed has no final measurement of the metric.
     NotRecorded {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The metric.
+        /// Metric of the table.
         metric: String,
-        /// Where it was recorded while learning, whose last values `last` takes.
+        /// Whether it was recorded during learning, where `last` takes its values.
         while_learning: bool,
     },
     /// The agent that a seed is compared with has no trial of it.
     NoCounterpart {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
     },
     /// The other agent's trial has no result.
     CounterpartFailed {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
     },
     /// The other agent's value is zero.
     DivisionByZero {
-        /// The seed.
+        /// Seed of the trial.
         seed: u64,
-        /// The other agent.
+        /// Agent of the comparison.
         agent: String,
-        /// The metric.
+        /// Metric of the table.
         metric: String,
     },
-    /// All cells have the same mean, so that nothing becomes 0 and 1.
+    /// All cells have the same mean, so the scale has no extent.
     AllAlike,
-    /// What stands for 0 and 1 is the same or not known.
+    /// The ends of the scale are equal or unknown.
     NoScale,
 }
 
-impl Missing {
-    /// Seeds of the cell's only environment, or of all.
+impl MissingSeeds {
+    /// Seeds of the cell's only environment, or of all its environments.
     #[must_use]
-    pub fn of(why: NoValue) -> Self {
+    pub fn of(why: MissingReason) -> Self {
         Self { within: None, why }
     }
 
-    /// The same, of one environment.
+    /// The same for one environment.
     #[must_use]
     pub fn within(self, environment: &str) -> Self {
         Self {
@@ -87,14 +87,14 @@ impl Missing {
         }
     }
 
-    /// True for trials that have not run.
+    /// Whether the trials have not run.
     #[must_use]
     pub fn is_not_run(&self) -> bool {
-        matches!(self.why, NoValue::NotRun(_))
+        matches!(self.why, MissingReason::NotRun(_))
     }
 }
 
-impl fmt::Display for Missing {
+impl fmt::Display for MissingSeeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(environment) = &self.within {
             write!(f, "{environment}: ")?;
@@ -103,7 +103,7 @@ impl fmt::Display for Missing {
     }
 }
 
-impl fmt::Display for NoValue {
+impl fmt::Display for MissingReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotRun(count) => write!(f, "{count} not run"),

@@ -1,4 +1,4 @@
-//! Tables: what a study asks for, and how it is computed from the results.
+//! Tables: their specifications, and their computation from results.
 
 mod aggregate;
 mod best_settings;
@@ -28,19 +28,19 @@ pub use best_settings::BestSettings;
 pub(crate) use best_settings::metric_of_search;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
-pub use comparison::{Along, Axis, Comparison, Form, Improvement, Statistic, compare};
+pub use comparison::{Axis, Comparison, Form, Improvement, Statistic, TableAxis, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
-pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
+pub use grid::{Cell, FixedReason, Grid, Heading, Part, Quantity, Reduction};
 pub use html::{html, published_and_verdict, word as verdict_word};
-pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
+pub use latex::{BestScope, Direction, LatexLayout, ValueForm, WideTable, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use metrics::Metrics;
-pub use missing::{Missing, NoValue};
-pub use normalised_scores::{Bound, Normalise, ScoreScale};
+pub use missing::{MissingReason, MissingSeeds};
+pub use normalised_scores::{Bound, Normalisation, ScoreScale};
 pub use number_format::NumberFormat;
-pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
+pub use published::{Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
 pub use terminal::align;
@@ -52,14 +52,14 @@ use crate::{
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;
-use published::Judging;
+use published::JudgingRules;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 kinds! {
-    /// What a table shows.
+    /// Kind of a table, with its options.
     TableKind: Table {
         "improvement" => Improvement(Improvement),
             "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
@@ -80,9 +80,9 @@ kinds! {
     }
 }
 
-/// What every kind of table can do.
+/// Interface of every kind of table.
 pub(crate) trait Table {
-    /// A use of it.
+    /// A use of the kind in YAML, for `describe` and for tests.
     fn example() -> &'static str
     where
         Self: Sized;
@@ -95,8 +95,8 @@ pub(crate) trait Table {
         None
     }
 
-    /// Checks every name in it against what trials record, and what it says of the values that are published
-    /// beside it. Gives back the names of its rows and columns.
+    /// Checks every name in it against the names that trials record, and its options for published values. Returns
+    /// the names of its rows and columns.
     fn check(
         &self,
         names: &mut Names<'_>,
@@ -107,35 +107,35 @@ pub(crate) trait Table {
     /// Computes rows, columns and cells, without published values.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results hold nothing of what it shows.
+    /// [`Error::Render`] where the results lack the values that it shows.
     fn build(&self, results: &Results) -> Result<Grid, Error>;
 
-    /// Agents that a row's single published value does not speak of.
+    /// Agents that a row's single published value is not about.
     fn baselines(&self, _: &Results) -> Vec<String> {
         Vec::new()
     }
 
-    /// Which values of a column are better, where the kind of table says it.
+    /// Better direction of a column; `None` where the kind does not determine it.
     fn better(&self, _column: &str) -> Option<Direction> {
         None
     }
 
-    /// The metric whose unit the numbers have.
+    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
     fn metric_of_unit(&self) -> Option<&str> {
         None
     }
 
-    /// What the values are, where they are no means over seeds, so that nothing published can be judged by them.
+    /// Phrase for values that are no means over seeds and cannot be judged against published ones; `None` for means.
     fn no_means(&self) -> Option<&'static str> {
         None
     }
 
-    /// True where the values are shares of seeds with success.
+    /// Whether the values are shares of seeds with success.
     fn shows_shares(&self) -> bool {
         false
     }
 
-    /// Over how many measurements up to each column, a step, published curves are compared; `None` where
+    /// Number of measurements up to each column, a step, over which published curves are compared; `None` where
     /// columns are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
         None
@@ -146,15 +146,15 @@ pub(crate) trait Table {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableSpec {
-    /// What the table shows, in one sentence.
+    /// Caption of the table, in one sentence.
     #[serde(default)]
     pub caption: String,
-    /// What it is made of: exactly one kind.
+    /// Kind of the table: exactly one.
     #[serde(flatten)]
     pub kind: TableKind,
     /// Published values by row, or by row and column.
     #[serde(default)]
-    pub published: BTreeMap<String, Published>,
+    pub published: BTreeMap<String, PublishedRow>,
     /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
     /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -163,19 +163,19 @@ pub struct TableSpec {
     /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
     #[serde(default)]
     pub margin: Option<Margin>,
-    /// What was chosen with the published values in view; agreement with them then says nothing, and their
+    /// A choice that was made with the published values in view; agreement with them then says nothing, and their
     /// verdict is CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
-    /// What the published values belong to, where it is another system than the one here: they are printed
-    /// and not judged.
+    /// The system of the published values, where it is another one than the one here: they are printed and not
+    /// judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_another_system: Option<String>,
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
     #[serde(default)]
     pub exploratory: bool,
-    /// What was tried to find out why values differ from the published ones: a paragraph, or one for each
-    /// row. It is printed where a value differs.
+    /// Attempts to find out why values differ from the published ones: a paragraph, or one for each row. It is
+    /// printed where a value differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
     /// Sentences under the table: deviations, sources.
@@ -187,7 +187,7 @@ pub struct TableSpec {
 }
 
 impl TableSpec {
-    /// A table of this kind, with nothing published and nothing to say of it.
+    /// A table of this kind, without published values, caption and notes.
     #[must_use]
     pub fn of(kind: impl Into<TableKind>) -> Self {
         Self {
@@ -205,15 +205,15 @@ impl TableSpec {
         }
     }
 
-    /// True where something was chosen with one of the published values in view.
+    /// Whether a choice was made with one of the published values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
-        self.calibrated_on.is_some() || self.published.values().any(Published::is_calibrated)
+        self.calibrated_on.is_some() || self.published.values().any(PublishedRow::is_calibrated)
     }
 }
 
 impl TableKind {
-    /// Checks every name in it; gives back the names of its rows and columns.
+    /// Checks every name in it; returns the names of its rows and columns.
     pub(crate) fn check(
         &self,
         names: &mut Names<'_>,
@@ -223,30 +223,30 @@ impl TableKind {
         self.it().check(names, at, published)
     }
 
-    /// Which values of a column are better, where the kind of table says it.
+    /// Better direction of a column; `None` where the kind does not determine it.
     #[must_use]
     pub fn better(&self, column: &str) -> Option<Direction> {
         self.it().better(column)
     }
 
-    /// The metric whose unit the numbers have; `None` where they have another one or none.
+    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
     #[must_use]
     pub fn metric_of_unit(&self) -> Option<&str> {
         self.it().metric_of_unit()
     }
 
-    /// What the values are, where they are no means over seeds.
+    /// Phrase for values that are no means over seeds; `None` for means.
     pub(crate) fn no_means(&self) -> Option<&'static str> {
         self.it().no_means()
     }
 
-    /// True where the values are shares of seeds with success.
+    /// Whether the values are shares of seeds with success.
     #[must_use]
     pub fn shows_shares(&self) -> bool {
         self.it().shows_shares()
     }
 
-    /// Over how many measurements up to each column published curves are compared; `None` where they cannot
+    /// Number of measurements up to each column over which published curves are compared; `None` where they cannot
     /// be.
     #[must_use]
     pub fn measurements_by_step(&self) -> Option<u64> {
@@ -254,11 +254,10 @@ impl TableKind {
     }
 }
 
-/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
+/// Computes a table. Missing seeds are counted in their cells, never left out in silence.
 ///
 /// # Errors
-/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what
-/// it shows.
+/// [`Error::Render`] where the spec names an agent that the results do not know, or the results lack its values.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let kind = spec.kind.it();
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
@@ -279,7 +278,7 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
         .map(|column| kind.better(&column.name).or(said))
         .collect();
     grid.cause.clone_from(&spec.cause);
-    let judging = Judging {
+    let judging = JudgingRules {
         margin: spec.margin.as_ref(),
         calibrated_on: spec.calibrated_on.as_deref(),
         of_another_system: spec.of_another_system.is_some(),

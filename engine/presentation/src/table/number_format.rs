@@ -1,6 +1,6 @@
-//! How the numbers of a table are written.
+//! Formats of the numbers in a table.
 
-/// How the numbers of a table are written.
+/// Format of the numbers in a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NumberFormat {
     /// Digits after the decimal point.
@@ -34,7 +34,7 @@ impl NumberFormat {
         }
     }
 
-    /// Writes a number.
+    /// Writes a number in this format.
     #[must_use]
     pub fn write(self, number: f64) -> String {
         let text = match self {
@@ -49,8 +49,8 @@ impl NumberFormat {
         }
     }
 
-    /// Writes a published number with the digits it was published with; one with more than anybody prints was
-    /// computed, of a curve, and gets the digits of the table.
+    /// Writes a published number with the digits of its publication. A number with more digits than any print has was
+    /// computed from a curve, and gets the digits of the table.
     #[must_use]
     pub fn published(self, number: f64) -> String {
         const MOST_PRINTED: usize = 6;

@@ -1,4 +1,4 @@
-//! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
+//! Published values beside reproduced ones: their forms in a study, and the margin of agreement.
 
 use super::{Cell, Grid};
 use analysis::published_curve::PublishedCurve;
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// A published value of a row, or one for each column of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Published {
+pub enum PublishedRow {
     /// The value of the row's only column, or of every column that is not a bound or baseline.
     Value(f64),
     /// The same, with what is known of it besides.
@@ -25,14 +25,16 @@ pub enum Published {
     Columns(BTreeMap<String, PublishedCell>),
 }
 
-impl Published {
-    /// True where something was chosen with one of the values in view.
+impl PublishedRow {
+    /// Whether a choice was made with one of the values in view.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         match self {
-            Published::Value(_) => false,
-            Published::Entry(entry) => entry.calibrated_on.is_some(),
-            Published::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
+            PublishedRow::Value(_) => false,
+            PublishedRow::Entry(entry) => entry.calibrated_on.is_some(),
+            PublishedRow::Columns(columns) => {
+                columns.values().any(|cell| cell.entry().calibrated_on.is_some())
+            }
         }
     }
 }
@@ -62,14 +64,15 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
-    /// What was chosen with this value in view. Agreement with it then says nothing: CALIBRATED stands for REPRODUCED.
+    /// A choice that was made with this value in view. Agreement with it then says nothing: CALIBRATED stands for
+    /// REPRODUCED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
 }
 
 impl PublishedValue {
-    /// The value as a share of the published runs; `None` where their number is not given or the value is no
-    /// share of so many, as printed with two digits or more.
+    /// The value as a share of the published runs; `None` where their number is not given, or where the value is no
+    /// share of that many runs, as printed with two digits or more.
     #[must_use]
     #[allow(
         clippy::cast_possible_truncation,
@@ -90,7 +93,7 @@ impl PublishedValue {
 }
 
 impl PublishedCell {
-    /// The value with what is known of it.
+    /// The value with the known facts on it.
     #[must_use]
     pub fn entry(&self) -> PublishedValue {
         match self {
@@ -191,21 +194,21 @@ impl Margin {
     }
 }
 
-/// What a table says of all its published values.
-pub(super) struct Judging<'a> {
-    /// How far a value may lie from the published one.
+/// Rules of a table that hold for all its published values.
+pub(super) struct JudgingRules<'a> {
+    /// Largest distance of a value from the published one that counts as the same.
     pub(super) margin: Option<&'a Margin>,
-    /// What was chosen with all published values in view.
+    /// Choice that was made with all published values in view.
     pub(super) calibrated_on: Option<&'a str>,
     /// Whether they belong to another system.
     pub(super) of_another_system: bool,
-    /// Agents that a row's single published value does not speak of.
+    /// Agents that a row's single published value is not about.
     pub(super) baselines: &'a [String],
 }
 
-impl Judging<'_> {
-    /// Puts a row's published values into its cells; false where one of them has no cell.
-    pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &Published) -> bool {
+impl JudgingRules<'_> {
+    /// Puts a row's published values into its cells; returns whether each of them has a cell.
+    pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &PublishedRow) -> bool {
         let Some(row) = grid
             .rows
             .iter()
@@ -214,23 +217,23 @@ impl Judging<'_> {
             return false;
         };
         match published {
-            Published::Value(value) => {
+            PublishedRow::Value(value) => {
                 self.publish_row(grid, row, &PublishedCell::Value(*value).entry());
                 true
             }
-            Published::Entry(entry) => {
+            PublishedRow::Entry(entry) => {
                 self.publish_row(grid, row, entry);
                 true
             }
-            Published::Columns(values) => self.publish_columns(grid, row, values),
+            PublishedRow::Columns(values) => self.publish_columns(grid, row, values),
         }
     }
 
-    /// Puts a published curve beside the row of its agent, at the steps of the columns, over the mean of as
-    /// many measurements up to there as ours; gives back which runs it was.
+    /// Puts a published curve beside the row of its agent, at the steps of the columns, each over as many
+    /// measurements up to there as the reproduced value. Returns a sentence on the runs behind it.
     ///
     /// # Errors
-    /// [`Error::Render`] where the file does not hold what is asked of it any more.
+    /// [`Error::Render`] where the file no longer holds the requested values.
     pub(super) fn publish_curve(
         &self,
         grid: &mut Grid,
@@ -402,12 +405,13 @@ mod tests {
 
     #[test]
     fn published_values_in_every_notation() {
-        let read = |text: &str| serde_json::from_str::<Published>(text).unwrap();
-        assert_eq!(read("3"), Published::Value(3.0));
+        let read = |text: &str| serde_json::from_str::<PublishedRow>(text).unwrap();
+        assert_eq!(read("3"), PublishedRow::Value(3.0));
         assert!(
-            matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), Published::Entry(entry) if entry.n == Some(5))
+            matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), PublishedRow::Entry(entry) if entry.n == Some(5))
         );
-        let Published::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
+        let PublishedRow::Columns(columns) =
+            read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
         else {
             panic!()
         };

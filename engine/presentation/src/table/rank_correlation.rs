@@ -1,10 +1,10 @@
-//! How well one environment ranks what another one ranks: Spearman's correlation of a metric over agents and settings.
+//! Rank correlations between environments: Spearman's correlation of a metric over agents and settings.
 //!
 //! A point is an agent with a setting of the sweep; its value in an environment is the mean over seeds. The interval
-//! is that of a bootstrap over the points, since it is points that would be others the next time. What each seed says
-//! by itself is kept beside it.
+//! is that of a bootstrap over the points, since another experiment would have other points. The correlation of each
+//! single seed is kept beside it.
 
-use super::{Axis, Cell, Grid, Heading, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
+use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table, problem};
 use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::Error;
@@ -117,7 +117,7 @@ fn build(spec: &RankCorrelation, results: &Results) -> Result<Grid, Error> {
             label(&spec.against),
             against.len()
         )),
-        one_number: OneNumber::RankCorrelation,
+        one_number: Reduction::RankCorrelation,
         row_axis: Axis::Environment.name().into(),
         cells: cells.collect(),
         rows: rows

@@ -1,6 +1,6 @@
-//! Which trials stand behind a cell or a line, and what each seed of them measured.
+//! The trials behind a cell or a line, and the value of each seed.
 
-use super::{Axis, Missing, NoValue};
+use super::{Axis, MissingReason, MissingSeeds};
 use analysis::results::Results;
 use contract::{
     Phase, standard_metrics::UPDATES, trial::Purpose, trial_end::EndState, trial_result::TrialResult,
@@ -18,7 +18,7 @@ impl Axis {
     /// All axes, in the order in which columns are chosen.
     pub const ALL: [Axis; 3] = [Axis::Agent, Axis::Environment, Axis::Setting];
 
-    /// The word for what varies.
+    /// Name of the axis.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -39,7 +39,7 @@ impl Axis {
     }
 }
 
-/// The names that are present, each once: those that a study lists in its order, then the others in theirs.
+/// The names in `present`, each once: first those in `listed`, in its order, then the others in theirs.
 pub(super) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
     let mut seen = HashSet::new();
     let present: Vec<&str> = present.filter(|name| seen.insert(*name)).collect();
@@ -89,19 +89,19 @@ impl<'a> Scope<'a> {
         }
     }
 
-    /// The names along an axis: as listed, then in the order of the plan.
+    /// The names along an axis: first the listed ones, then the others in the order of the plan.
     #[must_use]
     pub fn names(&self, axis: Axis, listed: &[String]) -> Vec<String> {
         listed_first(listed, self.trials.iter().map(|trial| axis.of(trial)))
     }
 
-    /// True where the trials differ along an axis.
+    /// Whether the trials differ along an axis.
     #[must_use]
     pub fn varies(&self, axis: Axis) -> bool {
         self.names(axis, &[]).len() > 1
     }
 
-    /// How many seeds are planned.
+    /// Number of seeds planned.
     #[must_use]
     pub fn planned(&self) -> usize {
         self.trials
@@ -111,20 +111,20 @@ impl<'a> Scope<'a> {
             .len()
     }
 
-    /// True where the agent learns; rules and bounds record neither updates nor steps of their own.
+    /// Whether the agent learns; rules and bounds record neither updates nor steps of their own.
     #[must_use]
     pub fn learns(&self) -> bool {
         self.trials.iter().any(|trial| trial.trains())
     }
 
-    /// True where other programs made the runs.
+    /// Whether other programs made the runs.
     #[must_use]
     pub fn is_imported(&self) -> bool {
         self.trials.iter().any(|trial| trial.is_imported())
     }
 
-    /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for
-    /// others.
+    /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for other
+    /// agents.
     #[must_use]
     pub fn budget(&self) -> Option<String> {
         let updates = ends(self.trials.iter().filter_map(|trial| trial.updates()).collect())?;
@@ -138,7 +138,7 @@ impl<'a> Scope<'a> {
         Some(format!("{steps} steps, {updates} updates"))
     }
 
-    /// What each seed measured at the end: the mean over its episodes.
+    /// The final value of each seed: the mean over its episodes.
     #[must_use]
     pub fn finals(&self, metric: &str) -> BTreeMap<u64, f64> {
         let value = |trial: &&TrialResult| Some((trial.trial.key.seed, trial.mean(Phase::Final, metric)?));
@@ -149,7 +149,7 @@ impl<'a> Scope<'a> {
             .collect()
     }
 
-    /// How many trials ended, but not well.
+    /// Number of trials that ended, but not well.
     #[must_use]
     pub fn failed(&self) -> usize {
         self.trials
@@ -158,9 +158,9 @@ impl<'a> Scope<'a> {
             .count()
     }
 
-    /// Why trials have no number, each reason with its count: how they ended, then those that have not run.
+    /// Reasons for trials without a number, each with its count: first end states, then trials that have not run.
     #[must_use]
-    pub fn absences(&self) -> Vec<Missing> {
+    pub fn absences(&self) -> Vec<MissingSeeds> {
         let mut ended: BTreeMap<&'static str, (usize, EndState)> = BTreeMap::new();
         for end in self
             .trials
@@ -168,7 +168,7 @@ impl<'a> Scope<'a> {
             .filter(|trial| !trial.is_ok())
             .filter_map(|trial| trial.end.as_ref())
         {
-            // `failed` is listed before the failures that have a name.
+            // `failed` is listed before failures with a name.
             let name = if end.state == EndState::Failed {
                 ""
             } else {
@@ -179,10 +179,10 @@ impl<'a> Scope<'a> {
         let unrun = self.trials.iter().filter(|trial| trial.end.is_none()).count();
         let ended = ended
             .into_values()
-            .map(|(count, state)| NoValue::Ended(count, state));
+            .map(|(count, state)| MissingReason::Ended(count, state));
         ended
-            .chain((unrun > 0).then_some(NoValue::NotRun(unrun)))
-            .map(Missing::of)
+            .chain((unrun > 0).then_some(MissingReason::NotRun(unrun)))
+            .map(MissingSeeds::of)
             .collect()
     }
 }

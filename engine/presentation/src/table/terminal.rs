@@ -3,14 +3,13 @@
 use super::{Grid, Intervals, Part};
 use unicode_width::UnicodeWidthStr;
 
-/// The table in at most `width` columns of characters; one line per cell where the whole table would be
-/// wider.
+/// The table in at most `width` columns of characters; one line per cell where the whole table is wider.
 #[must_use]
 pub fn terminal(grid: &Grid, width: usize) -> String {
     with_notes(grid, width, &grid.footnotes(Intervals::InBrackets))
 }
 
-/// The same with notes on how to read it alone.
+/// The table with only the notes on reading it.
 #[must_use]
 pub fn terminal_in_short(grid: &Grid, width: usize) -> String {
     with_notes(grid, width, &grid.how_read(Intervals::InBrackets))

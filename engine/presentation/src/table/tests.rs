@@ -1,8 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    Along, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, Published, PublishedCell,
-    PublishedValue, Statistic, TableSpec, build, csv, html, latex, markdown, terminal,
+    Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, PublishedCell, PublishedRow,
+    PublishedValue, Statistic, TableAxis, TableSpec, build, csv, html, latex, markdown, terminal,
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::Success};
@@ -23,8 +23,8 @@ pub(super) fn improvement() -> TableSpec {
     TableSpec {
         caption: "Average improvement of the working cycle & what it costs".into(),
         published: BTreeMap::from([
-            ("four_cells".into(), Published::Value(15.2)),
-            ("nine_cells".into(), Published::Value(1.0)),
+            ("four_cells".into(), PublishedRow::Value(15.2)),
+            ("nine_cells".into(), PublishedRow::Value(1.0)),
         ]),
         notes: vec!["The load is drawn anew for each episode <100 % of the time>.".into()],
         ..TableSpec::of(of)
@@ -67,7 +67,7 @@ fn a_comparison_by_agent_and_environment() {
     };
     let published = BTreeMap::from([(
         "dsac".into(),
-        Published::Columns(BTreeMap::from([(
+        PublishedRow::Columns(BTreeMap::from([(
             "eight_cells".into(),
             PublishedCell::Value(23.0),
         )])),
@@ -80,7 +80,7 @@ fn a_comparison_by_agent_and_environment() {
     insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
 }
 
-/// Two learners, of which the second stays low with seed 1, and a rule.
+/// Two learners and a rule; the second learner stays low with seed 1.
 fn learning() -> Results {
     let curve = |agent: &str, seed: u64, values: [f64; 4]| {
         let steps = (0..).step_by(10).zip(values);
@@ -154,7 +154,7 @@ fn results_against_the_budget() {
     };
     let published = BTreeMap::from([(
         "a".into(),
-        Published::Columns(BTreeMap::from([("31".into(), PublishedCell::Value(9.0))])),
+        PublishedRow::Columns(BTreeMap::from([("31".into(), PublishedCell::Value(9.0))])),
     )]);
     let mut results = learning();
     results.trials[3] = ended(results.trials[3].clone(), EndState::Timeout, "60 s");
@@ -387,8 +387,8 @@ fn swept_keys_are_rows_and_columns_and_other_keys_split_the_rows() {
         with("rate=1 width=8 depth=3", 5.0),
     ]);
     let comparison = Comparison {
-        rows: Along::Key("a.rate".into()),
-        columns: Some(Along::Key("width".into())),
+        rows: TableAxis::Key("a.rate".into()),
+        columns: Some(TableAxis::Key("width".into())),
         ..Comparison::default()
     };
     let grid = super::compare(&comparison, &results).unwrap();
@@ -443,8 +443,7 @@ fn judge_above_nine(results: &mut Results) -> Success {
     success
 }
 
-/// A seed without success has ended too: its look is complete, though the value rests on the other seeds
-/// alone.
+/// A seed without success has ended too, so its look is complete, though the value rests on the other seeds alone.
 #[test]
 fn seeds_without_success_complete_a_look() {
     let mut results = Results::of(
@@ -478,7 +477,7 @@ fn values_of_another_system_are_printed_and_not_judged() {
     let trials = (0..5).map(|seed| final_value("e", "a", seed, 9.5 + seed as f64));
     let results = Results::of(trials.collect());
     let mut spec = TableSpec::of(Comparison::default());
-    spec.published.insert("a".into(), Published::Value(1.0));
+    spec.published.insert("a".into(), PublishedRow::Value(1.0));
     let verdict = |spec: &TableSpec| {
         let grid = super::build(spec, &results).unwrap();
         let judgement = grid.cells[0][0].judgement.clone().unwrap();
@@ -502,7 +501,7 @@ fn a_published_share_of_three_runs_decides_less_than_an_exact_one() {
         .map(|(seed, value)| final_value("e", "a", seed, value));
     let mut results = Results::of(trials.collect());
     judge_above_nine(&mut results);
-    let told = |published: Published| {
+    let told = |published: PublishedRow| {
         let comparison = Comparison {
             value: "success".into(),
             ..Comparison::default()
@@ -516,10 +515,10 @@ fn a_published_share_of_three_runs_decides_less_than_an_exact_one() {
         let notes = grid.footnotes(Intervals::InBrackets).join(" ");
         (grid.cells[0][0].verdict().unwrap(), notes)
     };
-    let (verdict, notes) = told(Published::Value(0.667));
+    let (verdict, notes) = told(PublishedRow::Value(0.667));
     assert_eq!(verdict, Verdict::Differs);
     assert!(notes.contains("Published values count as exact."), "{notes}");
-    let (verdict, notes) = told(Published::Entry(PublishedValue {
+    let (verdict, notes) = told(PublishedRow::Entry(PublishedValue {
         value: 0.667,
         n: Some(3),
         ..PublishedValue::default()

@@ -1,4 +1,4 @@
-//! The difference between two cells, and whether it is more than their seeds explain.
+//! The difference between two cells, and whether it exceeds the variation of their seeds.
 //!
 //! | values                                    | interval of the difference, 95 %                           |
 //! |-------------------------------------------|------------------------------------------------------------|
@@ -8,7 +8,7 @@
 //! | medians or interquartile means            | bootstrap, of pairs where the seeds are the same           |
 //! | values that no single seed has            | none; they moved where their own intervals have no number in common |
 
-use super::Measured;
+use super::CellValues;
 use serde::Serialize;
 use statistics::{
     Bootstrap, Interval, MeanEstimate, Share,
@@ -21,35 +21,35 @@ pub const LEVEL: f64 = 0.95;
 /// The second value less the first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Difference {
-    /// The difference itself.
+    /// Value of the second cell less that of the first, in the unit of the metric.
     pub difference: f64,
-    /// Its interval; `None` where there is none.
+    /// Its 95 % interval; `None` where the seeds give none.
     pub interval: Option<Interval>,
-    /// How the interval was made, or what stands in for one; `None` where nothing does.
+    /// Basis of the interval, or of the judgement without one; `None` where there is neither.
     pub basis: Option<Basis>,
-    /// What follows.
+    /// Judgement on the difference.
     pub fate: Fate,
 }
 
-/// How the seeds of two cells are compared.
+/// Method of comparison of the seeds of two cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Basis {
-    /// Seed by seed.
+    /// Student-t of the differences seed by seed.
     Paired,
-    /// As samples that share nothing.
+    /// Welch interval of two independent samples.
     Welch,
-    /// As shares of samples that share nothing.
+    /// Exact bounds of the shares of two independent samples.
     ExactBounds,
-    /// By resampled pairs.
+    /// Bootstrap of pairs.
     PairedBootstrap,
-    /// By resampling both.
+    /// Bootstrap of two independent samples.
     Bootstrap,
-    /// By the intervals of both values.
+    /// Overlap of the intervals of both values.
     Intervals,
 }
 
-/// What the difference says.
+/// Judgement on a difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fate {
@@ -64,7 +64,7 @@ pub enum Fate {
 }
 
 impl Basis {
-    /// The word in a table.
+    /// Word for the judgement in a table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -81,7 +81,7 @@ impl Basis {
 impl Difference {
     /// The difference of two cells; `None` where one has no value.
     #[must_use]
-    pub fn of(a: &Measured, b: &Measured) -> Option<Self> {
+    pub fn of(a: &CellValues, b: &CellValues) -> Option<Self> {
         let difference = b.value? - a.value?;
         let (interval, basis) = interval(a, b).unzip();
         let overlap = a
@@ -111,9 +111,9 @@ impl Fate {
     }
 }
 
-/// True where every seed has the same bits, or the values where no seed has one.
-fn is_same(a: &Measured, b: &Measured) -> bool {
-    let bits = |cell: &Measured| {
+/// Whether every seed has the same bits, or the values have where no single seed has one.
+fn is_same(a: &CellValues, b: &CellValues) -> bool {
+    let bits = |cell: &CellValues| {
         let seeds = cell.seeds.iter().map(|(seed, value)| (*seed, value.to_bits()));
         let ends = cell.interval.map(|(low, high)| [low.to_bits(), high.to_bits()]);
         (
@@ -125,8 +125,8 @@ fn is_same(a: &Measured, b: &Measured) -> bool {
     bits(a) == bits(b)
 }
 
-/// The interval of the difference with how it was made; `None` where the seeds give none.
-fn interval(a: &Measured, b: &Measured) -> Option<(Interval, Basis)> {
+/// The interval of the difference with its basis; `None` where the seeds give none.
+fn interval(a: &CellValues, b: &CellValues) -> Option<(Interval, Basis)> {
     let (left, right) = (a.values(), b.values());
     let paired = a.seeds.keys().eq(b.seeds.keys());
     match (a.statistic.as_str(), b.statistic.as_str()) {
@@ -164,7 +164,7 @@ fn resampled(
         let interval = bootstrap.independent([&[right.to_vec()], &[left.to_vec()]], difference)?;
         return Some((interval, Basis::Bootstrap));
     }
-    // What is resampled are the places of the pairs.
+    // The resampled items are the indices of the pairs.
     let places: Vec<f64> = (0u32..).map(f64::from).take(left.len()).collect();
     let at = |values: &[f64], places: &[f64]| {
         let drawn: Vec<f64> = places.iter().map(|place| values[*place as usize]).collect();
@@ -181,17 +181,17 @@ fn resampled(
 mod tests {
     use super::*;
 
-    fn cell(statistic: &str, seeds: &[(u64, f64)]) -> Measured {
+    fn cell(statistic: &str, seeds: &[(u64, f64)]) -> CellValues {
         let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
-        Measured {
+        CellValues {
             statistic: statistic.into(),
             value: Some(statistics::estimators::mean(&values)),
             seeds: seeds.iter().copied().collect(),
-            ..Measured::default()
+            ..CellValues::default()
         }
     }
 
-    fn of(a: &Measured, b: &Measured) -> Difference {
+    fn of(a: &CellValues, b: &CellValues) -> Difference {
         Difference::of(a, b).unwrap()
     }
 
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!(of(&one, &one).fate, Fate::Same);
         let other = of(&one, &cell("mean", &[(0, 0.1 + 1e-16 + 2e-17)]));
         assert_eq!((other.fate, other.basis), (Fate::Undecided, None));
-        // Rules without random numbers have no spread: any change is one.
+        // Rules without random numbers have no spread, so any change counts.
         let fixed = |value| cell("mean", &[(0, value), (1, value)]);
         assert_eq!(of(&fixed(1.0), &fixed(1.0 + 1e-9)).fate, Fate::Moved);
     }
@@ -272,13 +272,13 @@ mod tests {
 
     #[test]
     fn values_without_seeds_are_held_against_each_other_by_their_intervals() {
-        let value = |value: f64, interval: Option<(f64, f64)>| Measured {
+        let value = |value: f64, interval: Option<(f64, f64)>| CellValues {
             statistic: "aggregates".into(),
             value: Some(value),
             interval,
-            ..Measured::default()
+            ..CellValues::default()
         };
-        let fate = |a: &Measured, b: &Measured| (of(a, b).fate, of(a, b).basis);
+        let fate = |a: &CellValues, b: &CellValues| (of(a, b).fate, of(a, b).basis);
         let (low, near, far) = (
             value(1.0, Some((0.5, 1.5))),
             value(2.0, Some((1.4, 2.6))),
@@ -288,6 +288,6 @@ mod tests {
         assert_eq!(fate(&low, &far), (Fate::Moved, Some(Basis::Intervals)));
         assert_eq!(fate(&low, &low), (Fate::Same, None));
         assert_eq!(fate(&low, &value(1.0, None)), (Fate::Undecided, None));
-        assert_eq!(Difference::of(&low, &Measured::default()), None);
+        assert_eq!(Difference::of(&low, &CellValues::default()), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Two sets of results side by side: which values moved, which verdicts changed, and which settings differ.
+//! Two sets of results side by side: moved values, changed verdicts, and differing settings.
 //!
 //! Everything is a pure function of two [`Side`]s, in the order of their tables' and keys' names, so that the same
 //! results give the same text.
@@ -11,55 +11,55 @@ mod side;
 pub use difference::{Basis, Difference, Fate, LEVEL};
 pub use render::{markdown, text};
 pub use settings::{changed_keys, flat};
-pub use side::{Measured, Place, Side, parse_study};
+pub use side::{CellValues, Place, Side, parse_study};
 
 use crate::Passed;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What two sides differ in.
+/// Differences between two sides.
 #[derive(Debug, Clone, Serialize)]
 pub struct Compared {
     /// The first side, the earlier one as a rule.
     pub a: Named,
-    /// The second side.
+    /// The second side, the later one as a rule.
     pub b: Named,
-    /// How many cells there are of each fate.
+    /// Number of cells by judgement.
     pub counts: Counts,
     /// Cells that both sides have a value of.
     pub cells: Vec<Pair>,
     /// Verdicts on published values that changed.
-    pub verdicts: Vec<Changed>,
+    pub verdicts: Vec<ChangedVerdict>,
     /// Verdicts on claims that changed; a claim is found by its words, not by its number.
-    pub claims: Vec<Changed>,
+    pub claims: Vec<ChangedVerdict>,
     /// Cells, verdicts and claims that one side has alone.
-    pub only: Vec<Lonely>,
+    pub only: Vec<OneSidedItem>,
     /// Keys of the resolved studies that differ.
     pub settings: Vec<Setting>,
 }
 
-/// Which results a side is.
+/// Origin of the results on one side.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Named {
-    /// Where they were read.
+    /// Folder or study that they were read from.
     pub from: String,
     /// Name of the study.
     pub study: String,
-    /// Options of the command line that they were made with.
+    /// Options of the command line behind them.
     pub options: Vec<String>,
 }
 
-/// How many cells there are of each fate, and what else was compared.
+/// Number of cells by judgement, and number of verdicts compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// With the same bits for every seed.
+    /// Cells with the same bits for every seed.
     pub same: usize,
-    /// With 0 inside the interval of the difference.
+    /// Cells with 0 inside the interval of the difference.
     pub within: usize,
-    /// With 0 outside of it.
+    /// Cells with 0 outside the interval of the difference.
     pub moved: usize,
-    /// With other values and no interval.
+    /// Cells with other values and no interval.
     pub undecided: usize,
     /// Verdicts and claims that both sides have.
     pub judged: usize,
@@ -68,44 +68,44 @@ pub struct Counts {
 /// A cell that both sides have.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pair {
-    /// Where it stands.
+    /// Place of the cell.
     #[serde(flatten)]
     pub place: Place,
     /// Its values in the first side.
-    pub a: Measured,
+    pub a: CellValues,
     /// Its values in the second side.
-    pub b: Measured,
+    pub b: CellValues,
     /// The second less the first.
     #[serde(flatten)]
     pub difference: Difference,
 }
 
-/// A verdict that is another one now.
+/// A verdict with another word on the second side.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Changed {
-    /// What it is about.
+pub struct ChangedVerdict {
+    /// The published value or claim.
     pub about: String,
-    /// Its word in the first side, with that of all together where it is another.
+    /// Its word on the first side, with the word of all verdicts together (Holm) where that differs.
     pub a: String,
-    /// Its word in the second side.
+    /// Its word on the second side, in the same form.
     pub b: String,
 }
 
-/// What one side has alone.
+/// A cell, verdict or claim that one side has alone.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub struct Lonely {
-    /// `a` or `b`.
+pub struct OneSidedItem {
+    /// Side that has it, `a` or `b`.
     pub side: &'static str,
     /// `cell`, `verdict` or `claim`.
     pub kind: &'static str,
-    /// What it is.
+    /// Name of the cell, or words of the verdict or claim.
     pub what: String,
 }
 
 /// A key of the resolved study that differs; a side without the key has no value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Setting {
-    /// The dotted key.
+    /// Dotted key in the resolved study.
     pub key: String,
     /// Its value in the first side.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -116,7 +116,7 @@ pub struct Setting {
 }
 
 impl Compared {
-    /// Holds `b` against `a`.
+    /// Compares side `b` with side `a`.
     #[must_use]
     pub fn of(a: &Side, b: &Side) -> Self {
         let cells = pairs(a, b);
@@ -142,13 +142,13 @@ impl Compared {
         }
     }
 
-    /// True where the sides have nothing in common that could be compared.
+    /// Whether the sides have no cell, verdict or claim in common.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty() && self.counts.judged == 0
     }
 
-    /// True where a value moved beyond its interval or a verdict changed.
+    /// Whether a value moved beyond its interval or a verdict changed.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.counts.moved + self.verdicts.len() + self.claims.len() > 0
@@ -169,7 +169,7 @@ impl Counts {
 }
 
 fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
-    let both = |(place, first): (&Place, &Measured)| {
+    let both = |(place, first): (&Place, &CellValues)| {
         let second = b.cells.get(place)?;
         Some(Pair {
             place: place.clone(),
@@ -181,15 +181,15 @@ fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
     a.cells.iter().filter_map(both).collect()
 }
 
-/// Cells of which one side alone has a value.
-fn lonely_cells(a: &Side, b: &Side) -> Vec<Lonely> {
+/// Cells with a value on one side alone.
+fn lonely_cells(a: &Side, b: &Side) -> Vec<OneSidedItem> {
     let valued = |side: &Side| {
         let cells = side.cells.iter().filter(|(_, cell)| cell.value.is_some());
         cells.map(|(place, _)| place.to_string()).collect::<BTreeSet<_>>()
     };
     let (of_a, of_b) = (valued(a), valued(b));
     let alone = |side, own: &BTreeSet<String>, others: &BTreeSet<String>| {
-        let lonely = |what: &String| Lonely {
+        let lonely = |what: &String| OneSidedItem {
             side,
             kind: "cell",
             what: what.clone(),
@@ -199,7 +199,7 @@ fn lonely_cells(a: &Side, b: &Side) -> Vec<Lonely> {
     [alone("a", &of_a, &of_b), alone("b", &of_b, &of_a)].concat()
 }
 
-/// Verdicts by what they are about. Where a study says the same twice, the second has a number behind it.
+/// Words of verdicts by their value or claim. Repeated ones have a number behind them.
 fn words(verdicts: &[Passed], of_claims: bool) -> BTreeMap<String, String> {
     let mut words = BTreeMap::new();
     for passed in verdicts {
@@ -233,11 +233,11 @@ fn changed(
     kind: &'static str,
     a: &BTreeMap<String, String>,
     b: &BTreeMap<String, String>,
-    only: &mut Vec<Lonely>,
-) -> Vec<Changed> {
+    only: &mut Vec<OneSidedItem>,
+) -> Vec<ChangedVerdict> {
     for (side, own, other) in [("a", a, b), ("b", b, a)] {
         let alone = own.keys().filter(|about| !other.contains_key(*about));
-        only.extend(alone.map(|about| Lonely {
+        only.extend(alone.map(|about| OneSidedItem {
             side,
             kind,
             what: about.clone(),
@@ -247,7 +247,7 @@ fn changed(
         .iter()
         .filter_map(|(about, first)| Some((about, first, b.get(about)?)));
     both.filter(|(_, first, second)| first != second)
-        .map(|(about, first, second)| Changed {
+        .map(|(about, first, second)| ChangedVerdict {
             about: about.clone(),
             a: first.clone(),
             b: second.clone(),
@@ -288,7 +288,7 @@ mod tests {
             passed("claim 3: r > s", "REFUTED"),
         ]);
         let compared = Compared::of(&a, &b);
-        let change = |about: &str, a: &str, b: &str| Changed {
+        let change = |about: &str, a: &str, b: &str| ChangedVerdict {
             about: about.into(),
             a: a.into(),
             b: b.into(),

@@ -1,10 +1,10 @@
-//! What two sides differ in, as aligned text and as Markdown.
+//! Differences between two sides, as aligned text and as Markdown.
 
-use super::{Compared, Fate, LEVEL, Measured, Named, Pair, Setting};
+use super::{CellValues, Compared, Fate, LEVEL, Named, Pair, Setting};
 use presentation::table::{NumberFormat, align, escape_markdown, markdown_row, wrap};
 use serde_json::Value;
 
-/// Settings that are longer than this are cut.
+/// Most characters of a setting; longer ones are cut.
 const LONGEST: usize = 60;
 
 /// A heading over a table; the first `words` columns are words.
@@ -15,8 +15,7 @@ struct Section {
     rows: Vec<Vec<String>>,
 }
 
-/// Aligned text for a terminal of `width` columns. Cells that stayed within their intervals are in it where `all` is
-/// asked for.
+/// Aligned text for a terminal of `width` columns. Cells within their intervals are listed only with `all`.
 #[must_use]
 pub fn text(compared: &Compared, all: bool, width: usize) -> String {
     let mut out = vec![sides(compared).join("\n")];
@@ -30,7 +29,7 @@ pub fn text(compared: &Compared, all: bool, width: usize) -> String {
     out.join("\n\n")
 }
 
-/// The same as a Markdown document.
+/// The comparison as a Markdown document, with all cells where `all` is set.
 #[must_use]
 pub fn markdown(compared: &Compared, all: bool) -> String {
     let mut out = vec![
@@ -70,7 +69,7 @@ fn sides(compared: &Compared) -> [String; 2] {
     [side("A", &compared.a), side("B", &compared.b)]
 }
 
-/// The sections that have something to show.
+/// The sections with content.
 fn sections(compared: &Compared, all: bool) -> Vec<Section> {
     let cells = |title: &str, fates: &[Fate]| {
         let those = compared
@@ -86,7 +85,7 @@ fn sections(compared: &Compared, all: bool) -> Vec<Section> {
             rows: those.map(cell).collect(),
         }
     };
-    let changed = |title: &str, changed: &[super::Changed]| Section {
+    let changed = |title: &str, changed: &[super::ChangedVerdict]| Section {
         title: title.into(),
         head: vec!["about", "A", "B"],
         words: 3,
@@ -146,7 +145,7 @@ fn cell(pair: &Pair) -> Vec<String> {
     ]
 }
 
-fn seeds(a: &Measured, b: &Measured) -> String {
+fn seeds(a: &CellValues, b: &CellValues) -> String {
     match (a.seeds.len(), b.seeds.len()) {
         (0, 0) => String::new(),
         (a, b) if a == b => a.to_string(),
@@ -170,7 +169,7 @@ fn setting(setting: &Setting) -> Vec<String> {
     vec![setting.key.clone(), word(&setting.a), word(&setting.b)]
 }
 
-/// What it came to, in sentences.
+/// The comparison in sentences.
 fn summary(compared: &Compared) -> String {
     let counts = compared.counts;
     let open = counts.moved + counts.within;
@@ -216,7 +215,7 @@ mod tests {
             row: row.into(),
             column: "return".into(),
         };
-        let measured = |values: Vec<f64>| Measured {
+        let measured = |values: Vec<f64>| CellValues {
             statistic: "mean".into(),
             value: Some(statistics::estimators::mean(&values)),
             seeds: (0..).zip(values).collect(),

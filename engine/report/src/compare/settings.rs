@@ -51,7 +51,7 @@ pub(super) fn differing(a: &BTreeMap<String, Value>, b: &BTreeMap<String, Value>
         .collect()
 }
 
-/// Sections of a study that determine what its trials come to.
+/// Sections of a study that determine the results of its trials.
 const OF_TRIALS: [&str; 8] = [
     "environments",
     "agents",
@@ -63,8 +63,8 @@ const OF_TRIALS: [&str; 8] = [
     "tune",
 ];
 
-/// The keys by which trials were determined that have another value now. A key that only the study of now has is
-/// a newer option with its default, or is told by those that it took the place of.
+/// The keys of the trials with another value now. A key in the present study alone is skipped: it is a newer option
+/// with its default, or replaces keys that are listed themselves.
 #[must_use]
 pub fn changed_keys(before: &Value, now: &Value) -> Vec<String> {
     let of_trials = |key: &str| {
@@ -81,7 +81,7 @@ pub fn changed_keys(before: &Value, now: &Value) -> Vec<String> {
     changed.map(|it| it.key).collect()
 }
 
-/// The name of a file, as it is seen from two folders.
+/// Whether two paths name the same file from two folders.
 fn is_same_file(a: &Value, b: &Value) -> bool {
     let name = |value: &Value| {
         let (_, name) = value.as_str()?.rsplit_once('/')?;
@@ -90,7 +90,8 @@ fn is_same_file(a: &Value, b: &Value) -> bool {
     name(a).is_some() && name(a) == name(b)
 }
 
-/// `1` and `1.0` are one number; an empty list or mapping and nothing at all are the same setting.
+/// Whether two settings are equal: `1` and `1.0` are one number, and an empty list or mapping equals an absent
+/// setting.
 fn is_equal(a: Option<&Value>, b: Option<&Value>) -> bool {
     let is_nothing = |value: Option<&Value>| {
         value.is_none_or(|value| *value == Value::Array(Vec::new()) || *value == Value::Object(Map::new()))

@@ -1,4 +1,4 @@
-//! One set of results: as a report wrote it into a folder, or as a study's contents are now.
+//! One set of results: read from a report's folder, or taken from a study's present contents.
 
 use super::{Named, settings};
 use crate::{Contents, Manifest, Passed, Verdicts, file_slug};
@@ -14,20 +14,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What is compared of one set of results.
+/// One set of results, for a comparison.
 #[derive(Debug, Clone, Default)]
 pub struct Side {
-    /// Which results they are.
+    /// Origin of the results.
     pub named: Named,
     /// The cells of all tables.
-    pub cells: BTreeMap<Place, Measured>,
-    /// What was passed a verdict on.
+    pub cells: BTreeMap<Place, CellValues>,
+    /// Verdicts on published values and claims.
     pub verdicts: Vec<Passed>,
     /// The leaves of the resolved study, by dotted key.
     pub settings: BTreeMap<String, Value>,
 }
 
-/// Where a cell stands, by names that hold in both sides.
+/// Place of a cell, by names that hold on both sides.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct Place {
     /// Name of the table, as its files have it.
@@ -44,20 +44,20 @@ impl fmt::Display for Place {
     }
 }
 
-/// The values of a cell.
+/// Values of a cell with their seeds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Measured {
-    /// How seeds became one number, in the words of the table's CSV file.
+pub struct CellValues {
+    /// Reduction of seeds to one number, in the words of the table's CSV file.
     pub statistic: String,
-    /// The number; `None` where no seed has one.
+    /// The value; `None` where no seed has one.
     pub value: Option<f64>,
-    /// Its own 95 % interval.
+    /// 95 % interval of the value.
     pub interval: Option<(f64, f64)>,
-    /// The number of every seed; none where the value is not made of such.
+    /// The number of every seed; empty where the value is not made of numbers by seed.
     pub seeds: BTreeMap<u64, f64>,
 }
 
-impl Measured {
+impl CellValues {
     /// The values in the order of their seeds.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
@@ -75,7 +75,7 @@ impl Measured {
 }
 
 impl Side {
-    /// A study's contents as they are now.
+    /// The side of a study's present contents.
     #[must_use]
     pub fn of(named: Named, contents: &Contents, verdicts: Verdicts, resolved: &Value) -> Self {
         let mut cells = BTreeMap::new();
@@ -91,7 +91,7 @@ impl Side {
                         row: row.name.clone(),
                         column: column.name.clone(),
                     };
-                    cells.insert(place, Measured::of(grid, cell));
+                    cells.insert(place, CellValues::of(grid, cell));
                 }
             }
         }
@@ -103,10 +103,10 @@ impl Side {
         }
     }
 
-    /// What a report wrote into a folder, said to come from `from`. `None` where no report lies there.
+    /// The side of a report in a folder, labelled with `from`. `None` where the folder has no report.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be read, [`Error::Input`] where one is not what a report writes.
+    /// [`Error::File`] where a file cannot be read, [`Error::Input`] where one does not fit the form of a report.
     pub fn read(folder: &Path, from: &str) -> Result<Option<Self>, Error> {
         let verdicts = match read(&folder.join("verdicts.json"))? {
             Some(text) => Some(parse_verdicts(&folder.join("verdicts.json"), &text)?),
@@ -157,7 +157,7 @@ fn parse_verdicts(path: &Path, text: &str) -> Result<Verdicts, Error> {
     serde_json::from_str(text).map_err(|error| input(path, format!("it holds no verdicts: {error}")))
 }
 
-/// What a file holds; `None` where it is not there.
+/// The text of a file; `None` where it does not exist.
 fn read(path: &Path) -> Result<Option<String>, Error> {
     match fs::read_to_string(path) {
         Ok(text) => Ok(Some(text)),
@@ -167,7 +167,7 @@ fn read(path: &Path) -> Result<Option<String>, Error> {
 }
 
 /// The cells of all tables of a folder.
-fn cells(folder: &Path) -> Result<BTreeMap<Place, Measured>, Error> {
+fn cells(folder: &Path) -> Result<BTreeMap<Place, CellValues>, Error> {
     let mut cells = BTreeMap::new();
     for name in execution::store::names(folder)? {
         let Some(table) = name.strip_suffix(".csv") else {
@@ -207,8 +207,8 @@ struct Line {
     fields: BTreeMap<String, String>,
 }
 
-/// The lines of a file whose third column has this name, as those of a report have; `None` for any other file, and
-/// where none is there.
+/// The lines of a file whose third column has this name, as in files of reports; `None` for any other file, and for
+/// one that does not exist.
 fn lines(path: &Path, third: &str) -> Result<Option<Vec<Line>>, Error> {
     let Some(text) = read(path)? else {
         return Ok(None);
@@ -272,9 +272,9 @@ impl Line {
             .transpose()
     }
 
-    fn measured(&self, seeds: BTreeMap<u64, f64>) -> Result<Measured, Error> {
+    fn measured(&self, seeds: BTreeMap<u64, f64>) -> Result<CellValues, Error> {
         let ends: (Option<f64>, Option<f64>) = (self.number("low")?, self.number("high")?);
-        Ok(Measured {
+        Ok(CellValues {
             statistic: self.text("statistic").into(),
             value: self.number("value")?,
             interval: ends.0.zip(ends.1),
@@ -313,7 +313,7 @@ mod tests {
         }
     }
 
-    /// What a report writes is what the contents hold, to the last bit.
+    /// A report's files hold the same values as the contents, to the last bit.
     #[test]
     fn a_folder_holds_what_the_study_holds() {
         let (info, results, dir) = (info(), study(), tempfile::tempdir().unwrap());

@@ -1,11 +1,11 @@
-//! A table as comma-separated values that a spreadsheet can open without running anything.
+//! A table as comma-separated values that a spreadsheet opens without running anything.
 
 use super::table::{Cells, Column, Table};
 use contract::Error;
 use execution::world::fs::File;
 use std::{io::BufWriter, path::Path};
 
-/// What is said of [`guarded`] where columns are described.
+/// Sentence on [`guarded`] in the description of columns.
 pub(super) const ABOUT_GUARD: &str = "a text that begins with = + - @ or a control character has an \
                                       apostrophe before it, so that no spreadsheet takes it for a formula";
 
@@ -35,7 +35,7 @@ pub(super) fn write(table: &Table<'_>, path: &Path) -> Result<(), Error> {
     file.sync_all().map_err(Error::file("flush", path))
 }
 
-/// Numbers have all their digits; an empty cell is empty.
+/// Text of a cell: numbers have all their digits, and an empty cell is empty.
 fn field(column: &Column<'_>, at: usize) -> String {
     match &column.cells {
         Cells::Text(cells) => cells[at].as_deref().map_or(String::new(), guarded),
@@ -50,7 +50,7 @@ fn shown(value: Option<impl ToString>) -> String {
     value.map_or(String::new(), |value| value.to_string())
 }
 
-/// A text as a cell: what a spreadsheet would compute stays a text.
+/// A text as a cell: text that a spreadsheet would compute stays text.
 fn guarded(text: &str) -> String {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
         format!("'{text}")

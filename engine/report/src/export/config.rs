@@ -1,7 +1,7 @@
 //! Every key of the configs of trials as a column: names flattened with dots, values typed.
 //!
-//! Data files stand under the hash of their content, and what is taken from other trials under the trial, as in
-//! the identity of a trial: no path of a machine leaves with the numbers.
+//! Data files stand under the hash of their content, and artifacts under the trial that leaves them, as in the
+//! identity of a trial: no path of a machine leaves with the numbers.
 
 use super::{
     Subject,
@@ -12,12 +12,12 @@ use document::schema_check::View;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// The values of a trial by dotted name, each with the place where its meaning is described.
-type Leaves = BTreeMap<String, (Value, Meaning)>;
+/// The values of a trial by dotted name, each with the plugin key that describes it.
+type Leaves = BTreeMap<String, (Value, KeyOrigin)>;
 
 /// The kind and name of a plugin, and the keys that lead to a value in its config.
 #[derive(Debug, Clone, PartialEq)]
-struct Meaning {
+struct KeyOrigin {
     kind: &'static str,
     plugin: String,
     keys: Vec<String>,
@@ -30,11 +30,11 @@ pub(super) fn columns(subject: &Subject<'_>) -> Vec<Column<'static>> {
         .iter()
         .map(|(result, _)| leaves(&result.trial.key))
         .collect();
-    let mut names: BTreeMap<&str, &Meaning> = BTreeMap::new();
+    let mut names: BTreeMap<&str, &KeyOrigin> = BTreeMap::new();
     for (name, (_, meaning)) in trials.iter().flatten() {
         names.entry(name).or_insert(meaning);
     }
-    let column = |(name, meaning): (&str, &Meaning)| {
+    let column = |(name, meaning): (&str, &KeyOrigin)| {
         let values: Vec<Option<&Value>> = trials
             .iter()
             .map(|leaves| leaves.get(name).map(|(value, _)| value))
@@ -63,7 +63,7 @@ fn leaves(key: &TrialKey) -> Leaves {
             for (role, member) in &cast.roles {
                 let at = format!("agent.{role}");
                 of_part(&at, "agent", &member.agent, &mut found);
-                let meaning = Meaning::of("agent", &member.agent.plugin, &[]);
+                let meaning = KeyOrigin::of("agent", &member.agent.plugin, &[]);
                 let mut own = |name: &str, value: Value| {
                     found.insert(format!("{at}.{name}"), (value, meaning.clone()));
                 };
@@ -76,7 +76,7 @@ fn leaves(key: &TrialKey) -> Leaves {
 }
 
 fn of_part(at: &str, kind: &'static str, part: &Part, found: &mut Leaves) {
-    let meaning = Meaning::of(kind, &part.plugin, &[]);
+    let meaning = KeyOrigin::of(kind, &part.plugin, &[]);
     found.insert(format!("{at}.plugin"), (json!(part.plugin), meaning.clone()));
     found.insert(format!("{at}.version"), (json!(part.version), meaning.clone()));
     for (key, value) in part.identity().as_object().into_iter().flatten() {
@@ -84,7 +84,7 @@ fn of_part(at: &str, kind: &'static str, part: &Part, found: &mut Leaves) {
     }
 }
 
-fn flatten(at: &str, value: &Value, meaning: &Meaning, found: &mut Leaves) {
+fn flatten(at: &str, value: &Value, meaning: &KeyOrigin, found: &mut Leaves) {
     match value {
         Value::Object(entries) if !entries.is_empty() => {
             for (key, value) in entries {
@@ -98,7 +98,7 @@ fn flatten(at: &str, value: &Value, meaning: &Meaning, found: &mut Leaves) {
     }
 }
 
-impl Meaning {
+impl KeyOrigin {
     fn of(kind: &'static str, plugin: &str, keys: &[&str]) -> Self {
         Self {
             kind,
@@ -113,7 +113,7 @@ impl Meaning {
         below
     }
 
-    /// What the plugin's schema says of the key, and its unit.
+    /// Description of the key in the plugin's schema, and its unit.
     fn describe(&self, subject: &Subject<'_>) -> (String, String) {
         let registry = subject.registry;
         let about: Option<&About> = match self.kind {
@@ -140,8 +140,8 @@ impl Meaning {
     }
 }
 
-/// The narrowest type that holds all values of a column; what is no scalar, and what is now this and now that,
-/// is a text: JSON, but for words.
+/// The narrowest type that holds all values of a column. Values that are no scalars, or of several types, become
+/// text: words as they are, else JSON.
 fn typed(values: &[Option<&Value>]) -> Cells<'static> {
     fn all<T>(values: &[Option<&Value>], read: impl Fn(&Value) -> Option<T>) -> Option<Vec<Option<T>>> {
         values

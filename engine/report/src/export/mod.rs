@@ -1,4 +1,4 @@
-//! What a person takes away of a study: its numbers in forms that other programs read.
+//! Exports of a study: its numbers in forms that other programs read.
 //!
 //! | form | files |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | `trace` | `trace.json`, when trials ran, for Perfetto |
 //! | `onnx` | `policy.onnx` of each trial, or one file per seat |
 //!
-//! What is written is a function of the store and the study, but for the date of publication of a crate.
+//! All files are a function of the store and the study, apart from the date of publication of a crate.
 
 mod comma_separated;
 mod config;
@@ -33,7 +33,7 @@ use execution::{
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 
-/// A form in which a study is taken away.
+/// Form of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Form {
     /// Tidy tables as Parquet files.
@@ -50,32 +50,32 @@ pub enum Form {
     Onnx,
 }
 
-/// A study with what is stored of it.
+/// A study with its stored trials.
 pub struct Subject<'a> {
-    /// Its name.
+    /// Name of the study.
     pub name: &'a str,
-    /// What it is about; empty where it does not say.
+    /// Title of the study; empty where it has none.
     pub title: &'a str,
-    /// Where the published numbers come from; empty where it does not say.
+    /// Source of the published numbers; empty where the study has none.
     pub source: &'a str,
-    /// Everything that its trials record.
+    /// Metrics that its trials record.
     pub metrics: &'a [Metric],
-    /// Units of everything that its trials record, by name.
+    /// Units of these metrics, by name.
     pub units: &'a BTreeMap<String, String>,
-    /// What the program is made of, which knows what config keys mean.
+    /// Plugins of the program, with the descriptions of config keys.
     pub registry: &'a Registry,
-    /// The trials in the order of the plan, each with what the store says of it.
+    /// The trials in the order of the plan, each with its entry in the store.
     pub trials: Vec<(&'a TrialResult, Option<&'a StoredTrial>)>,
 }
 
 impl Subject<'_> {
-    /// The program that writes, in words.
+    /// Name and version of the program that writes the export.
     fn program(&self) -> String {
         contract::build::version(self.registry.build.as_ref())
     }
 }
 
-/// Writes a study's tables into a folder, with `columns.json`. The names of the files, inside the folder.
+/// Writes a study's tables into a folder, with `columns.json`. Returns the names of the files inside the folder.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written.
@@ -109,7 +109,7 @@ pub fn write_event_files(subject: &Subject<'_>, folder: &Path) -> Result<(), Err
     tensorboard::write(subject, folder)
 }
 
-/// Writes when trials ran into a folder.
+/// Writes the times of trials into a folder, as a trace.
 ///
 /// # Errors
 /// [`Error::File`] where the file cannot be written.
@@ -132,9 +132,9 @@ fn columns_json(subject: &Subject<'_>, as_csv: bool, tables: Vec<Value>) -> Valu
     described
 }
 
-/// JSON as people read it.
+/// JSON with line breaks, for human readers.
 fn pretty(value: &Value) -> String {
-    // A value that was made here has keys that are texts, so that it can be written.
+    // All keys here are texts, so the value can be written.
     serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
 }
 

@@ -1,7 +1,7 @@
 //! Policies of stored trials for other runtimes.
 //!
-//! The engine knows where a policy lies in a trial's folder and what is said of it, and not what it is made of: a
-//! [`PolicyForm`](contract::policy_form::PolicyForm) that a plugin registered recognises the file and writes it.
+//! The engine knows only the place of a policy in a trial's folder and the facts on it. A
+//! [`PolicyForm`](contract::policy_form::PolicyForm) of a plugin recognises the file and converts it.
 
 use super::json_list;
 use contract::{
@@ -15,40 +15,40 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The file that every policy has, in the folder of a trial or in one per seat.
+/// File name of every policy, in the folder of a trial or in one per seat.
 const FILE: &str = "policy.safetensors";
 
-/// A policy that was found in a trial's folder.
-struct Found {
+/// A policy file in a trial's folder.
+struct PolicyFile {
     form: &'static str,
     /// Path of its file inside the trial's folder.
     file: String,
     policy: PortablePolicy,
 }
 
-/// What is said of the trial whose policies are written.
+/// A trial whose policies are converted.
 pub struct PolicySubject<'a> {
-    /// Its id.
+    /// Id of the trial.
     pub trial: &'a str,
-    /// What acknowledges it.
+    /// The file that acknowledges the trial.
     pub file: &'a TrialFile,
-    /// Its folder, with the policy that was held against its hashes.
+    /// Folder of the trial; the policy in it was checked against its hashes.
     pub folder: &'a Path,
-    /// What its environment's seats see and do.
+    /// Observations and actions of the seats of its environment.
     pub interface: &'a Interface,
-    /// What the program is made of.
+    /// Plugins of the program.
     pub registry: &'a Registry,
 }
 
 /// ONNX files of the policies that a trial left, by name: `policy.onnx`, or `<seat>.onnx` where each seat has its own.
 ///
 /// # Errors
-/// [`Error::NoPortablePolicy`] where no form recognises what lies there, and whatever reading says.
+/// [`Error::NoPortablePolicy`] where no form recognises the files, and errors of reading.
 pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8>>, Error> {
     let mut files = BTreeMap::new();
     let own = subject.folder.join(ONNX_FILE);
     if fs::is_file(&own) {
-        // Another program wrote it: it is what it is.
+        // Another program wrote the file, which is copied as it is.
         let bytes = fs::read(&own).map_err(Error::file("read", &own))?;
         return Ok([(ONNX_FILE.to_owned(), bytes)].into());
     }
@@ -65,7 +65,7 @@ pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8
 }
 
 impl PolicySubject<'_> {
-    fn found(&self) -> Result<Vec<Found>, Error> {
+    fn found(&self) -> Result<Vec<PolicyFile>, Error> {
         let mut all = Vec::new();
         for (seat, folder, file) in places(self.folder)? {
             let (form, policies) = self.read(&folder)?;
@@ -74,7 +74,7 @@ impl PolicySubject<'_> {
                     policy.seat.clone_from(&seat);
                 }
                 let file = file.clone();
-                Found { form, file, policy }
+                PolicyFile { form, file, policy }
             }));
         }
         Ok(all)
@@ -97,8 +97,8 @@ impl PolicySubject<'_> {
         }
     }
 
-    /// What a file says of itself, in the order in which it says it.
-    fn properties(&self, found: &Found) -> Vec<(String, String)> {
+    /// Properties in the metadata of a policy's file, in their order there.
+    fn properties(&self, found: &PolicyFile) -> Vec<(String, String)> {
         let (key, policy) = (&self.file.key, &found.policy);
         let digest = self.file.files.get(&found.file).cloned().unwrap_or_default();
         let units = |names: &[String], of: fn(&Seat) -> &Space| -> Vec<String> {
@@ -133,7 +133,8 @@ impl PolicySubject<'_> {
             .collect()
     }
 
-    /// The unit of a channel: of the seat, else of the first seat that has one of the name. Empty for what is none.
+    /// The unit of a channel of the seat, else of the first seat with a channel of this name. Empty where no channel
+    /// has the name.
     fn unit(&self, seat: &str, name: &str, of: fn(&Seat) -> &Space) -> String {
         let seats = &self.interface.seats;
         let own = seats.iter().filter(|it| it.name == seat);
@@ -148,7 +149,7 @@ impl PolicySubject<'_> {
     }
 }
 
-/// Seat, folder and path of every policy file of a trial: the trial's own has no seat.
+/// Seat, folder and path of every policy file of a trial; a policy of the trial itself has no seat.
 fn places(trial: &Path) -> Result<Vec<(String, PathBuf, String)>, Error> {
     if fs::is_file(&trial.join(FILE)) {
         return Ok(vec![(String::new(), trial.to_owned(), FILE.into())]);

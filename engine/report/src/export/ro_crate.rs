@@ -1,9 +1,9 @@
 //! A study as a research object crate: a folder with a description in linked data.
 //!
-//! RO-Crate 1.2 (<https://w3id.org/ro/crate/1.2>): the metadata file describes itself and the root, which has a
-//! name, a description, a date of publication, a licence and its parts. Who computed what is said as in the
-//! profile Process Run Crate 0.5 (<https://w3id.org/ro/wfrun/process/0.5>): one action per build of the program, from
-//! the study to the metrics of the trials that it computed.
+//! RO-Crate 1.2 (<https://w3id.org/ro/crate/1.2>): the metadata file describes itself and the root, which has a name,
+//! a description, a date of publication, a licence and its parts. Authorship follows the profile Process Run Crate
+//! 0.5 (<https://w3id.org/ro/wfrun/process/0.5>): one action per build of the program, from the study to the metrics
+//! of the trials that it computed.
 
 use super::{Subject, pretty};
 use contract::{Build, Error};
@@ -22,27 +22,27 @@ const SPECIFICATION: &str = "https://w3id.org/ro/crate/1.2";
 const PROFILE: &str = "https://w3id.org/ro/wfrun/process/0.5";
 const METADATA: &str = "ro-crate-metadata.json";
 
-/// A file of the crate and what it is.
+/// A file of the crate with its description.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Piece {
     /// Its path inside the crate, with slashes.
     pub path: String,
-    /// What it is, in one line.
+    /// Description in one line.
     pub about: String,
-    /// The trial that recorded it, where one did.
+    /// The trial that recorded it; `None` for files of the study.
     pub trial: Option<String>,
 }
 
-/// What a crate says besides its pieces.
+/// Contents and metadata of a crate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Crate {
-    /// The folder, which holds the pieces already.
+    /// Folder of the crate, with the pieces in it.
     pub folder: PathBuf,
-    /// The files.
+    /// Files of the crate, without its description.
     pub pieces: Vec<Piece>,
-    /// Path of the study file among them.
+    /// Path of the study file among the pieces.
     pub study: String,
-    /// Licence of the results: an id of SPDX, or an address.
+    /// Licence of the results: an SPDX id or an address.
     pub license: String,
     /// Date of publication, as in `2026-11-22`.
     pub date: String,
@@ -62,7 +62,7 @@ impl Crate {
         graph.extend(self.actions(subject));
         let context = json!([
             format!("{SPECIFICATION}/context"),
-            // Said here, since not every version of the context has the term.
+            // The term is defined here, since some versions of the context lack it.
             {"sha256": "https://schema.org/sha256"}
         ]);
         let described = json!({"@context": context, "@graph": graph});
@@ -145,7 +145,7 @@ impl Crate {
         by_trial
     }
 
-    /// The folders of trials, each named as the study speaks of it.
+    /// The folders of trials, each with its names in the study.
     fn trials(&self, subject: &Subject<'_>) -> Vec<Value> {
         let mut titles: BTreeMap<&str, String> = BTreeMap::new();
         for (result, _) in &subject.trials {
@@ -162,7 +162,7 @@ impl Crate {
         self.by_trial().into_iter().map(folder).collect()
     }
 
-    /// The trials of the crate that each build of the program computed.
+    /// The trials of the crate by the build of the program that computed them.
     fn builds<'a>(
         &self,
         subject: &Subject<'a>,
@@ -206,7 +206,7 @@ impl Crate {
     }
 }
 
-/// The earliest start and the latest end of trials, in seconds since 1970; `None` where no end was noted.
+/// The earliest start and the latest end of trials, in seconds since 1970; `None` where the store has no end.
 fn period<'a>(trials: impl Iterator<Item = &'a &'a StoredTrial>) -> Option<(u64, u64)> {
     let mut whole: Option<(u64, u64)> = None;
     for trial in trials {

@@ -1,4 +1,4 @@
-//! A table of typed columns, some of which say the same in all rows of a trial.
+//! A table of typed columns, some with one cell per trial instead of one per row.
 
 use contract::{
     Error,
@@ -7,33 +7,33 @@ use contract::{
 use serde_json::{Value, json};
 use std::{borrow::Cow, path::Path};
 
-/// What a column holds; `None` is an empty cell.
+/// Cells of a column; `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cells<'a> {
-    /// Words.
+    /// Texts.
     Text(Vec<Option<Cow<'a, str>>>),
-    /// Counts.
+    /// Numbers of items.
     Count(Vec<Option<u64>>),
-    /// Whole numbers.
+    /// Whole numbers of any sign.
     Whole(Vec<Option<i64>>),
-    /// Numbers.
+    /// Floating-point numbers.
     Number(Vec<Option<f64>>),
-    /// True or false.
+    /// Truth values.
     Flag(Vec<Option<bool>>),
 }
 
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column<'a> {
-    /// Its name.
+    /// Name of the column.
     pub name: String,
-    /// What it is, in one line.
+    /// Description in one line.
     pub about: String,
     /// SI unit, empty where there is none.
     pub unit: String,
-    /// A cell per trial, or a cell per row.
+    /// Whether the column has a cell per trial, instead of one per row.
     pub per_trial: bool,
-    /// The cells.
+    /// Cells of the column, one per trial or per row.
     pub cells: Cells<'a>,
 }
 
@@ -42,16 +42,16 @@ pub struct Column<'a> {
 pub struct Table<'a> {
     /// Its name, and that of its file.
     pub name: &'static str,
-    /// What a row is.
+    /// Description of a row.
     pub about: &'static str,
-    /// The trial of every row, by its place.
+    /// Index of the trial of every row.
     pub trials: Vec<usize>,
     /// The columns.
     pub columns: Vec<Column<'a>>,
 }
 
 impl Cells<'_> {
-    /// The type in the words of a Table Schema.
+    /// Type of the column in the terms of a Table Schema.
     fn kind(&self) -> &'static str {
         match self {
             Self::Text(_) => "string",
@@ -99,12 +99,12 @@ impl<'a> Column<'a> {
 }
 
 impl Table<'_> {
-    /// The place of a row's cell in a column.
+    /// Index of a row's cell in a column.
     pub(super) fn place(&self, column: &Column<'_>, row: usize) -> usize {
         if column.per_trial { self.trials[row] } else { row }
     }
 
-    /// What the table and its columns are.
+    /// Description of the table and its columns.
     pub(super) fn describe(&self, file: &str) -> Value {
         let fields: Vec<Value> = self.columns.iter().map(Column::describe).collect();
         json!({"file": file, "description": self.about, "rows": self.trials.len(), "fields": fields})

@@ -1,4 +1,4 @@
-//! The tidy tables of a study: what was measured, what was recorded while learning, and the trials.
+//! The tidy tables of a study: evaluations, values recorded during learning, and trials.
 
 use super::{
     Subject, config,
@@ -32,7 +32,7 @@ pub fn tables<'a>(subject: &Subject<'a>) -> Vec<Table<'a>> {
     all
 }
 
-/// A row of what a trial recorded.
+/// A row of the values that a trial recorded.
 struct Row<'a> {
     trial: usize,
     phase: Phase,
@@ -101,7 +101,7 @@ fn recorded<'a>(
     }
 }
 
-/// The means of everything that a trial recorded in a phase, by step and then by metric.
+/// The means of all metrics of a trial in a phase, by step and then by metric.
 fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<Row<'_>> {
     let mut sums: BTreeMap<(u64, &str), (f64, u64)> = BTreeMap::new();
     for row in result.rows.iter().filter(|row| row.phase == phase) {
@@ -125,7 +125,7 @@ fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<Row<'_>> {
     rows
 }
 
-/// What every table says of a trial: its id, its names in the study, its seed.
+/// Columns of every table on the trial: its id, its names in the study, its seed.
 fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let text = |of: fn(&'a TrialResult) -> &'a str| {
         Cells::Text(
@@ -173,7 +173,7 @@ fn trials<'a>(subject: &Subject<'a>) -> Table<'a> {
     }
 }
 
-/// For what trials ran and how they ended.
+/// Columns on the purpose of trials and on their ends.
 fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let purposes = subject
         .trials
@@ -208,7 +208,7 @@ fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     ]
 }
 
-/// When and by what program trials were computed, and the digest of what they recorded.
+/// Columns on the times and programs of trials, and on the digest of their recorded values.
 fn origins<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let stored = || subject.trials.iter().map(|(_, stored)| stored.as_ref());
     let ended_at = stored().map(|it| Some(it?.ended_at.as_deref()?.into()));
@@ -233,13 +233,13 @@ fn origins<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     ]
 }
 
-/// A text of the end of each trial; none where it has not run.
+/// A text from the end of each trial; empty for trials that have not run.
 fn texts<'a>(subject: &Subject<'a>, of: impl Fn(&'a TrialEnd) -> Option<Cow<'a, str>>) -> Cells<'a> {
     let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
     Cells::Text(ends.map(|end| of(end?)).collect())
 }
 
-/// A time of the end of each trial.
+/// A time from the end of each trial.
 fn seconds<'a>(subject: &Subject<'a>, of: fn(&TrialEnd) -> Option<f64>) -> Cells<'a> {
     let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
     Cells::Number(ends.map(|end| of(end?)).collect())

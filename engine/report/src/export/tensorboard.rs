@@ -1,4 +1,4 @@
-//! Trials as runs of TensorBoard: a folder with an event file each, and `runs.json`, which says which is which.
+//! Trials as runs of TensorBoard: a folder with an event file each, and `runs.json`, which maps folders to trials.
 
 use super::{Subject, config, pretty};
 use contract::{Error, recorder::Phase, trial_result::TrialResult};
@@ -10,10 +10,10 @@ use imported::event_file::{Event, Scalar, Summary, append, first};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 
-/// Phases whose values are shown by step; traces have decisions in the place of steps.
+/// Phases with values by step; traces have decisions instead of steps.
 const PHASES: [Phase; 3] = [Phase::Train, Phase::Evaluate, Phase::Final];
 
-/// What is said where the runs are listed.
+/// Sentence on the values in the list of runs.
 const ABOUT: &str = "scalars by steps of the environment, means over episodes and seats; their names begin with \
                      the phase (train, evaluate, final); TensorBoard keeps them in single precision, and their \
                      wall time is when the trial ended";
@@ -38,7 +38,7 @@ pub(super) fn write(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
     write_durably(&folder.join("runs.json"), pretty(&described).as_bytes())
 }
 
-/// What says whose run lies in a folder.
+/// Description of the trial whose run lies in a folder.
 #[must_use]
 pub fn describe_run(folder: &str, result: &TrialResult) -> Value {
     let trial = &result.trial;
@@ -46,7 +46,7 @@ pub fn describe_run(folder: &str, result: &TrialResult) -> Value {
         "setting": trial.cell.setting, "seed": trial.key.seed, "config": config::values(&trial.key)})
 }
 
-/// Folder of a trial's run: names as people read them, and the beginning of the id, so that no two are the same.
+/// Folder of a trial's run: readable names, and the beginning of the id, so that no two folders are the same.
 #[must_use]
 pub fn folder_of_run(result: &TrialResult) -> String {
     let trial = &result.trial;
@@ -72,7 +72,7 @@ pub fn folder_of_run(result: &TrialResult) -> String {
     )
 }
 
-/// When the trial ended, in seconds since 1970; 0 where the program did not note it.
+/// End of the trial, in seconds since 1970; 0 where the store has none.
 fn ended(stored: Option<&StoredTrial>) -> u64 {
     stored
         .and_then(|stored| seconds_of(stored.ended_at.as_deref()?))

@@ -1,7 +1,7 @@
-//! When trials ran, as a trace in the Trace Event Format, which Perfetto and the tracing page of Chromium show.
+//! Times of trials as a trace in the Trace Event Format, for Perfetto and the tracing page of Chromium.
 //!
-//! The store keeps when a trial ended and how long it took, so a trial that was stopped and went on seems to have begun
-//! later than it did. Which worker computed it is not kept: trials that ran at the same time lie in different lanes,
+//! The store keeps the end and the duration of a trial, so a trial that was stopped and resumed seems to have begun
+//! later than it did. The store does not keep the worker. Trials that ran at the same time lie in different lanes,
 //! and there are as many lanes as trials ever ran at once.
 
 use super::{Subject, pretty};
@@ -10,13 +10,13 @@ use execution::store::{StoredTrial, seconds_of, write_durably};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// The file that is written.
+/// Name of the file.
 const FILE: &str = "trace.json";
-/// Times of ends are whole seconds, so that trials which follow each other may seem to overlap by as much.
+/// Resolution of the times of ends; consecutive trials may seem to overlap by as much.
 const RESOLUTION_S: f64 = 1.0;
 const MICROSECONDS: f64 = 1e6;
 
-/// What is said of the times.
+/// Sentence on the times.
 const ABOUT: &str = "a bar is the wall-clock time that a trial took, laid before the second in which it ended; lanes \
                      are trials that ran at the same time, not workers";
 
@@ -63,7 +63,7 @@ fn spans<'a>(trials: &[(&'a TrialResult, Option<&StoredTrial>)]) -> Vec<Span<'a>
     spans
 }
 
-/// The lane of each span: the first one that is free when it begins.
+/// The lane of each span: the first one that is free at its beginning.
 fn lanes(spans: &[Span<'_>]) -> Vec<usize> {
     let mut free_from: Vec<f64> = Vec::new();
     let lane = |span: &Span<'_>| {
@@ -105,7 +105,7 @@ mod tests {
             to,
             trial: &result,
         };
-        // Two workers: the second one's trial is long, the first computes two beside it, and then there is one more.
+        // Two workers: the second worker's trial is long, the first computes two beside it, and one more follows.
         let spans = [
             span(0.0, 10.0),
             span(0.5, 30.0),

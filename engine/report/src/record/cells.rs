@@ -1,6 +1,6 @@
-//! The trials of a record: how each ended, and from them results as the store would give them.
+//! The trials of a record: their ends, and the results made from them, as the store would give them.
 
-use super::{Block, Blocks, Measured, Record};
+use super::{Block, Blocks, FinalValue, Record};
 use analysis::results::Results;
 use contract::{
     recorder::{Phase, Row, intern},
@@ -15,16 +15,16 @@ use std::{
     sync::Arc,
 };
 
-/// Which part of a study a trial is.
+/// Part of a study that a trial belongs to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// It is of a combination or a play, which tables, figures and claims show.
+    /// A combination or a play, which tables, figures and claims show.
     #[default]
     Shown,
-    /// It leaves what others take.
+    /// An entry of `prepare`, whose artifacts other trials take.
     Prepared,
-    /// It measures a setting for a search.
+    /// A setting that a search tries.
     Tried,
 }
 
@@ -49,44 +49,44 @@ impl Part {
 pub struct Cell {
     /// Environment, play or entry of `prepare`.
     pub environment: String,
-    /// Agent.
+    /// Agent of the trials.
     pub agent: String,
-    /// Setting.
+    /// Setting of the trials.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
-    /// Which part of the study it is.
+    /// Part of the study that the trials belong to.
     #[serde(default, skip_serializing_if = "Part::is_shown")]
     pub part: Part,
-    /// Seconds that a trial took on the mean, of those that do not say it themselves.
+    /// Mean wall-clock time in seconds of the trials without a time of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_wall_s: Option<f64>,
-    /// How many seeds it was planned to have, where not all of them ended.
+    /// Number of seeds planned, where not all of them ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub planned: Option<u32>,
-    /// Those that ended, in the order of the plan; `None` where they are not told apart: then all ended `ok`.
+    /// Ended trials, in the order of the plan; `None` where they are alike and all ended `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub trials: Option<Vec<Ended>>,
+    pub trials: Option<Vec<RecordedTrial>>,
 }
 
-/// How a trial ended.
+/// The end of a trial.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Ended {
-    /// Its seed.
+pub struct RecordedTrial {
+    /// Seed of the trial.
     pub seed: u64,
-    /// Its id.
+    /// Id of the trial; `None` in records without ids.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// How it ended where that is not `ok`.
+    /// End state other than `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<EndState>,
-    /// Why, for everything but `ok`.
+    /// Reason of an end other than `ok`; empty for `ok`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub reason: String,
-    /// Seconds that it took.
+    /// Wall-clock time in seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    /// Seconds of a decision of the final measurement, on the mean.
+    /// Mean time of a decision in the final measurement, in seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
 }
@@ -98,7 +98,7 @@ impl Cell {
         (self.environment.clone(), self.agent.clone(), self.setting.clone())
     }
 
-    /// How many seeds it has, or was planned to have.
+    /// Number of seeds, ended or planned.
     #[must_use]
     pub fn seeds(&self) -> u32 {
         let seeds: BTreeSet<u64> = self.trials.iter().flatten().map(|it| it.seed).collect();
@@ -128,7 +128,7 @@ impl Cell {
                 Some(end) => cell
                     .trials
                     .get_or_insert_default()
-                    .push(Ended::of(&it.trial, end)),
+                    .push(RecordedTrial::of(&it.trial, end)),
                 None => drop(missing.insert(it.trial.key.seed)),
             }
         }
@@ -159,7 +159,7 @@ fn number_of(seeds: &BTreeSet<u64>) -> u32 {
     u32::try_from(seeds.len()).unwrap_or(u32::MAX)
 }
 
-impl Ended {
+impl RecordedTrial {
     fn of(trial: &Trial, end: &TrialEnd) -> Self {
         Self {
             seed: trial.key.seed,
@@ -182,23 +182,23 @@ impl Ended {
     }
 }
 
-/// A trial of a record that no planned trial has taken yet.
-struct Left {
-    ended: Ended,
+/// A trial of a record that no planned trial is matched with yet.
+struct UnmatchedTrial {
+    ended: RecordedTrial,
     mean_wall_s: Option<f64>,
     block: Option<Block>,
 }
 
-/// The results of planned trials, found by environment, agent, setting and seed.
+/// The results of planned trials, by environment, agent, setting and seed.
 pub struct Source {
-    left: BTreeMap<(Part, CellName, u64), VecDeque<Left>>,
-    /// Seconds of a trial of the environments and agents whose trials are not told apart.
+    left: BTreeMap<(Part, CellName, u64), VecDeque<UnmatchedTrial>>,
+    /// Wall-clock time in seconds of trials that the record does not list one by one, by environment and agent.
     alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
-    measured: BTreeMap<(CellName, u64), Vec<Measured>>,
+    measured: BTreeMap<(CellName, u64), Vec<FinalValue>>,
 }
 
 impl Source {
-    /// The trials of a record with what they measured.
+    /// The trials of a record with their measurements.
     #[must_use]
     pub fn of(record: &Record, mut blocks: Blocks) -> Self {
         let mut source = Self {
@@ -216,7 +216,7 @@ impl Source {
                 let is_measured = part == Part::Shown && ended.failed.is_none();
                 let block = is_measured.then(|| blocks.take(&name, ended.seed)).flatten();
                 let key = (part, name.clone(), ended.seed);
-                source.left.entry(key).or_default().push_back(Left {
+                source.left.entry(key).or_default().push_back(UnmatchedTrial {
                     ended: ended.clone(),
                     mean_wall_s,
                     block,
@@ -231,7 +231,7 @@ impl Source {
         source
     }
 
-    /// The results of planned trials; those that the record does not have are missing.
+    /// The results of planned trials; trials without a record count as missing.
     #[must_use]
     pub fn results(&mut self, trials: &[Arc<Trial>]) -> Vec<TrialResult> {
         let ids: BTreeSet<&str> = trials.iter().map(|trial| trial.id.as_str()).collect();
@@ -246,7 +246,7 @@ impl Source {
         let name = result.cell();
         let alike = (part, [name.0.clone(), name.1.clone()]);
         if let Some(mean_wall_s) = self.alike.get(&alike) {
-            result.end = Some(Ended::default().end(*mean_wall_s).into());
+            result.end = Some(RecordedTrial::default().end(*mean_wall_s).into());
             return result;
         }
         let Some(left) = self.take((part, name.clone(), trial.key.seed), &trial.id, ids) else {
@@ -262,22 +262,22 @@ impl Source {
         result
     }
 
-    /// The one of an id where ids are those of the plan; else the next one: meetings may share all names and
-    /// their seed.
-    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<Left> {
+    /// Takes the trial with this id where the record has ids of the plan, else the next one: meetings may share all
+    /// names and their seed.
+    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<UnmatchedTrial> {
         let left = self.left.get_mut(&key)?;
-        let has = |it: &Left, id: &str| it.ended.id.as_deref() == Some(id);
+        let has = |it: &UnmatchedTrial, id: &str| it.ended.id.as_deref() == Some(id);
         if let Some(place) = left.iter().position(|it| has(it, id)) {
             return left.remove(place);
         }
-        let is_of_another = |it: &Left| it.ended.id.as_deref().is_some_and(|id| ids.contains(id));
+        let is_of_another = |it: &UnmatchedTrial| it.ended.id.as_deref().is_some_and(|id| ids.contains(id));
         let place = left.iter().position(|it| !is_of_another(it))?;
         left.remove(place)
     }
 }
 
 /// Adds a value at the step of the last row of the final measurement.
-fn add(result: &mut TrialResult, measured: &Measured) {
+fn add(result: &mut TrialResult, measured: &FinalValue) {
     let last = result.rows.iter().rfind(|row| row.phase == Phase::Final).copied();
     let Some(last) = last else { return };
     let metric = intern(Arc::make_mut(&mut result.names), &measured.metric);
@@ -288,7 +288,7 @@ fn add(result: &mut TrialResult, measured: &Measured) {
     });
 }
 
-/// Names the root of the mean square of every metric, so that none is made of means where the record has none.
+/// Marks the root of the mean square of every metric, so that none is computed from means where the record has none.
 fn mark_means(result: &mut TrialResult) {
     let marked: Vec<String> = result.names.iter().map(|name| root_of_squares(name)).collect();
     let names = Arc::make_mut(&mut result.names);
@@ -296,7 +296,7 @@ fn mark_means(result: &mut TrialResult) {
     names.extend(unknown);
 }
 
-/// Takes out what the study's rule of success made of a trial, before it is judged again.
+/// Removes the success of a trial by the study's rule, before it is judged again.
 pub fn forget_success(result: &mut TrialResult) {
     let place = result.names.iter().position(|name| name == SUCCESS);
     result.rows.retain(|row| Some(usize::from(row.metric)) != place);

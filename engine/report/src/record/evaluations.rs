@@ -1,4 +1,4 @@
-//! `evaluations.parquet`: what the trials of a study measured, as means over the episodes of every measurement.
+//! `evaluations.parquet`: the measurements of a study's trials, as means over the episodes of every measurement.
 //!
 //! | column | type | meaning |
 //! |---|---|---|
@@ -9,8 +9,9 @@
 //! | `metric` | text | name; `rms(name)` for the root of the mean square over episodes |
 //! | `value` | f64 | mean over the episodes |
 //!
-//! At the end there is every metric, before it those that a table, figure, claim or search of the study names.
-//! The rows of a trial are together; meetings of a play that share names and seed come in the order of the plan.
+//! The final measurement has every metric; earlier ones have those that a table, figure, claim or search of the study
+//! names. The rows of a trial are together; meetings of a play that share names and seed come in the order of the
+//! plan.
 
 use analysis::results::Results;
 use contract::{
@@ -36,11 +37,11 @@ pub struct Asks {
 }
 
 impl Asks {
-    /// Those of some parts of a study.
+    /// The metrics that some parts of a study name.
     #[must_use]
     pub fn of(parts: &impl Serialize) -> Self {
         Self {
-            // A part that has no form as JSON names nothing.
+            // A part without a form as JSON names no metric.
             text: serde_json::to_string(parts).unwrap_or_default(),
             known: RefCell::default(),
         }
@@ -55,7 +56,7 @@ impl Asks {
         found
     }
 
-    /// True where something is a root of a mean square.
+    /// Whether a part uses the root of a mean square.
     fn squares(&self) -> bool {
         self.text.contains("rms(") || self.text.contains("\"root_mean_square\":true")
     }
@@ -67,7 +68,7 @@ type Summary<'a> = (&'a Trial, Phase, u64, String, f64);
 /// The bytes of the file; `path` is named in errors.
 ///
 /// # Errors
-/// Where the rows cannot be encoded.
+/// [`Error`] where the rows cannot be encoded.
 pub fn encode(path: &Path, results: &Results, asks: &Asks) -> Result<Vec<u8>, Error> {
     let squares = asks.squares();
     let mut rows: Vec<Summary<'_>> = Vec::new();
@@ -106,7 +107,7 @@ fn curve<'a>(result: &'a TrialResult, phase: Phase, metric: &str) -> impl Iterat
     points.map(move |(step, value)| (&*result.trial, phase, step, metric.to_owned(), value))
 }
 
-/// The root of the mean square at the end.
+/// The row of the root of the mean square in the final measurement; `None` where the trial has none.
 fn root<'a>(result: &'a TrialResult, metric: &str) -> Option<Summary<'a>> {
     let value = result.root_mean_square(Phase::Final, metric)?;
     let step = result.select(Phase::Final, metric).last()?.step;
@@ -127,7 +128,7 @@ pub struct Block {
 pub struct Blocks(BTreeMap<(CellName, u64), VecDeque<Block>>);
 
 impl Blocks {
-    /// The next one of these names and this seed.
+    /// The next block of these names and this seed.
     pub fn take(&mut self, cell: &CellName, seed: u64) -> Option<Block> {
         self.0.get_mut(&(cell.clone(), seed))?.pop_front()
     }
@@ -143,7 +144,7 @@ impl Blocks {
 /// Reads the file.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is none.
+/// [`Error::Damaged`] where the bytes are no such file.
 pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<Blocks, Error> {
     let whole = || {
         let table = Table::decode(bytes, path)?;
@@ -156,16 +157,16 @@ pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<Blocks, Error> {
     panics::or_damaged(path, whole)?.ok_or_else(unknown)
 }
 
-/// The trial of the rows that are being read.
+/// Collector of the rows of one trial.
 #[derive(Default)]
-struct Reading {
+struct BlockReader {
     blocks: Vec<Block>,
-    /// For each phase and metric the place of the block that has it, and its last step there.
+    /// For each phase and metric its index in the block, and its last step there.
     last: BTreeMap<(Phase, u16), (usize, u64)>,
 }
 
-impl Reading {
-    /// A step that does not come after the one before is of the next trial of the same names.
+impl BlockReader {
+    /// Adds a row. A step that does not exceed the last one belongs to the next trial of the same names.
     fn add(
         &mut self,
         names: &mut Vec<String>,
@@ -204,9 +205,9 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     let (phases, steps) = (table.texts("phase")?, table.u64s("step")?);
     let (metrics, values) = (table.texts("metric")?, table.f64s("value")?);
     let mut names: Vec<String> = Vec::new();
-    let mut trials: BTreeMap<(CellName, u64), Reading> = BTreeMap::new();
+    let mut trials: BTreeMap<(CellName, u64), BlockReader> = BTreeMap::new();
     let cells = environments.zip(agents).zip(settings).zip(seeds);
-    let mut now: Option<((&str, &str, &str, u64), Reading)> = None;
+    let mut now: Option<((&str, &str, &str, u64), BlockReader)> = None;
     for ((((cell, phase), step), metric), value) in cells.zip(phases).zip(steps).zip(metrics).zip(values) {
         let (((Some(environment), Some(agent)), Some(setting)), Some(seed)) = cell else {
             return Ok(None);
@@ -231,7 +232,7 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     }
     put(&mut trials, now);
     let mut shared: Vec<Arc<Vec<String>>> = Vec::new();
-    let mut own = |reading: Reading| {
+    let mut own = |reading: BlockReader| {
         let blocks = reading.blocks.into_iter();
         blocks
             .map(|block| with_own_names(block, &names, &mut shared))
@@ -249,13 +250,16 @@ fn owned((environment, agent, setting, seed): (&str, &str, &str, u64)) -> (CellN
     ((environment.into(), agent.into(), setting.into()), seed)
 }
 
-fn put(trials: &mut BTreeMap<(CellName, u64), Reading>, read: Option<((&str, &str, &str, u64), Reading)>) {
+fn put(
+    trials: &mut BTreeMap<(CellName, u64), BlockReader>,
+    read: Option<((&str, &str, &str, u64), BlockReader)>,
+) {
     if let Some((key, reading)) = read {
         trials.insert(owned(key), reading);
     }
 }
 
-/// A block with the names that it has itself, in the order of its rows.
+/// A block with only the names that it uses, in the order of its rows.
 fn with_own_names(mut block: Block, names: &[String], shared: &mut Vec<Arc<Vec<String>>>) -> Block {
     let mut own: Vec<u16> = Vec::new();
     for row in &mut block.rows {
@@ -264,7 +268,7 @@ fn with_own_names(mut block: Block, names: &[String], shared: &mut Vec<Arc<Vec<S
             own.push(row.metric);
             own.len() - 1
         });
-        // There are no more of its own than of all.
+        // A block has at most as many names as the file.
         row.metric = u16::try_from(place).unwrap_or(u16::MAX);
     }
     let own: Vec<String> = own

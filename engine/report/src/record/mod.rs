@@ -1,4 +1,4 @@
-//! The record of a study's results: what lies in its folder of results so that its report can be made again, and
+//! The record of a study's results: files in its folder of results from which its report can be made again, and
 //! judged by other rules, without the store.
 //!
 //! | file | what |
@@ -7,12 +7,12 @@
 //! | `record.json` | everything else that a report says of trials: this module and `cells` |
 //! | `manifest.json` | hashes of both; nothing is read that does not have its hash |
 //!
-//! Tables, claims, published values and texts are none of it: they are those of the study file when a report is made.
+//! Tables, claims, published values and texts are not recorded: they come from the study file when a report is made.
 
 mod cells;
 mod evaluations;
 
-pub use cells::{Cell, Ended, Part, Source, forget_success};
+pub use cells::{Cell, Part, RecordedTrial, Source, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
@@ -29,37 +29,37 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
-/// The file of a folder of results.
+/// File name of the record in a folder of results.
 pub const FILE: &str = "record.json";
-/// The file with the measurements.
+/// File name of the measurements.
 pub const EVALUATIONS: &str = "evaluations.parquet";
-/// Version of the form.
+/// Version of the form of the record.
 const SCHEMA: u32 = 1;
 
 /// A record, without its measurements.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// Version of the form.
+    /// Version of the form of the record.
     pub schema: u32,
     /// Name of the study.
     pub study: String,
     /// The trials that ended, by environment, agent and setting.
     pub cells: Vec<Cell>,
-    /// Facts on all trials together.
+    /// Facts on all trials together, such as their cost.
     pub told: Told,
-    /// What made the results.
+    /// Programs, plugins and machine behind the results.
     pub provenance: Provenance,
     /// The profiles of the study when a report was made from the store.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub profiles: Vec<ProfileState>,
-    /// When the trials ended.
+    /// Period in which the trials ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Period>,
     /// The results of searches, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub searches: BTreeMap<String, Searched>,
-    /// The verdicts that were seen, by what was judged: by table and cell, or claim and place.
+    /// The verdicts that were seen, by table and cell, or by claim and place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen: Option<SeenVerdicts>,
     /// Facts on figures that cannot be drawn from the record.
@@ -68,42 +68,42 @@ pub struct Record {
     /// Announcements of environments that are not the program's own, by id.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub announced: BTreeMap<String, Value>,
-    /// Values of trials at the end that stand in no row of the measurements.
+    /// Values of final measurements that have no row in the file of measurements.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub measured: Vec<Measured>,
+    pub measured: Vec<FinalValue>,
 }
 
-/// A value of a trial at the end.
+/// A value of a trial's final measurement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Measured {
+pub struct FinalValue {
     /// Environment of the trial.
     pub environment: String,
-    /// Its agent.
+    /// Agent of the trial.
     pub agent: String,
-    /// Its setting.
+    /// Setting of the trial.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
-    /// Its seed.
+    /// Seed of the trial.
     pub seed: u64,
     /// The metric, as in `rms(error)`.
     pub metric: String,
-    /// The value.
+    /// Value of the metric, a mean over episodes or their root mean square.
     pub value: f64,
 }
 
-/// A search with everything that a report says of it.
+/// A search, with all facts for its report.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Searched {
-    /// How far it is: this makes the plan.
+    /// Progress of the search, which determines the plan.
     pub progress: Progress,
     /// The settings that it tried.
     pub tried: Vec<TriedSetting>,
 }
 
 impl Searched {
-    /// The same as a result of the search.
+    /// The search as a result.
     #[must_use]
     pub fn result(&self, search: &Search) -> SearchResult {
         SearchResult {
@@ -115,7 +115,7 @@ impl Searched {
 }
 
 impl Record {
-    /// An empty one of the current form.
+    /// An empty record of the current version.
     #[must_use]
     pub fn of(study: &str) -> Self {
         Self {
@@ -125,10 +125,11 @@ impl Record {
         }
     }
 
-    /// Reads the record of a folder, held against the folder's manifest.
+    /// Reads the record of a folder, checked against the folder's manifest.
     ///
     /// # Errors
-    /// [`Error::Record`] where it is not as its report wrote it, [`Error::Newer`] where it is of a later program.
+    /// [`Error::Record`] where its hash differs from that of its report, [`Error::Newer`] where a later program wrote
+    /// it.
     pub fn read(folder: &Path, manifest: &Manifest) -> Result<Self, Error> {
         Self::parse(&manifest.checked(folder, FILE)?, &folder.join(FILE))
     }
@@ -164,7 +165,7 @@ impl Record {
         write_durably(&path, (text + "\n").as_bytes())
     }
 
-    /// How far the searches are, by name.
+    /// Progress of the searches, by name.
     #[must_use]
     pub fn progress(&self) -> BTreeMap<String, Progress> {
         let searches = self.searches.iter();
@@ -173,14 +174,14 @@ impl Record {
             .collect()
     }
 
-    /// How many seeds each combination and meeting has, or was planned to have.
+    /// Number of seeds, ended or planned, by combination and meeting.
     #[must_use]
     pub fn seeds(&self) -> BTreeMap<CellName, u32> {
         let shown = self.cells.iter().filter(|cell| cell.part == Part::Shown);
         shown.map(|cell| (cell.name(), cell.seeds())).collect()
     }
 
-    /// True where it says itself how long the trials of a combination took, and not on the mean.
+    /// Whether the record has the time of each trial of a combination, instead of their mean.
     #[must_use]
     pub fn has_times(&self, trial: &Trial) -> bool {
         let cell = self.cells.iter().find(|cell| {
@@ -191,7 +192,7 @@ impl Record {
         cell.is_some_and(|cell| cell.mean_wall_s.is_none())
     }
 
-    /// Plugins that were of another version when the trials ran, as in `environment battery 1, now 2`.
+    /// Plugins with another version in the record than now, as in `environment battery 1, now 2`.
     #[must_use]
     pub fn earlier_versions(&self, now: &[(String, u32)]) -> Vec<String> {
         let was: BTreeMap<&str, u32> = self

@@ -1,4 +1,4 @@
-//! What a folder of results says of the whole study: causes, verdicts for programs, the sentence, the row.
+//! Parts of a folder of results on the study as a whole: causes, verdicts for programs, the sentence, the row.
 
 use super::{CLEAR, claim, info, one_environment, provenance, published, results, two_agents};
 use crate::{Contents, StudyInfo, Verdicts, sentence, write};
@@ -99,7 +99,7 @@ fn verdicts_for_programs_have_causes_and_count_what_is_judged() {
     assert_eq!(counts, [3, 2, 2, 1]);
 }
 
-/// A study whose sentence is `text`, as it is written.
+/// A study with `text` as its sentence.
 fn with_summary(text: &str) -> StudyInfo {
     StudyInfo {
         summary: Some(Summary::parse(text).unwrap()),
@@ -119,7 +119,7 @@ fn a_sentence_is_filled_from_tables_and_claims() {
         filled("{table-3.2: four_cells, ddpg verdict}; {claim 1}; {claim 4}; {{}}"),
         "DIFFERS; SUPPORTED; NOT READ; {}"
     );
-    // Nothing is published of the lengths, one table could not be made, and a claim is not there.
+    // The lengths have no published value, one table could not be made, and a claim does not exist.
     assert_eq!(
         filled(
             "{lengths: equal, four_cells published} {lengths: equal, four_cells verdict} {empty: dsac} \

@@ -1,30 +1,29 @@
-//! In which order nodes stand, and how their flow is folded.
+//! The order of nodes, and the folding of their flow.
 
 use contract::drawing::Graph;
 use std::{collections::BTreeSet, ops::Range};
 
-/// A stack is not made shorter than this many ranks for the sake of width.
+/// Least number of ranks in a stack; width is not saved below it.
 const SHORTEST: usize = 4;
 
-/// Texts of boxes are broken to the first of these widths, in points, and to the second where that saves a
-/// longer fold.
+/// Widths of the text in boxes, in points. The second one is taken where it saves a longer fold.
 const TEXT_WIDTHS: [f64; 2] = [84.0, 50.0];
 
-/// Where a flow leads on paper.
+/// Direction of the flow on paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Flow {
     Right,
     Down,
 }
 
-/// A group of nodes with the first and the last rank that it has.
+/// A group of nodes with its first and last rank.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Group {
     pub name: String,
     pub nodes: Vec<usize>,
     pub first: usize,
     pub last: usize,
-    /// No other group has nodes beside it.
+    /// Whether no other group has nodes beside it.
     pub alone: bool,
 }
 
@@ -32,9 +31,9 @@ pub(super) struct Group {
 #[derive(Debug, Clone)]
 pub(super) struct Arrangement {
     pub flow: Flow,
-    /// The widest line of text in a box, in points.
+    /// Width of the widest line of text in a box, in points.
     pub text_width: f64,
-    /// The rank of each node: the place of its column among those that there are.
+    /// The rank of each node: the place of its column among the columns in use.
     pub ranks: Vec<usize>,
     /// The lane of each node, among those of its stack.
     pub lanes: Vec<usize>,
@@ -44,8 +43,8 @@ pub(super) struct Arrangement {
 }
 
 impl Arrangement {
-    /// All arrangements from the one that is preferred to the narrowest: in a line to the right, then down in
-    /// fewer and fewer stacks.
+    /// All arrangements from the preferred one to the narrowest: in a line to the right, then downwards in fewer and
+    /// fewer stacks.
     pub(super) fn all(graph: &Graph) -> impl Iterator<Item = Self> {
         let ranks = ranks(graph);
         let groups = groups(graph, &ranks);
@@ -81,7 +80,7 @@ impl Arrangement {
         (0..self.ranks.len()).filter(move |node| self.ranks[*node] == rank)
     }
 
-    /// True where a rank has a node in one of some lanes.
+    /// Whether a rank has a node in one of some lanes.
     pub(super) fn has(&self, rank: usize, lanes: &Range<usize>) -> bool {
         self.at(rank).any(|node| lanes.contains(&self.lanes[node]))
     }
@@ -134,7 +133,7 @@ fn groups(graph: &Graph, ranks: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// Ranks that stay together since a group holds them, and all others one by one.
+/// Ranges of ranks that stay together because a group holds them, and all other ranks one by one.
 fn units(groups: &[Group], count: usize) -> Vec<Range<usize>> {
     let mut units: Vec<Range<usize>> = Vec::new();
     for rank in 0..count {
@@ -149,7 +148,7 @@ fn units(groups: &[Group], count: usize) -> Vec<Range<usize>> {
     units
 }
 
-/// Stacks of at most so many ranks.
+/// Stacks of at most `most` ranks.
 fn folded(units: &[Range<usize>], most: usize) -> Vec<Range<usize>> {
     let mut stacks: Vec<Range<usize>> = Vec::new();
     for unit in units {

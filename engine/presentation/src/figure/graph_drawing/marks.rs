@@ -25,10 +25,10 @@ const DASHES: [f64; 2] = [2.6, 1.7];
 /// Length of a tip, half its width, and how far the line reaches into it.
 const TIP: (f64, f64, f64) = (4.0, 1.8, 1.0);
 const CORNER: f64 = 3.0;
-/// Lines of a text in a box lie so far apart.
+/// Distance between the lines of a text in a box, in points.
 const TEXT_LINE: f64 = 8.8;
 const LABEL: f64 = 6.5;
-/// Where a name may stand on a line, the best place first.
+/// Places of a name along its line, the best one first.
 const PARTS: [f64; 5] = [0.5, 0.35, 0.65, 0.2, 0.8];
 /// Colours that differ with any kind of colour vision and are not black.
 const HUES: usize = 6;
@@ -69,12 +69,12 @@ fn corners(flow: Flow, along: Span, across: Span) -> (Place, Place) {
     )
 }
 
-/// What an operation is called, without its sizes.
+/// Name of an operation, without its sizes.
 fn word(label: &str) -> &str {
     label.split_whitespace().next().unwrap_or_default()
 }
 
-/// A colour for each of the first operations that there may be; circles have none.
+/// A colour for each of the most frequent operations, up to [`HUES`]; circles have none.
 fn hues(graph: &Graph) -> BTreeMap<&str, Rgb> {
     let words = match graph.operations.as_slice() {
         [] => most_frequent(graph),
@@ -88,7 +88,7 @@ fn hues(graph: &Graph) -> BTreeMap<&str, Rgb> {
     colored.map(|(index, word)| (word, color(index))).collect()
 }
 
-/// The operations of a graph, the most frequent one first, of equally frequent ones the first that is met.
+/// The operations of a graph, the most frequent one first; ties go by the first occurrence.
 fn most_frequent(graph: &Graph) -> Vec<&str> {
     let mut words: Vec<(&str, usize)> = Vec::new();
     let boxed = graph.nodes.iter().filter(|node| node.label.chars().count() > 1);
@@ -236,7 +236,7 @@ fn between(from: Point, to: Point, part: f64) -> Point {
     (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part)
 }
 
-/// Places on a line, close enough together that no name lies between two of them unseen.
+/// Places on a line, close enough together that a name between two of them touches one.
 fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Place> + '_ {
     const PIECES: u32 = 128;
     let part = |piece: u32| f64::from(piece) / f64::from(PIECES);

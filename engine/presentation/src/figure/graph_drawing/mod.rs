@@ -1,8 +1,8 @@
 //! Draws graphs of designs: boxes along a flow, arrows between them, frames around groups.
 //!
-//! The flow runs to the right in one line where that fits the paper. Else it runs down, folded into stacks that
-//! stand side by side; a stack begins where a group begins, so that each group is seen as a whole. Arrows that
-//! pass something are led around it.
+//! The flow runs to the right in one line where that fits the paper. Else it runs down, folded into stacks that stand
+//! side by side. A stack begins where a group begins, so that each group is seen as a whole. Arrows are led around
+//! boxes in their way.
 
 mod arrangement;
 mod marks;
@@ -22,16 +22,16 @@ use arrangement::Arrangement;
 use contract::drawing::Graph;
 use places::Places;
 use plotters::style::text_anchor::HPos;
-use ways::Ways;
+use ways::Routing;
 
 /// Height of a title with its room, room around a drawing, and between two of them.
 const TITLE: f64 = 12.0;
 const MARGIN: f64 = 4.0;
 const GAP: f64 = 10.0;
-/// The height of a page; what is higher is drawn smaller.
+/// Height of a page; higher drawings are scaled down.
 const TALLEST: f64 = 640.0;
 
-/// A chart of graphs, one below the other, as wide as is asked for; `None` for another one.
+/// A chart of graphs, one below the other, at the requested width; `None` for another chart.
 pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let room = asked.unwrap_or(DOUBLE) - 2.0 * MARGIN;
     let sketches: Vec<(&str, Sketch)> = shapes(chart)
@@ -64,7 +64,7 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     })
 }
 
-/// A graph that is drawn, from the origin on.
+/// A drawn graph, with its upper left corner at the origin.
 struct Sketch {
     marks: Vec<Mark>,
     width: f64,
@@ -91,7 +91,7 @@ impl Sketch {
     }
 
     fn arranged(graph: &Graph, arrangement: &Arrangement) -> Self {
-        let ways = Ways::of(graph, arrangement);
+        let ways = Routing::of(graph, arrangement);
         let places = Places::of(graph, arrangement, &ways);
         let routes = routes::all(graph, arrangement, &ways, &places);
         let marks = marks::all(graph, arrangement.flow, &places, &routes);

@@ -1,8 +1,8 @@
-//! Where boxes and frames lie, along the flow and across it.
+//! Positions of boxes and frames, along the flow and across it.
 
 use super::{
     arrangement::{Arrangement, Flow, Group},
-    ways::Ways,
+    ways::Routing,
 };
 use crate::figure::{
     axes::{TEXT, break_lines},
@@ -17,7 +17,7 @@ const LINE: f64 = 8.8;
 const NARROWEST: f64 = 22.0;
 /// Diameter of the circle of a node whose label is a single character.
 const CIRCLE: f64 = 12.0;
-/// Between two ranks, where an arrow has to be seen, and where it changes its lane there.
+/// Room between two ranks: for a visible arrow, and for an arrow that changes its lane.
 const GAP_DOWN: f64 = 8.0;
 const GAP_RIGHT: f64 = 11.0;
 const GAP_WIDE: f64 = 15.0;
@@ -28,7 +28,7 @@ const NAME: f64 = 9.0;
 /// From a box or a frame to the first track beside it, and from one track to the next.
 const FIRST_TRACK: f64 = 6.5;
 const TRACK: f64 = 5.0;
-/// The same where a name stands on it.
+/// The same with a name on the track.
 const NAMED_TRACK: f64 = 9.0;
 /// Between two stacks, besides the tracks.
 const STACK_GAP: f64 = 8.0;
@@ -74,19 +74,19 @@ pub(super) struct Frame {
     pub name: String,
 }
 
-/// What a stack takes across the flow: its frames, and the lanes in them.
+/// Extent of a stack across the flow: its frames, and the lanes in them.
 #[derive(Debug, Clone, Copy)]
 struct StackSpan {
     frame: Span,
     lanes: Span,
 }
 
-/// Where everything lies that is no arrow.
+/// Positions of everything but arrows.
 #[derive(Debug)]
 pub(super) struct Places {
     pub boxes: Vec<NodeBox>,
     pub frames: Vec<Frame>,
-    /// What each rank takes along the flow.
+    /// Extent of each rank along the flow.
     pub ranks: Vec<Span>,
     stacks: Vec<StackSpan>,
     track: f64,
@@ -101,7 +101,7 @@ struct Size {
 }
 
 impl Places {
-    pub(super) fn of(graph: &Graph, arrangement: &Arrangement, ways: &Ways) -> Self {
+    pub(super) fn of(graph: &Graph, arrangement: &Arrangement, ways: &Routing) -> Self {
         let sizes: Vec<Size> = graph
             .nodes
             .iter()
@@ -220,7 +220,7 @@ fn placed(size: Size, flow: Flow, rank: Span, lane: Span) -> NodeBox {
 }
 
 /// The ranks one after the other, beginning anew with each stack.
-fn ranks(arrangement: &Arrangement, ways: &Ways, sizes: &[Size]) -> Vec<Span> {
+fn ranks(arrangement: &Arrangement, ways: &Routing, sizes: &[Size]) -> Vec<Span> {
     let lead = match arrangement.flow {
         Flow::Right => FRAME,
         Flow::Down => FRAME + NAME,
@@ -250,8 +250,8 @@ fn ranks(arrangement: &Arrangement, ways: &Ways, sizes: &[Size]) -> Vec<Span> {
     ranks
 }
 
-/// The least that a rank takes: that of a line of text, so that circles and boxes stand at one height; in a flow
-/// to the right the name of a group that is one rank.
+/// Least extent of a rank: that of a line of text, so that circles and boxes stand at one height. In a flow to the
+/// right it is that of the name of a group that fills the rank.
 fn least(arrangement: &Arrangement, rank: usize) -> f64 {
     if arrangement.flow == Flow::Down {
         return LINE + 2.0 * PADDING.1;
@@ -262,15 +262,15 @@ fn least(arrangement: &Arrangement, rank: usize) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// How long a frame has to be for its name.
+/// Least length of a frame with this name.
 fn named(name: &str) -> f64 {
     text_width(name, TEXT) + 8.0
 }
 
-/// What each stack and each of its lanes takes across the flow.
+/// Extent of each stack and of each of its lanes across the flow.
 fn stacks(
     arrangement: &Arrangement,
-    ways: &Ways,
+    ways: &Routing,
     sizes: &[Size],
     track: f64,
 ) -> (Vec<StackSpan>, Vec<Vec<Span>>) {

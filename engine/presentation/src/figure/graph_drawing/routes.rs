@@ -3,17 +3,17 @@
 use super::{
     arrangement::Arrangement,
     places::{NodeBox, Places},
-    ways::{Way, Ways},
+    ways::{ArrowRouting, Routing},
 };
 use crate::figure::layout::count;
 use contract::drawing::{Edge, Graph};
 use std::{cmp::Ordering, collections::BTreeMap};
 
-/// Between two arrows at one side of a box, at most.
+/// Largest distance between two arrows at one side of a box, in points.
 const PORT: f64 = 4.0;
-/// An arrow to a box that lies this little higher or lower is made straight.
+/// Largest offset at which an arrow between two boxes is made straight, in points.
 const STRAIGHT: f64 = 6.0;
-/// The last piece of a curve is straight for as long as the tip of an arrow is.
+/// Length of the straight last piece of a curve, which the tip of an arrow covers.
 const TIP: f64 = 4.5;
 
 /// A place along the flow and across it.
@@ -23,13 +23,13 @@ pub(super) type Point = (f64, f64);
 #[derive(Debug, Clone)]
 pub(super) struct Route {
     pub points: Vec<Point>,
-    /// Its corners are rounded.
+    /// Whether its corners are rounded.
     pub cornered: bool,
     pub bypass: bool,
     pub label: String,
 }
 
-/// Where an arrow meets a box.
+/// Side of a box where an arrow meets it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Side {
     /// Across the flow, on the side of the first lane.
@@ -45,24 +45,25 @@ enum Side {
 struct End {
     node: usize,
     side: Side,
-    /// Where its line comes from or leads to, along the flow.
+    /// Position that its line comes from or leads to, along the flow.
     toward: f64,
-    /// Its place among others at one side: lines that come down beside the stack, the nearest first, then those
-    /// of other stacks, then lines that go down beside it, the furthest first. So none crosses another there.
-    /// Of lines that pass whole stacks the nearest to these is first where they pass behind, last where before.
+    /// Its order among others at one side: first lines that come down beside the stack, the nearest first; then those
+    /// of other stacks; then lines that go down beside it, the furthest first. So no two cross there. Among lines
+    /// that pass whole stacks the one to the nearest stack is first behind the last rank, and last before the first
+    /// rank.
     order: [f64; 3],
-    /// Where it meets the box, along the flow.
+    /// Position where it meets the box, along the flow.
     at: f64,
 }
 
 /// The lines of all arrows, in the order of the graph.
-pub(super) fn all(graph: &Graph, arrangement: &Arrangement, ways: &Ways, places: &Places) -> Vec<Route> {
+pub(super) fn all(graph: &Graph, arrangement: &Arrangement, ways: &Routing, places: &Places) -> Vec<Route> {
     let plan = Plan::of(graph, arrangement, ways, places);
     let route = |(index, edge): (usize, &Edge)| {
         let (points, cornered) = match ways.ways[index] {
-            Way::Direct(rank) => (plan.direct(edge, rank), false),
-            Way::Beside { track, inside } => (plan.beside(index, track, inside), true),
-            Way::Over => (plan.over(index), true),
+            ArrowRouting::Direct(rank) => (plan.direct(edge, rank), false),
+            ArrowRouting::Beside { track, inside } => (plan.beside(index, track, inside), true),
+            ArrowRouting::Over => (plan.over(index), true),
         };
         Route {
             points: without_repeats(points),
@@ -74,21 +75,21 @@ pub(super) fn all(graph: &Graph, arrangement: &Arrangement, ways: &Ways, places:
     graph.edges.iter().enumerate().map(route).collect()
 }
 
-/// What lines are made of.
+/// Inputs of all lines: ends of arrows and tracks.
 struct Plan<'a> {
     arrangement: &'a Arrangement,
     places: &'a Places,
     /// Both ends of each arrow.
     ends: Vec<[End; 2]>,
-    /// Of arrows into another stack: whether they pass behind the last rank or before the first, and on which
-    /// track; `None` for those into the next stack.
+    /// Arrows past whole stacks: whether they pass behind the last rank or before the first, and their track. Arrows
+    /// into the next stack have no entry.
     around: BTreeMap<usize, (bool, usize)>,
     /// Tracks in gaps between stacks, by arrow and gap.
     between: BTreeMap<(usize, usize), usize>,
 }
 
 impl<'a> Plan<'a> {
-    fn of(graph: &'a Graph, arrangement: &'a Arrangement, ways: &Ways, places: &'a Places) -> Self {
+    fn of(graph: &'a Graph, arrangement: &'a Arrangement, ways: &Routing, places: &'a Places) -> Self {
         let mut plan = Self {
             arrangement,
             places,
@@ -105,14 +106,18 @@ impl<'a> Plan<'a> {
         plan
     }
 
-    fn ends_of(&self, index: usize, edge: &Edge, way: Way) -> [End; 2] {
+    fn ends_of(&self, index: usize, edge: &Edge, way: ArrowRouting) -> [End; 2] {
         let middle = |node: usize| self.places.boxes[node].along.middle();
         let (to_source, to_target) = match self.around.get(&index) {
             Some((true, _)) => (f64::INFINITY, f64::INFINITY),
             Some((false, _)) => (f64::NEG_INFINITY, f64::NEG_INFINITY),
             None => (middle(edge.to), middle(edge.from)),
         };
-        let out = if way == Way::Over { Side::High } else { Side::Low };
+        let out = if way == ArrowRouting::Over {
+            Side::High
+        } else {
+            Side::Low
+        };
         let track = match self.around.get(&index) {
             Some((true, track)) => count(*track),
             Some((false, track)) => -count(*track),
@@ -122,7 +127,7 @@ impl<'a> Plan<'a> {
             node,
             side: self.free(node, side),
             toward,
-            order: if way == Way::Over {
+            order: if way == ArrowRouting::Over {
                 [1.0, toward, track]
             } else {
                 [class, -toward, 0.0]
@@ -135,7 +140,7 @@ impl<'a> Plan<'a> {
         ]
     }
 
-    /// The side itself where no box stands between it and the way around.
+    /// The side itself where no box stands between it and the track.
     fn free(&self, node: usize, side: Side) -> Side {
         let lane = self.arrangement.lanes[node];
         let beside = match side {
@@ -151,10 +156,10 @@ impl<'a> Plan<'a> {
 
     /// Spreads the arrows that meet one side of a box, in their order. One that comes
     /// from a box at the same height keeps the middle, so that it is straight.
-    fn spread(&mut self, ways: &Ways) {
+    fn spread(&mut self, ways: &Routing) {
         let mut sides: BTreeMap<(usize, Side), Vec<(usize, usize)>> = BTreeMap::new();
         for (edge, ends) in self.ends.iter().enumerate() {
-            let is_direct = matches!(ways.ways[edge], Way::Direct(_));
+            let is_direct = matches!(ways.ways[edge], ArrowRouting::Direct(_));
             for (which, end) in ends.iter().enumerate().filter(|(_, end)| end.side != Side::Gap) {
                 if !is_direct {
                     sides.entry((end.node, end.side)).or_default().push((edge, which));
@@ -180,12 +185,12 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Which track each arrow has in each gap between stacks that it runs along: leaving ones first, so that
-    /// as few as possible cross.
-    fn gaps(&self, ways: &Ways) -> BTreeMap<(usize, usize), usize> {
+    /// The track of each arrow in each gap between stacks that it runs along. Leaving arrows come first, for the
+    /// fewest crossings.
+    fn gaps(&self, ways: &Routing) -> BTreeMap<(usize, usize), usize> {
         let mut gaps: BTreeMap<usize, Vec<([f64; 3], usize)>> = BTreeMap::new();
         for (edge, ends) in self.ends.iter().enumerate() {
-            if ways.ways[edge] != Way::Over {
+            if ways.ways[edge] != ArrowRouting::Over {
                 continue;
             }
             let (first, last) = (
@@ -194,7 +199,7 @@ impl<'a> Plan<'a> {
             );
             let (from, to) = (ends[0].at, ends[0].toward);
             let around = self.around.get(&edge).map_or(0.0, |(_, track)| count(*track));
-            // Of those that lead back, the one that leads furthest is nearest; so of those that lead on.
+            // The arrow that leads furthest is nearest, both among those that lead back and among those that lead on.
             let order = if to < from { to } else { -to };
             gaps.entry(first).or_default().push(([0.0, order, -around], edge));
             if last > first + 1 {
@@ -215,15 +220,15 @@ impl<'a> Plan<'a> {
         tracks
     }
 
-    /// Makes arrows into the next stack straight where little is missing and no other one is in the way.
-    fn straighten(&mut self, ways: &Ways) {
+    /// Makes arrows into the next stack straight where the offset is small and no other arrow is in the way.
+    fn straighten(&mut self, ways: &Routing) {
         let alone = |node: usize, side: Side| {
             let at = |end: &&End| end.node == node && end.side == side;
             self.ends.iter().flatten().filter(at).count() == 1
         };
         let mut straight = Vec::new();
         for (edge, [source, target]) in self.ends.iter().enumerate() {
-            let is_candidate = ways.ways[edge] == Way::Over
+            let is_candidate = ways.ways[edge] == ArrowRouting::Over
                 && !self.around.contains_key(&edge)
                 && source.side == Side::High
                 && target.side == Side::Low
@@ -263,7 +268,7 @@ impl<'a> Plan<'a> {
         points
     }
 
-    /// Around what it passes, beside its stack.
+    /// Around the boxes in its way, beside its stack.
     fn beside(&self, edge: usize, track: usize, inside: bool) -> Vec<Point> {
         let stack = self.arrangement.stack(self.ends[edge][0].node);
         let across = self.places.beside(stack, track, inside);
@@ -297,7 +302,7 @@ impl<'a> Plan<'a> {
         points
     }
 
-    /// The first points of a line, and where along the flow it goes on.
+    /// The first points of a line, and the position along the flow where it goes on.
     fn leave(&self, edge: usize) -> (Vec<Point>, f64) {
         let end = self.ends[edge][0];
         let node = &self.places.boxes[end.node];
@@ -309,7 +314,7 @@ impl<'a> Plan<'a> {
         (vec![(node.along.high, across), (along, across)], along)
     }
 
-    /// The last points of a line, and where along the flow it comes from.
+    /// The last points of a line, and the position along the flow that it comes from.
     fn arrive(&self, edge: usize) -> (Vec<Point>, f64) {
         let end = self.ends[edge][1];
         let node = &self.places.boxes[end.node];
@@ -330,7 +335,7 @@ fn by_numbers(one: [f64; 3], other: [f64; 3]) -> Ordering {
     differing.next().unwrap_or(Ordering::Equal)
 }
 
-/// Across the flow, where a line meets a box or a circle.
+/// Position across the flow where a line meets a box or a circle.
 fn rim(node: &NodeBox, end: End) -> f64 {
     let radius = node.across.length() / 2.0;
     let reach = if node.round {
@@ -346,7 +351,7 @@ fn rim(node: &NodeBox, end: End) -> f64 {
     }
 }
 
-/// Arrows that pass whole stacks, with the shorter way around and a track there: short ones are nearest.
+/// Arrows that pass whole stacks, with the shorter side and a track there: short arrows are nearest.
 fn around(graph: &Graph, arrangement: &Arrangement, places: &Places) -> BTreeMap<usize, (bool, usize)> {
     let stacks = |edge: &Edge| (arrangement.stack(edge.from), arrangement.stack(edge.to));
     let mut passing: Vec<(usize, usize)> = Vec::new();

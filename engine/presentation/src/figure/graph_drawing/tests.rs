@@ -1,11 +1,11 @@
-//! Graphs of designs: what is drawn meets the paper, and nothing meets what it should not.
+//! Graphs of designs: marks lie on the paper, and no line meets a box.
 
 use super::{
     DOUBLE, MARGIN, SINGLE, Sketch,
     arrangement::{Arrangement, Flow},
     places::{NodeBox, Places, Span},
     routes::{self, Route},
-    ways::{Way, Ways},
+    ways::{ArrowRouting, Routing},
 };
 use crate::figure::paint::Mark;
 use contract::drawing::{Edge, Graph, Node};
@@ -14,9 +14,9 @@ use std::collections::BTreeSet;
 
 /// A graph that grows along its flow.
 #[derive(Default)]
-struct Growing(Graph);
+struct GraphBuilder(Graph);
 
-impl Growing {
+impl GraphBuilder {
     fn node(&mut self, label: &str, group: &str) -> usize {
         let column = u32::try_from(self.0.nodes.len()).unwrap();
         self.0.nodes.push(Node {
@@ -49,7 +49,7 @@ impl Growing {
 /// A generator of three cells, each twice an upsampling, a convolution, batch normalisation and a rectifier,
 /// with a shortcut, and a skip from the first cell to the third.
 pub(in crate::figure) fn generator() -> Graph {
-    let mut graph = Growing::default();
+    let mut graph = GraphBuilder::default();
     graph.node("z", "");
     let mut last = graph.then("linear 4×4", "");
     let mut sums = Vec::new();
@@ -73,7 +73,7 @@ pub(in crate::figure) fn generator() -> Graph {
 
 /// A cell with branches side by side, named shortcuts, and an entry of its own: it fits into one line.
 pub(in crate::figure) fn cell() -> Graph {
-    let mut graph = Growing::default();
+    let mut graph = GraphBuilder::default();
     let input = graph.node("in", "");
     for label in ["conv 3×3", "BN", "ReLU"] {
         graph.then(label, "cell");
@@ -95,10 +95,10 @@ pub(in crate::figure) fn cell() -> Graph {
     graph.0
 }
 
-/// Cells with an entry, branches side by side and shortcuts of their own, and named skips between them: folded,
-/// with every kind of way.
+/// Cells with an entry, branches side by side and shortcuts of their own, and named skips between them: folded, with
+/// every kind of routing.
 pub(in crate::figure) fn branched() -> Graph {
-    let mut graph = Growing::default();
+    let mut graph = GraphBuilder::default();
     let mut last = graph.node("x", "");
     let mut sums = Vec::new();
     for cell in ["cell 1", "cell 2", "cell 3"] {
@@ -126,8 +126,8 @@ pub(in crate::figure) fn branched() -> Graph {
     graph.0
 }
 
-/// Everything that is placed for the arrangement that is drawn.
-fn placed(graph: &Graph) -> (Arrangement, Ways, Places, Vec<Route>) {
+/// Arrangement, routing, places and routes of a graph as it is drawn.
+fn placed(graph: &Graph) -> (Arrangement, Routing, Places, Vec<Route>) {
     let fits =
         |arrangement: &Arrangement| Sketch::arranged(graph, arrangement).width <= DOUBLE - 2.0 * MARGIN;
     let mut last = None;
@@ -139,7 +139,7 @@ fn placed(graph: &Graph) -> (Arrangement, Ways, Places, Vec<Route>) {
         }
     }
     let arrangement = last.unwrap();
-    let ways = Ways::of(graph, &arrangement);
+    let ways = Routing::of(graph, &arrangement);
     let places = Places::of(graph, &arrangement, &ways);
     let routes = routes::all(graph, &arrangement, &ways, &places);
     (arrangement, ways, places, routes)
@@ -149,7 +149,7 @@ fn overlap(one: Span, other: Span) -> bool {
     one.low < other.high - 0.01 && other.low < one.high - 0.01
 }
 
-/// True where a line runs through the inside of a box.
+/// Whether a line runs through the inside of a box.
 fn meets(route: &Route, node: &NodeBox) -> bool {
     let inside = |along: f64, across: f64| {
         let within = |span: Span, at: f64| at > span.low + 0.05 && at < span.high - 0.05;
@@ -194,7 +194,7 @@ fn a_generator_is_folded_into_its_cells() {
     assert_eq!((arrangement.flow, lengths), (Flow::Down, vec![2, 9, 9, 9, 4]));
     // Shortcuts lead into the next stack, the skip around the second cell.
     assert_eq!(
-        ways.ways.iter().filter(|way| **way == Way::Over).count(),
+        ways.ways.iter().filter(|way| **way == ArrowRouting::Over).count(),
         4 + 3 + 1
     );
     hold(&graph);
@@ -223,7 +223,7 @@ fn branches_and_skips_keep_apart_where_the_flow_is_folded() {
     hold(&graph);
 }
 
-/// The colours that fill the boxes with such a label.
+/// The colours that fill the boxes with this label.
 fn fills(graph: &Graph, label: &str) -> BTreeSet<(u8, u8, u8)> {
     let alone = |label: &str| {
         let kept = graph.nodes.iter().filter(|node| node.label == label).cloned();
@@ -244,7 +244,7 @@ fn fills(graph: &Graph, label: &str) -> BTreeSet<(u8, u8, u8)> {
 #[test]
 fn an_operation_that_is_foreseen_has_one_colour_in_every_graph() {
     let row = |labels: &[&str]| {
-        let mut graph = Growing::default();
+        let mut graph = GraphBuilder::default();
         graph.node("start", "");
         labels.iter().for_each(|label| {
             graph.then(label, "");
@@ -290,14 +290,14 @@ fn columns_and_lanes_count_by_their_order_alone() {
 
 #[test]
 fn what_fits_no_page_is_drawn_smaller() {
-    let mut graph = Growing::default();
+    let mut graph = GraphBuilder::default();
     for node in 0..40 {
         graph.node("a label of some length", "");
         graph.0.nodes[node].column = 0;
         graph.0.nodes[node].lane = i32::try_from(node).unwrap();
     }
     hold(&graph.0);
-    let mut tall = Growing::default();
+    let mut tall = GraphBuilder::default();
     tall.node("first", "one");
     for _ in 0..60 {
         tall.then("and the next", "one");

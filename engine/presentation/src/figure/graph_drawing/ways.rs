@@ -1,37 +1,38 @@
-//! Which way each arrow takes, before anything has a place.
+//! Routing of arrows, before any box has a place.
 
 use super::arrangement::Arrangement;
 use contract::drawing::Graph;
 use std::collections::BTreeSet;
 
-/// The way of an arrow.
+/// Routing of one arrow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum ArrowRouting {
     /// Along the flow, changing its lane in the gap after this rank.
     Direct(usize),
-    /// Around what it passes, on this track beside its stack; inside the frame of its group or outside of all.
+    /// Around the boxes in its way, on this track beside its stack; inside the frame of its group or outside of all
+    /// frames.
     Beside { track: usize, inside: bool },
     /// Into another stack.
     Over,
 }
 
-/// The ways of all arrows, and the room that they need.
+/// Routing of all arrows, and the room that they need.
 #[derive(Debug)]
-pub(super) struct Ways {
-    pub ways: Vec<Way>,
-    /// Tracks beside each stack: inside of frames, outside of them.
+pub(super) struct Routing {
+    pub ways: Vec<ArrowRouting>,
+    /// Number of tracks beside each stack: inside frames, outside frames.
     pub beside: Vec<(usize, usize)>,
-    /// Arrows that run along the gap after each stack.
+    /// Number of arrows along the gap after each stack.
     pub between: Vec<usize>,
-    /// Gaps after these ranks have an arrow that changes its lane.
+    /// Ranks with an arrow that changes its lane in the gap after them.
     pub wide: BTreeSet<usize>,
-    /// Arrows that have a name.
+    /// Whether arrows have names.
     pub named: bool,
 }
 
-impl Ways {
+impl Routing {
     pub(super) fn of(graph: &Graph, arrangement: &Arrangement) -> Self {
-        let mut ways: Vec<Way> = (0..graph.edges.len())
+        let mut ways: Vec<ArrowRouting> = (0..graph.edges.len())
             .map(|edge| way(graph, arrangement, edge))
             .collect();
         let stacks = 0..arrangement.stacks.len();
@@ -53,21 +54,21 @@ impl Ways {
     }
 }
 
-fn way(graph: &Graph, arrangement: &Arrangement, edge: usize) -> Way {
+fn way(graph: &Graph, arrangement: &Arrangement, edge: usize) -> ArrowRouting {
     let edge = &graph.edges[edge];
     if arrangement.stack(edge.from) != arrangement.stack(edge.to) {
-        return Way::Over;
+        return ArrowRouting::Over;
     }
     match direct(arrangement, edge.from, edge.to).filter(|_| !edge.bypass) {
-        Some(rank) => Way::Direct(rank),
-        None => Way::Beside {
+        Some(rank) => ArrowRouting::Direct(rank),
+        None => ArrowRouting::Beside {
             track: 0,
             inside: is_inside(graph, arrangement, (edge.from, edge.to)),
         },
     }
 }
 
-/// The rank after which an arrow can change its lane so that it meets no node.
+/// The rank after which an arrow can change its lane without meeting a node; `None` where there is none.
 fn direct(arrangement: &Arrangement, from: usize, to: usize) -> Option<usize> {
     let (first, last) = (arrangement.ranks[from], arrangement.ranks[to]);
     let is_free = |node: usize| {
@@ -83,22 +84,26 @@ fn direct(arrangement: &Arrangement, from: usize, to: usize) -> Option<usize> {
     }
 }
 
-/// True where both ends stand in one group that has no other one beside it.
+/// Whether both ends stand in one group with no other group beside it.
 fn is_inside(graph: &Graph, arrangement: &Arrangement, (from, to): (usize, usize)) -> bool {
     let group = &graph.nodes[from].group;
     let mut groups = arrangement.groups.iter();
     *group == graph.nodes[to].group && groups.any(|known| known.name == *group && known.alone)
 }
 
-/// Gives each arrow of a stack the nearest track that is free, short arrows first; returns how many tracks
-/// there are.
-fn assign(graph: &Graph, arrangement: &Arrangement, ways: &mut [Way], (stack, side): (usize, bool)) -> usize {
+/// Gives each arrow of a stack the nearest free track, short arrows first; returns the number of tracks.
+fn assign(
+    graph: &Graph,
+    arrangement: &Arrangement,
+    ways: &mut [ArrowRouting],
+    (stack, side): (usize, bool),
+) -> usize {
     let span = |edge: usize| {
         let edge = &graph.edges[edge];
         (arrangement.ranks[edge.from], arrangement.ranks[edge.to])
     };
     let is_here = |edge: &usize| {
-        let here = matches!(ways[*edge], Way::Beside { inside, .. } if inside == side);
+        let here = matches!(ways[*edge], ArrowRouting::Beside { inside, .. } if inside == side);
         here && arrangement.stack(graph.edges[*edge].from) == stack
     };
     let mut edges: Vec<usize> = (0..ways.len()).filter(is_here).collect();
@@ -112,13 +117,13 @@ fn assign(graph: &Graph, arrangement: &Arrangement, ways: &mut [Way], (stack, si
             tracks.len() - 1
         });
         tracks[track].push((first, last));
-        ways[edge] = Way::Beside { track, inside: side };
+        ways[edge] = ArrowRouting::Beside { track, inside: side };
     }
     tracks.len()
 }
 
-/// How many arrows run along the gap after a stack: those that leave it for another one, and those that come
-/// to the next from further away.
+/// Number of arrows along the gap after a stack: arrows that leave it for another stack, and arrows from further away
+/// into the next one.
 fn passing(graph: &Graph, arrangement: &Arrangement, stack: usize) -> usize {
     let runs = |edge: &&contract::drawing::Edge| {
         let (from, to) = (arrangement.stack(edge.from), arrangement.stack(edge.to));
@@ -127,15 +132,15 @@ fn passing(graph: &Graph, arrangement: &Arrangement, stack: usize) -> usize {
     graph.edges.iter().filter(runs).count()
 }
 
-fn wide(graph: &Graph, arrangement: &Arrangement, ways: &[Way]) -> BTreeSet<usize> {
+fn wide(graph: &Graph, arrangement: &Arrangement, ways: &[ArrowRouting]) -> BTreeSet<usize> {
     let mut wide = BTreeSet::new();
     for (edge, way) in graph.edges.iter().zip(ways) {
         let lanes = (arrangement.lanes[edge.from], arrangement.lanes[edge.to]);
         match way {
-            Way::Direct(rank) if lanes.0 != lanes.1 => drop(wide.insert(*rank)),
-            Way::Direct(_) => {}
-            // An arrow whose way out of its rank is not free leaves through the gap.
-            Way::Beside { .. } | Way::Over => {
+            ArrowRouting::Direct(rank) if lanes.0 != lanes.1 => drop(wide.insert(*rank)),
+            ArrowRouting::Direct(_) => {}
+            // An arrow without a direct route out of its rank leaves through the gap.
+            ArrowRouting::Beside { .. } | ArrowRouting::Over => {
                 let (from, to) = (arrangement.ranks[edge.from], arrangement.ranks[edge.to]);
                 if arrangement.at(from).count() > 1 {
                     wide.insert(from);

@@ -9,7 +9,7 @@ use crate::{
         chart::{Chart, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use schemars::JsonSchema;
@@ -23,9 +23,9 @@ pub struct IntervalEstimates {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`), or floor and ceiling by
-    /// environment, each a number or an agent.
-    pub normalise: Normalise,
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
+    /// each a number or an agent.
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
@@ -86,7 +86,7 @@ fn panel(suite: &Suite<'_>, statistic: SuiteStatistic) -> Panel {
 
 fn point(suite: &Suite<'_>, statistic: SuiteStatistic, row: usize, player: &Player<'_>) -> Point {
     let is_mean = matches!(statistic, SuiteStatistic::Mean | SuiteStatistic::Median);
-    // What is 0 or 1 whatever its seeds do has no interval.
+    // A score that is 0 or 1 by construction has no interval.
     let (y, interval) = match suite.fixed(player).filter(|_| is_mean) {
         Some(score) => (f64::from(score), None),
         None => {

@@ -1,8 +1,8 @@
 //! Figures of a suite: runs of several environments as normalised scores, pooled, as Agarwal et al. 2021 ("Deep
 //! reinforcement learning at the edge of the statistical precipice", arXiv:2108.13264) show them.
 //!
-//! Seeds are replicates and environments are tasks. An agent without a score in one of the environments is left
-//! out and named: other environments would make another suite.
+//! Seeds are replicates and environments are tasks. An agent without a score in one of the environments is left out
+//! and named, since other environments would make another suite.
 
 mod interval_estimates;
 mod performance_profile;
@@ -24,32 +24,32 @@ use super::{
 use crate::{
     names::{Names, Picked, Place},
     table::{
-        Axis, Normalise, Scope, ScoreScale,
-        normalised_scores::{Pooled, ends_in_words, normalised},
+        Axis, Normalisation, Scope, ScoreScale,
+        normalised_scores::{PoolWording, ends_in_words, normalised},
     },
 };
 use contract::Error;
 use statistics::Bootstrap;
 
-/// Below so many seeds percentile intervals are markedly too narrow.
+/// Number of seeds below which percentile intervals are markedly too narrow.
 const FEW: usize = 10;
 
-/// What all figures of a suite ask for.
+/// Options that all figures of a suite share.
 #[derive(Debug, Clone, Copy)]
-struct Asked<'a> {
+struct SuiteOptions<'a> {
     metric: &'a str,
-    normalise: &'a Normalise,
+    normalise: &'a Normalisation,
     agents: &'a [String],
     environments: &'a [String],
     resamples: u32,
 }
 
-/// What a figure asks for: its options, under the same names in every figure.
+/// Implements the access to the shared options, which have the same names in every figure.
 macro_rules! asked {
     ($figure:ty) => {
         impl $figure {
-            fn asked(&self) -> super::Asked<'_> {
-                super::Asked {
+            fn asked(&self) -> super::SuiteOptions<'_> {
+                super::SuiteOptions {
                     metric: &self.metric,
                     normalise: &self.normalise,
                     agents: &self.agents,
@@ -66,12 +66,12 @@ use asked;
 const EXAMPLE: &str = "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], \
                        environments: [short, long] }";
 
-impl Asked<'_> {
-    /// Checks the metric, what it is normalised by, and that everybody plays everywhere.
+impl SuiteOptions<'_> {
+    /// Checks the metric, the normalisation, and that all agents have trials in all environments.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) -> Picked {
         let picked = names.pick(at);
         names.metric(self.metric, at, "metric", &picked);
-        let pooled = Pooled {
+        let pooled = PoolWording {
             what: "a figure of normalised scores",
             instead: "`grouped_lines` shows settings one by one",
         };
@@ -80,13 +80,13 @@ impl Asked<'_> {
     }
 }
 
-/// The scores of all agents.
+/// The scores of all agents in the environments of a figure.
 struct Suite<'a> {
-    asked: Asked<'a>,
+    asked: SuiteOptions<'a>,
     spec: &'a FigureSpec,
     scales: Vec<ScoreScale>,
     players: Vec<Player<'a>>,
-    /// Why agents are left out, a sentence each.
+    /// Reasons for agents that are left out, a sentence each.
     left_out: Vec<String>,
 }
 
@@ -97,16 +97,16 @@ struct Player<'a> {
     style: Style,
     /// Its trials in the environments of the suite.
     scope: Scope<'a>,
-    /// The final scores, seeds by environment.
+    /// The final scores `[environment][seed]`.
     tasks: Vec<Vec<f64>>,
-    /// Seeds in the environment with the fewest, and seeds that are planned.
+    /// Number of seeds in the environment with the fewest, and number of seeds planned.
     seeds: (usize, usize),
 }
 
 impl<'a> Suite<'a> {
     /// # Errors
     /// [`Error::Render`] where settings of a sweep would be pooled, or no agent has a score everywhere.
-    fn of(asked: Asked<'a>, spec: &'a FigureSpec, context: Context<'a>) -> Result<Self, Error> {
+    fn of(asked: SuiteOptions<'a>, spec: &'a FigureSpec, context: Context<'a>) -> Result<Self, Error> {
         let all = Scope::of(context.results, &[], asked.environments);
         let scope = Scope::of(context.results, asked.agents, asked.environments);
         if scope.varies(Axis::Setting) {
@@ -133,7 +133,7 @@ impl<'a> Suite<'a> {
         Ok(suite)
     }
 
-    /// The scores of an agent, or why it has none.
+    /// The scores of an agent; a sentence on the reason where it has none.
     fn player(&self, agent: &str, scope: &Scope<'a>, context: Context<'_>) -> Result<Player<'a>, String> {
         let (scope, label) = (scope.at(Axis::Agent, agent), label(self.spec, agent));
         let tasks: Vec<Vec<f64>> = self
@@ -168,7 +168,7 @@ impl<'a> Suite<'a> {
         }
     }
 
-    /// What an axis of scores is called.
+    /// Label of an axis of scores.
     fn score(&self) -> String {
         let metric = self.asked.metric;
         let name = self
@@ -180,14 +180,14 @@ impl<'a> Suite<'a> {
         format!("normalised {name}")
     }
 
-    /// The mean score of an agent that stands for 0 or 1 everywhere.
+    /// The mean score, 0 or 1, of an agent that sets one end of the scale in every environment; `None` for others.
     fn fixed(&self, player: &Player<'_>) -> Option<u8> {
         let mut fixed = self.asked.normalise.fixed().into_iter();
         let own = |(name, _): &(&str, u8)| *name == player.name;
         fixed.find(own).map(|(_, score)| score)
     }
 
-    /// What 0 and 1 are, how intervals were made, which seeds and agents are missing.
+    /// Notes on the scores 0 and 1, on intervals, and on missing seeds and agents.
     fn notes(&self) -> Vec<String> {
         let mut notes = vec![
             ends_in_words(&self.scales, |name| label(self.spec, name)),

@@ -1,15 +1,14 @@
-//! Performance profiles: which share of runs lies above a normalised score, a line per agent with a pointwise
-//! band.
+//! Performance profiles: the share of runs above each normalised score, a line per agent with a pointwise band.
 
 use super::{EXAMPLE, Suite, asked, default_metric, default_resamples};
 use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
-        chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use schemars::JsonSchema;
@@ -23,9 +22,9 @@ pub struct PerformanceProfile {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`), or floor and ceiling by
-    /// environment, each a number or an agent.
-    pub normalise: Normalise,
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
+    /// each a number or an agent.
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
@@ -99,7 +98,7 @@ fn panel(kind: &PerformanceProfile, suite: &Suite<'_>) -> Panel {
             interval: share.ends(),
         });
         let curve = Curve {
-            of: CurveOf::Learner,
+            of: CurveSource::Learner,
             points: points.collect(),
             runs: Vec::new(),
             undrawn: Vec::new(),

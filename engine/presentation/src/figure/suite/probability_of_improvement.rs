@@ -10,7 +10,7 @@ use crate::{
     },
     kinds::Contradiction,
     names::{Names, Place},
-    table::Normalise,
+    table::Normalisation,
 };
 use contract::Error;
 use document::diagnostic::suggest;
@@ -26,10 +26,10 @@ pub struct ProbabilityOfImprovement {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`), or floor and ceiling by
-    /// environment, each a number or an agent. Here they say no more than which of two values is better: a
-    /// floor above its ceiling is that of a metric of which less is better.
-    pub normalise: Normalise,
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
+    /// each a number or an agent. Here they say no more than which of two values is better: a floor above its ceiling
+    /// is that of a metric of which less is better.
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
@@ -134,7 +134,7 @@ impl Figure for ProbabilityOfImprovement {
     }
 }
 
-/// Both agents of a pair are shown, and are two.
+/// Says where the agents of a pair are not in the figure or are one agent.
 fn check_pair(pair: &Place<'_>, shown: &[String], names: &mut Names<'_>) {
     let items = pair.node.items();
     for (item, name) in items.iter().filter_map(|item| Some((item, item.as_str()?))) {

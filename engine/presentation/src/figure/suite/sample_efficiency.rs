@@ -6,10 +6,10 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, level, problem},
-        chart::{Chart, Curve, CurveOf, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
     },
     names::{Names, Place},
-    table::{Axis, Normalise, ScoreScale},
+    table::{Axis, Normalisation, ScoreScale},
 };
 use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
@@ -23,9 +23,9 @@ pub struct SampleEfficiency {
     /// The metric.
     #[serde(default = "default_metric")]
     pub metric: String,
-    /// What the scores 0 and 1 stand for: the means of two agents (`low`, `high`) at the end, or floor and
-    /// ceiling by environment, each a number or an agent.
-    pub normalise: Normalise,
+    /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`) at the end, or floor and ceiling by
+    /// environment, each a number or an agent.
+    pub normalise: Normalisation,
     /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
     #[serde(default)]
     pub agents: Vec<String>,
@@ -114,7 +114,7 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
     }
 }
 
-/// True where the runs of all tasks were measured at the same steps.
+/// Whether the runs of all tasks were measured at the same steps.
 fn have_same_steps(tasks: &[Vec<sample_efficiency::Run>]) -> bool {
     let steps = |run: &sample_efficiency::Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
     let mut all = tasks.iter().flatten().map(steps);
@@ -140,9 +140,9 @@ fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<sample_efficiency::
         .collect();
     let curve = Curve {
         of: if learns {
-            CurveOf::Learner
+            CurveSource::Learner
         } else {
-            CurveOf::NonLearner
+            CurveSource::NonLearner
         },
         runs: Vec::new(),
         undrawn: Vec::new(),

@@ -1,4 +1,4 @@
-//! Figures of a suite of synthetic results: their data by snapshot, and what is said of what is missing.
+//! Figures of a suite of synthetic results: their data by snapshot, and their notes on missing scores.
 
 use super::*;
 use crate::figure::{Chart, FigureKind, FigureSpec, Series, Shape, tests::chart};
@@ -42,7 +42,7 @@ fn close() -> Results {
     Results::of(trials)
 }
 
-/// The figures that are drawn for the eye.
+/// Figures for inspection by eye.
 pub(in crate::figure) fn pictures() -> Vec<(&'static str, Chart)> {
     let narrow = FigureSpec {
         width_mm: Some(60.0),
@@ -137,7 +137,7 @@ fn means_that_are_fixed_by_construction_have_no_interval() {
         assert!(interval(1, row).is_some());
     }
     assert!((0..4).all(|panel| interval(panel, 1).is_some()));
-    // A number instead of an agent in one environment leaves nothing fixed there.
+    // A number instead of an agent in one environment leaves no score fixed there.
     let normalise = json!({ "four_cells": ["equal", 13.0], "eight_cells": ["equal", "bound"] });
     let mixed = of("interval_estimates", json!({ "normalise": normalise }));
     assert!(mixed.panels[0].series[3].shape.points()[0].interval.is_some());

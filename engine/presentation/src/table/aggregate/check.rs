@@ -1,9 +1,9 @@
-//! Aggregates against what trials record: environments, agents, what the scores 0 and 1 stand for.
+//! Aggregates against the names that trials record: environments, agents, and the ends of the scale of scores.
 
 use super::{Aggregate, SUITE_MEAN};
 use crate::{
     names::{Names, Place},
-    table::normalised_scores::{Pooled, normalised, plays_everywhere},
+    table::normalised_scores::{PoolWording, normalised, plays_everywhere},
 };
 use document::Node;
 
@@ -27,7 +27,7 @@ pub(super) fn aggregate(
             "`comparison` shows one environment",
         );
     }
-    let pooled = Pooled {
+    let pooled = PoolWording {
         what: "an aggregate",
         instead: "`comparison` shows settings side by side",
     };
@@ -52,7 +52,7 @@ pub(super) fn aggregate(
         .chain(environments)
         .chain([spec.value.clone()])
         .collect();
-    // Agents that only set the scale are named too.
+    // Agents that only set the scale may be named too.
     let scale = names
         .vocabulary
         .agents
@@ -73,7 +73,7 @@ fn thresholds(names: &mut Names<'_>, scores: &[f64], place: &Place<'_>) {
     }
 }
 
-/// Published values may stand beside means alone, and beside nothing that is fixed by construction.
+/// Checks that published values stand beside means alone, and beside no value that is fixed by construction.
 fn published_means(names: &mut Names<'_>, spec: &Aggregate, published: &Place<'_>, columns: &[String]) {
     for entry in published.node.entries() {
         let row = Place::of(entry, format!("{}.{}", published.at, entry.key));

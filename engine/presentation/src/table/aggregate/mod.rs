@@ -1,16 +1,16 @@
 //! One row per agent over several environments: aggregates of normalised scores, as Agarwal et al. 2021,
 //! "Deep reinforcement learning at the edge of the statistical precipice", arXiv:2108.13264, define them.
 //!
-//! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers
-//! of that environment. Intervals are those of a stratified bootstrap: seeds are drawn anew within each
-//! environment. What stands for 0 and 1 is held fixed. An agent without a score in one of the environments
-//! has no aggregate: other environments would make another suite.
+//! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers of that
+//! environment. Intervals are those of a stratified bootstrap: seeds are drawn anew within each environment, and the
+//! two ends of the scale are held fixed. An agent without a score in one of the environments has no aggregate, since
+//! other environments would make another suite.
 
 mod check;
 
 use super::{
-    Axis, Cell, Direction, Fixed, Grid, Heading, Missing, NoValue, Normalise, NumberFormat, OneNumber,
-    Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
+    Axis, Cell, Direction, FixedReason, Grid, Heading, MissingReason, MissingSeeds, Normalisation,
+    NumberFormat, Quantity, Reduction, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::names::{Names, Place};
 use analysis::results::Results;
@@ -34,8 +34,8 @@ pub struct Aggregate {
     /// The metric.
     #[serde(default = "default_metric")]
     pub value: String,
-    /// What the scores 0 and 1 stand for in each environment: the means of two agents, or two numbers.
-    pub normalise: Normalise,
+    /// Meaning of the scores 0 and 1 in each environment: the means of two agents, or two numbers.
+    pub normalise: Normalisation,
     /// The agent over which the probability of improvement is shown; no such column where absent.
     #[serde(default)]
     pub relative_to: Option<String>,
@@ -69,7 +69,7 @@ impl Aggregate {
         self.normalise.fixed()
     }
 
-    /// Names of the columns.
+    /// Names of the columns, in their order.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {
         Column::all(self).iter().map(Column::name).collect()
@@ -147,7 +147,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     });
     Ok(Grid {
         quantity: Quantity::plain(suite.quantity()),
-        one_number: OneNumber::Aggregates,
+        one_number: Reduction::Aggregates,
         row_axis: Axis::Agent.name().into(),
         cells: cells.collect(),
         rows: rows.iter().map(|agent| suite.heading(agent)).collect(),
@@ -158,7 +158,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     })
 }
 
-/// What a column shows.
+/// Statistic in a column.
 #[derive(Debug, Clone, PartialEq)]
 enum Column {
     Iqm,
@@ -203,7 +203,7 @@ impl Column {
         }
     }
 
-    /// The value of some scores, seeds by environment; `others` are those of the agent to improve on.
+    /// The value of some scores `[environment][seed]`; `others` are the scores of the agent to improve on.
     fn of(&self, tasks: &[Vec<f64>], others: &[Vec<f64>]) -> f64 {
         match self {
             Self::Iqm => suite_iqm(tasks),
@@ -222,19 +222,19 @@ impl Column {
         }
     }
 
-    /// True where the agents that stand for 0 and 1 have these values whatever their seeds do.
+    /// Whether agents at the ends of the scale have fixed values in this column, whatever their seeds do.
     fn is_fixed_by_scale(&self) -> bool {
         matches!(self, Self::Median | Self::Mean)
     }
 }
 
-/// The scores of one agent.
+/// The scores of one agent in the environments of the suite.
 struct Scores {
-    /// By environment, in the order of the suite, and seed.
+    /// Scores by seed, one map per environment in the order of the suite.
     by_environment: Vec<BTreeMap<u64, f64>>,
     planned: usize,
     failed: usize,
-    missing: Vec<Missing>,
+    missing: Vec<MissingSeeds>,
 }
 
 impl Scores {
@@ -248,7 +248,7 @@ impl Scores {
         tasks.iter().all(|seeds| !seeds.is_empty()).then_some(tasks)
     }
 
-    /// Each seed that has a score in every environment, alone: one seed by environment.
+    /// Each seed that has a score in every environment, with these scores `[environment][seed]`.
     fn complete_seeds(&self) -> Vec<(u64, Vec<Vec<f64>>)> {
         let of = |seed: &u64| {
             self.by_environment
@@ -269,7 +269,7 @@ impl Scores {
     }
 }
 
-/// What each seed that has a score in every environment came to alone.
+/// The value of each seed that has a score in every environment, from its scores alone.
 fn seeds(scores: &Scores, column: &Column, others: &[Vec<f64>]) -> Vec<(u64, f64)> {
     let complete = scores.complete_seeds();
     let value = |(seed, tasks): &(u64, Vec<Vec<f64>>)| (*seed, column.of(tasks, others));
@@ -291,8 +291,8 @@ impl<'s> Suite<'s> {
         }
     }
 
-    /// The mean of each seed of an agent, which alone may be published, when the seeds below a limit
-    /// were all there were: later seeds of the agents that stand for 0 and 1 move the scale.
+    /// The mean of each seed of an agent, by limit, as if the seeds below the limit were all there are: later seeds
+    /// of the agents that stand for 0 and 1 move the scale. Only means may be published.
     fn means_as_of(&self, agent: &str, limits: &[u64], all: &Scope<'_>) -> BTreeMap<u64, Vec<(u64, f64)>> {
         let environments: Vec<String> = self.scales.iter().map(|it| it.environment.clone()).collect();
         let at = |limit: &u64| {
@@ -330,15 +330,17 @@ impl<'s> Suite<'s> {
                 .filter_map(|(seed, value)| Some((*seed, scale.score(*value)?)))
                 .collect();
             if scaled.len() < raw.len() {
-                scores.missing.push(Missing::of(NoValue::NoScale).within(label));
+                scores
+                    .missing
+                    .push(MissingSeeds::of(MissingReason::NoScale).within(label));
             }
             scores.by_environment.push(scaled);
         }
         scores
     }
 
-    /// The trials of an agent, of the agents that stand for 0 and 1, and of the one to improve on: all of
-    /// them move the value.
+    /// The trials that the value depends on: those of the agent, of the agents that stand for 0 and 1, and of the one
+    /// to improve on.
     fn trials_behind<'r>(&self, agent: &str, column: &Column, all: &Scope<'r>) -> Vec<&'r TrialResult> {
         let mut agents: BTreeSet<&str> = self.spec.normalise.agents().into_iter().chain([agent]).collect();
         if let Column::Improvement(other) = column {
@@ -388,7 +390,7 @@ impl<'s> Suite<'s> {
             .into_iter()
             .find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
         if let Some((_, score)) = fixed {
-            let fixed = Some(Fixed::Scale);
+            let fixed = Some(FixedReason::Scale);
             return Cell {
                 seeds,
                 estimate: Some(f64::from(score)),
@@ -427,14 +429,14 @@ impl<'s> Suite<'s> {
             .cloned()
             .unwrap_or_else(|| self.spec.value.replace('_', " "));
         let ends = match &self.spec.normalise {
-            Normalise::Agents { low, high } => {
+            Normalisation::Agents { low, high } => {
                 format!(
                     "0 stands for the mean of {} and 1 for that of {}",
                     self.spec.label(low),
                     self.spec.label(high)
                 )
             }
-            Normalise::ByEnvironment(_) => "scaled".into(),
+            Normalisation::ByEnvironment(_) => "scaled".into(),
         };
         format!("{value}, {ends} in each of {} environments", self.scales.len())
     }

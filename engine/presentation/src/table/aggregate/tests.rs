@@ -1,7 +1,7 @@
-//! Aggregates against an independent computation, and what is said where there is none.
+//! Aggregates against an independent computation, and the notes on missing ones.
 
 use super::*;
-use crate::table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal};
+use crate::table::{PublishedCell, PublishedRow, TableSpec, csv, html, latex, markdown, terminal};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::TrialResult};
 use serde_json::Value;
 use statistics::{Design, Verdict};
@@ -75,7 +75,7 @@ fn aggregates_agree_with_an_independent_computation() {
                     continue;
                 };
                 let ends = [&expected["low"], &expected["high"]].map(|end| end.as_f64().unwrap());
-                // Other random numbers; a share moves in steps of one seed.
+                // The reference has other random numbers; a share moves in steps of one seed.
                 let step = if column.name.starts_with("above") {
                     0.06
                 } else {
@@ -217,14 +217,14 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
     );
 }
 
-/// Agents that stand for 0 and 1 move every score: what is published waits for their trials too, and for
-/// their training.
+/// Agents that stand for 0 and 1 move every score: published values wait for their trials too, and for their
+/// training.
 #[test]
 fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();
     results.design = Some(Design::new(vec![6, 12]));
     let aggregate = spec(&serde_json::json!({"low": "weak", "high": "strong"}));
-    let means = Published::Columns(BTreeMap::from([(
+    let means = PublishedRow::Columns(BTreeMap::from([(
         SUITE_MEAN.to_owned(),
         PublishedCell::Value(0.6),
     )]));

@@ -1,4 +1,4 @@
-//! What varies along rows and columns: agents, environments, settings, or the values of one swept key.
+//! Axes of a table: agents, environments, settings, or the values of one swept key.
 
 use super::{Axis, Comparison};
 use crate::table::{Scope, seeds::listed_first};
@@ -7,47 +7,47 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};
 
-/// What varies along a table's rows or columns.
+/// Axis of a table's rows or columns.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Along {
+pub enum TableAxis {
     /// Agents, environments, or settings as a whole.
     Axis(Axis),
     /// The values of a swept key, named as in `sweep` or by its last word.
     Key(String),
 }
 
-impl Along {
-    /// The word for what varies.
+impl TableAxis {
+    /// Name of the axis.
     #[must_use]
     pub fn name(&self) -> Cow<'static, str> {
         match self {
-            Along::Axis(axis) => axis.name().into(),
-            Along::Key(key) => key.rsplit('.').next().unwrap_or_default().to_owned().into(),
+            TableAxis::Axis(axis) => axis.name().into(),
+            TableAxis::Key(key) => key.rsplit('.').next().unwrap_or_default().to_owned().into(),
         }
     }
 
-    /// The swept key.
+    /// The swept key; `None` for another axis.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
-            Along::Axis(_) => None,
-            Along::Key(key) => Some(key),
+            TableAxis::Axis(_) => None,
+            TableAxis::Key(key) => Some(key),
         }
     }
 }
 
-impl From<Axis> for Along {
+impl From<Axis> for TableAxis {
     fn from(axis: Axis) -> Self {
-        Along::Axis(axis)
+        TableAxis::Axis(axis)
     }
 }
 
-/// The axes of a comparison, and where its trials stand on them. Where keys are rows or columns, what is left of a
-/// setting is the setting.
+/// The axes of a comparison, and the places of its trials on them. Where keys are rows or columns, the remaining keys
+/// make the setting.
 ///
-/// A study may have a million trials in few cells. So cells are what is looked at, each with its places, and trials are
-/// taken from them at the end.
+/// A study may have a million trials in few cells. So the axes hold cells, each with its places, and take the trials
+/// from them at the end.
 pub(super) struct Axes<'a, 'r> {
     comparison: &'a Comparison,
     apart: Vec<&'a str>,
@@ -57,7 +57,7 @@ pub(super) struct Axes<'a, 'r> {
 /// The trials of a cell by their places in the plan, and the cell's places along the axes.
 struct CellOfTrials<'r> {
     trials: Vec<(usize, &'r TrialResult)>,
-    places: Vec<(Along, String)>,
+    places: Vec<(TableAxis, String)>,
 }
 
 /// Some of the cells of a comparison, by their numbers.
@@ -68,15 +68,15 @@ impl<'a, 'r> Axes<'a, 'r> {
         let both = || std::iter::once(&comparison.rows).chain(&comparison.columns);
         let mut axes = Self {
             comparison,
-            apart: both().filter_map(Along::key).collect(),
+            apart: both().filter_map(TableAxis::key).collect(),
             cells: Vec::new(),
         };
-        let mut alongs: Vec<Along> = Axis::ALL.into_iter().map(Along::from).collect();
+        let mut alongs: Vec<TableAxis> = Axis::ALL.into_iter().map(TableAxis::from).collect();
         alongs.extend(both().filter(|along| along.key().is_some()).cloned());
         let mut known: HashMap<*const TrialCell, usize> = HashMap::new();
         for (position, trial) in scope.trials.iter().copied().enumerate() {
             let cell = *known.entry(Arc::as_ptr(&trial.trial.cell)).or_insert_with(|| {
-                let at = |along: &Along| (along.clone(), axes.place(along, trial).into_owned());
+                let at = |along: &TableAxis| (along.clone(), axes.place(along, trial).into_owned());
                 let (trials, places) = (Vec::new(), alongs.iter().map(at).collect());
                 axes.cells.push(CellOfTrials { trials, places });
                 axes.cells.len() - 1
@@ -86,35 +86,35 @@ impl<'a, 'r> Axes<'a, 'r> {
         axes
     }
 
-    /// A trial's place along one of them; empty where the key is none of its setting's.
-    fn place<'t>(&self, along: &Along, trial: &'t TrialResult) -> Cow<'t, str> {
+    /// A trial's place along an axis; empty where the trial's setting lacks the key.
+    fn place<'t>(&self, along: &TableAxis, trial: &'t TrialResult) -> Cow<'t, str> {
         let point = &trial.trial.cell.point;
         match along {
-            Along::Axis(Axis::Setting) if !self.apart.is_empty() => {
+            TableAxis::Axis(Axis::Setting) if !self.apart.is_empty() => {
                 let rest = self
                     .apart
                     .iter()
                     .fold(point.clone(), |rest, key| rest.without(key));
                 rest.to_string().into()
             }
-            Along::Axis(axis) => axis.of(trial).into(),
-            Along::Key(key) => point.get(key).map(word).unwrap_or_default().into(),
+            TableAxis::Axis(axis) => axis.of(trial).into(),
+            TableAxis::Key(key) => point.get(key).map(word).unwrap_or_default().into(),
         }
     }
 
-    fn place_of(&self, cell: usize, along: &Along) -> &str {
+    fn place_of(&self, cell: usize, along: &TableAxis) -> &str {
         let places = &self.cells[cell].places;
         let place = places.iter().find(|(known, _)| known == along);
         place.map_or("", |(_, name)| name)
     }
 
-    /// All cells.
+    /// The numbers of all cells.
     pub(super) fn all(&self) -> Cells {
         (0..self.cells.len()).collect()
     }
 
-    /// Of some cells those at all of these places.
-    pub(super) fn at(&self, some: &[usize], places: &[(Along, String)]) -> Cells {
+    /// The cells of `some` that lie at all of these places.
+    pub(super) fn at(&self, some: &[usize], places: &[(TableAxis, String)]) -> Cells {
         let is_at = |cell: &usize| {
             places
                 .iter()
@@ -133,18 +133,19 @@ impl<'a, 'r> Axes<'a, 'r> {
         }
     }
 
-    /// The places of some cells, as a study lists them and then in the order of the plan.
-    pub(super) fn names(&self, some: &[usize], along: &Along) -> Vec<String> {
+    /// The places of some cells along an axis: first in the order that the study lists, then in the order of the
+    /// plan.
+    pub(super) fn names(&self, some: &[usize], along: &TableAxis) -> Vec<String> {
         let listed: &[String] = match along {
-            Along::Axis(Axis::Agent) => &self.comparison.agents,
-            Along::Axis(Axis::Environment) => &self.comparison.environments,
+            TableAxis::Axis(Axis::Agent) => &self.comparison.agents,
+            TableAxis::Axis(Axis::Environment) => &self.comparison.environments,
             _ => &[],
         };
         listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
     }
 
-    /// True where cells differ along it.
-    pub(super) fn vary(&self, along: &Along) -> bool {
+    /// Whether cells differ along an axis.
+    pub(super) fn vary(&self, along: &TableAxis) -> bool {
         self.names(&self.all(), along).len() > 1
     }
 }

@@ -1,7 +1,9 @@
-//! From results to a grid: which rows and columns there are, and what each cell holds.
+//! From results to a grid: rows and columns, and the value of each cell.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, Statistic, along::Axes, measure};
-use crate::table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem};
+use super::{AS_GIVEN, Axis, Comparison, Form, Statistic, TableAxis, along::Axes, measure};
+use crate::table::{
+    Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Quantity, Reduction, Scope, problem,
+};
 use analysis::results::Results;
 use contract::{Error, standard_metrics::SUCCESS, trial_result::TrialResult};
 use measure::{Measure, seed_value};
@@ -45,9 +47,9 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
         one_number: if is_share(comparison) {
-            OneNumber::Share
+            Reduction::Share
         } else {
-            OneNumber::Of(comparison.statistic)
+            Reduction::Of(comparison.statistic)
         },
         row_axis: comparison.rows.name().replace('_', " ").into(),
         format: format(comparison, relation.form, &cells),
@@ -58,11 +60,11 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     })
 }
 
-/// How values relate to those of another agent.
+/// Relation of values to those of another agent.
 pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
-    /// The other agent's trials by environment and seed; none where values stand alone.
+    /// The other agent's trials by environment and seed; empty where values stand alone.
     others: HashMap<(&'a str, u64), Vec<&'a TrialResult>>,
 }
 
@@ -118,7 +120,7 @@ impl<'a> Relation<'a> {
         self.to.filter(|_| self.form != Form::Value)
     }
 
-    /// True where a cell can only have one value: an agent beside itself.
+    /// Whether a cell has a fixed value because it compares an agent with itself.
     fn fixes(&self, scope: &Scope<'_>) -> bool {
         let related = self.form != Form::Value && !scope.trials.is_empty();
         related
@@ -161,17 +163,16 @@ impl<'a> Relation<'a> {
             Form::Value => value,
             Form::Difference => value - other,
             Form::Ratio => value / other,
-            // Of a negative return, too, more is more.
+            // More is better for a negative return, too.
             Form::PercentChange => 100.0 * (value / other - 1.0) * other.signum(),
         }
     }
 }
 
-/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not
-/// at the end.
+/// A row or column: its heading, its place on each of its axes, and the step of the learning, unless it is the end.
 struct Place {
     heading: Heading,
-    at: Vec<(Along, String)>,
+    at: Vec<(TableAxis, String)>,
     at_step: Option<u64>,
 }
 
@@ -193,9 +194,9 @@ impl Place {
 }
 
 fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Place>) {
-    let free = |along: &Along| *along != comparison.rows && axes.vary(along);
+    let free = |along: &TableAxis| *along != comparison.rows && axes.vary(along);
     let cells = axes.all();
-    let all = || Axis::ALL.into_iter().map(Along::from);
+    let all = || Axis::ALL.into_iter().map(TableAxis::from);
     let over_steps = !comparison.at_steps.is_empty();
     let column_axis = comparison
         .columns
@@ -219,9 +220,9 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
             at_step: None,
         }],
     };
-    // What varies and is neither row nor column splits the rows: different settings are never averaged as if
+    // An axis that varies and is neither row nor column splits the rows: different settings are never averaged as if
     // they were seeds.
-    let splitting: Vec<Along> = all()
+    let splitting: Vec<TableAxis> = all()
         .filter(|along| free(along) && Some(along) != column_axis.as_ref())
         .collect();
     let rows = axes.names(&cells, &comparison.rows).into_iter().flat_map(|name| {
@@ -233,8 +234,12 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
-fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(Along, String)>>, along: &Along) -> Vec<Vec<(Along, String)>> {
-    let parts = |row: Vec<(Along, String)>| {
+fn split(
+    axes: &Axes<'_, '_>,
+    rows: Vec<Vec<(TableAxis, String)>>,
+    along: &TableAxis,
+) -> Vec<Vec<(TableAxis, String)>> {
+    let parts = |row: Vec<(TableAxis, String)>| {
         axes.names(&axes.at(&axes.all(), &row), along)
             .into_iter()
             .map(move |name| [row.clone(), vec![(along.clone(), name)]].concat())
@@ -243,7 +248,7 @@ fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(Along, String)>>, along: &Along) ->
     rows.into_iter().flat_map(parts).collect()
 }
 
-fn place(comparison: &Comparison, at: &[(Along, String)]) -> Place {
+fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> Place {
     let words = |write: &dyn Fn(&str) -> String| {
         let words: Vec<String> = at
             .iter()
@@ -306,7 +311,7 @@ fn label(comparison: &Comparison, name: &str) -> String {
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
-    // A seed without success has ended too: looks wait for it no longer.
+    // A seed without success has ended too, so looks do not wait for it.
     let behind = relation.trials_behind(&scope);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
@@ -317,26 +322,26 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
-            Err(why) => missing.push(Missing::of(why)),
+            Err(why) => missing.push(MissingSeeds::of(why)),
         }
     }
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),
         missing,
-        fixed: relation.fixes(&scope).then_some(Fixed::Itself),
+        fixed: relation.fixes(&scope).then_some(FixedReason::Itself),
         is_share: is_share(measure.comparison),
         ..Cell::resting_on(&behind, results)
     };
     summarise(seeds.into_iter().collect(), measure.comparison.statistic, cell)
 }
 
-/// True for the share of seeds with success.
+/// Whether the value is the share of seeds with success.
 pub(super) fn is_share(comparison: &Comparison) -> bool {
     comparison.value == SUCCESS && comparison.resolved_form() == Form::Value
 }
 
-/// A cell with its seeds, and these as one number with its interval.
+/// A cell with its seeds and their reduction to one number with its interval.
 pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
     let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
     let Some(summary) = Summary::of(&values) else {
@@ -379,8 +384,7 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
     }
 }
 
-/// Agents that a row's single published value does not speak of: the one compared with, and rules beside
-/// learners.
+/// Agents that a row's single published value is not about: the one compared with, and rules beside learners.
 pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);

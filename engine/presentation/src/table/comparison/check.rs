@@ -1,6 +1,6 @@
-//! Comparisons against what trials record: metrics, agents, what the rows and columns are.
+//! Comparisons against the names that trials record: metrics, agents, rows and columns.
 
-use super::{AS_GIVEN, Along, Axis, Comparison, Form, taken::Taken};
+use super::{AS_GIVEN, Axis, Comparison, Form, TableAxis, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;
@@ -30,7 +30,7 @@ pub(super) fn comparison(
     (rows, columns)
 }
 
-/// True where a comparison is written relative to an agent.
+/// Whether a comparison is written relative to an agent.
 pub(super) fn is_relative(spec: &Comparison) -> bool {
     matches!(
         spec.form,
@@ -72,7 +72,7 @@ fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>,
     }
 }
 
-/// Success is judged at the end, and only where the study says what it is.
+/// Checks a comparison of success: it is judged at the end, and only where the study defines it.
 fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if spec.given_success && !names.recorded(picked).contains(SUCCESS) {
         let message = "`given_success` needs a section `success`: the study does not say what a success is";
@@ -93,11 +93,11 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
         );
     }
     let while_learning = match spec.taken() {
-        Taken::Final => None,
-        Taken::RootMeanSquare => Some("root_mean_square"),
-        Taken::Last(_) => Some("last"),
-        Taken::StepsUntilAbove { .. } => Some("steps_until_above"),
-        Taken::AtSteps { .. } => Some("at_steps"),
+        MeasurementChoice::Final => None,
+        MeasurementChoice::RootMeanSquare => Some("root_mean_square"),
+        MeasurementChoice::Last(_) => Some("last"),
+        MeasurementChoice::StepsUntilAbove { .. } => Some("steps_until_above"),
+        MeasurementChoice::AtSteps { .. } => Some("at_steps"),
     };
     if let Some(key) = while_learning {
         let message = "`success` is judged by the final measurement, and by none during learning";
@@ -113,7 +113,7 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
     }
 }
 
-/// Rows and columns are two things, and settings are there only with a sweep.
+/// Checks that rows and columns are two different axes, and that settings are one only with a sweep.
 fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     if spec.columns.as_ref() == Some(&spec.rows) {
         let help = "choose another of `agent`, `environment`, `setting`";
@@ -126,7 +126,7 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
         .any(|setting| !setting.is_empty());
     for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
         if let Some(word) = along
-            .and_then(Along::key)
+            .and_then(TableAxis::key)
             .filter(|word| !names.vocabulary.swept_values.contains_key(*word))
         {
             let axes = Axis::ALL.map(Axis::name).into_iter();
@@ -145,9 +145,9 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     }
 }
 
-fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+fn names_of(along: &TableAxis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let axis = match along {
-        Along::Key(key) => {
+        TableAxis::Key(key) => {
             return names
                 .vocabulary
                 .swept_values
@@ -155,7 +155,7 @@ fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
                 .cloned()
                 .unwrap_or_default();
         }
-        Along::Axis(axis) => axis,
+        TableAxis::Axis(axis) => axis,
     };
     match axis {
         Axis::Agent => picked
@@ -172,8 +172,8 @@ fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     }
 }
 
-/// The settings of some agents, in order, and before them that of an agent that no sweep varies; none where it varies
-/// none of them.
+/// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty where no sweep
+/// varies any of them.
 fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let is_of = |key: &String, agent: &String| {
         key.strip_prefix(agent.as_str())
@@ -199,8 +199,8 @@ fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
         .collect()
 }
 
-/// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that
-/// varies and is no row.
+/// Names of the columns: the given steps or axis; else the first of agent, environment and setting that varies and is
+/// no row.
 fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     if !spec.at_steps.is_empty() {
         return spec.at_steps.iter().map(u64::to_string).collect();
@@ -210,7 +210,7 @@ fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String>
     }
     let rest = Axis::ALL
         .into_iter()
-        .map(Along::from)
+        .map(TableAxis::from)
         .filter(|along| *along != spec.rows);
     rest.map(|along| names_of(&along, names, picked))
         .find(|names| names.len() > 1)

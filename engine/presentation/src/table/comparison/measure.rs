@@ -1,43 +1,43 @@
-//! The number of one seed: which of its trial's measurements, and how they relate to another agent's.
+//! The number of one seed: the choice among its trial's measurements, and the relation to another agent's.
 
 use super::{
     Comparison,
     build::Relation,
-    taken::{AtStep, Taken},
+    taken::{MeasurementChoice, StepMeasurement},
 };
-use crate::table::{NoValue, Scope};
+use crate::table::{MissingReason, Scope};
 use contract::{Phase, trial_result::TrialResult};
 use statistics::estimators::{mean, moving_average};
 
-/// What one cell takes from a trial.
+/// Rule for the number of a trial in one cell.
 pub(super) struct Measure<'a> {
     pub(super) comparison: &'a Comparison,
-    /// The step of the column, where columns are steps.
+    /// The step of the column; `None` where columns are no steps.
     pub(super) at_step: Option<u64>,
 }
 
-/// The value of one seed, or why there is none.
+/// The value of one seed, or the reason for its absence.
 pub(super) fn seed_value(
     trial: &TrialResult,
     measure: &Measure<'_>,
     relation: &Relation<'_>,
-) -> Result<f64, NoValue> {
+) -> Result<f64, MissingReason> {
     let value = measure.of(trial)?;
     let Some(other) = relation.other() else {
         return Ok(value);
     };
     let (seed, agent) = (trial.trial.key.seed, other.to_owned());
     let Some(other) = relation.counterpart(trial) else {
-        return Err(NoValue::NoCounterpart { seed, agent });
+        return Err(MissingReason::NoCounterpart { seed, agent });
     };
     if !other.is_ok() {
-        return Err(NoValue::CounterpartFailed { seed, agent });
+        return Err(MissingReason::CounterpartFailed { seed, agent });
     }
     let related = relation.apply(value, measure.of(other)?);
     if related.is_finite() {
         return Ok(related);
     }
-    Err(NoValue::DivisionByZero {
+    Err(MissingReason::DivisionByZero {
         seed,
         agent,
         metric: measure.comparison.value.clone(),
@@ -45,7 +45,7 @@ pub(super) fn seed_value(
 }
 
 impl Measure<'_> {
-    /// The trials without those that end before the step of the column.
+    /// The trials that were trained at least up to the step of the column.
     pub(super) fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
         let Some(step) = self.at_step else {
             return scope.clone();
@@ -63,46 +63,46 @@ impl Measure<'_> {
         trial.while_learning(&self.comparison.value)
     }
 
-    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the
-    /// end only.
-    fn of(&self, trial: &TrialResult) -> Result<f64, NoValue> {
+    /// The value of a trial, at the end or at a step before it. Agents that do not learn are measured at the end
+    /// only.
+    fn of(&self, trial: &TrialResult) -> Result<f64, MissingReason> {
         let curve = self.curve(trial);
         let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
         match (self.comparison.taken(), self.at_step) {
-            (Taken::StepsUntilAbove { level, smooth }, _) => {
+            (MeasurementChoice::StepsUntilAbove { level, smooth }, _) => {
                 steps_until(level, smooth, &curve, &values, trial)
             }
-            (Taken::Last(last), _) if !values.is_empty() => Ok(mean_of_last(last, &values)),
-            (Taken::AtSteps { of, .. }, Some(step)) if values.len() > 1 => {
+            (MeasurementChoice::Last(last), _) if !values.is_empty() => Ok(mean_of_last(last, &values)),
+            (MeasurementChoice::AtSteps { of, .. }, Some(step)) if values.len() > 1 => {
                 match curve.partition_point(|(measured_at, _)| *measured_at <= step) {
-                    0 => Err(NoValue::NotMeasured {
+                    0 => Err(MissingReason::NotMeasured {
                         seed: trial.trial.key.seed,
                         until: step,
                     }),
                     end => Ok(at_step(of, &values[..end])),
                 }
             }
-            // The only measurement during learning is the last one, whatever the step.
+            // The only measurement during learning counts as the last one, whatever the step.
             (
-                Taken::AtSteps {
-                    of: AtStep::Last(last),
+                MeasurementChoice::AtSteps {
+                    of: StepMeasurement::Last(last),
                     ..
                 },
                 _,
             ) if !values.is_empty() => Ok(mean_of_last(last, &values)),
-            (Taken::RootMeanSquare, _) => self.recorded(trial, TrialResult::root_mean_square),
+            (MeasurementChoice::RootMeanSquare, _) => self.recorded(trial, TrialResult::root_mean_square),
             _ => self.recorded(trial, TrialResult::mean),
         }
     }
 
-    /// What the episodes of the final measurement become.
+    /// The reduction of the episodes of the final measurement to one number.
     fn recorded(
         &self,
         trial: &TrialResult,
         pooled: fn(&TrialResult, Phase, &str) -> Option<f64>,
-    ) -> Result<f64, NoValue> {
+    ) -> Result<f64, MissingReason> {
         let (seed, metric) = (trial.trial.key.seed, &self.comparison.value);
-        pooled(trial, Phase::Final, metric).ok_or_else(|| NoValue::NotRecorded {
+        pooled(trial, Phase::Final, metric).ok_or_else(|| MissingReason::NotRecorded {
             seed,
             metric: metric.clone(),
             while_learning: !self.curve(trial).is_empty(),
@@ -116,22 +116,22 @@ fn steps_until(
     curve: &[(u64, f64)],
     values: &[f64],
     trial: &TrialResult,
-) -> Result<f64, NoValue> {
+) -> Result<f64, MissingReason> {
     let passed = moving_average(values, smooth)
         .iter()
         .position(|average| *average > level);
     #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
     let steps = passed.map(|index| curve[index].0 as f64);
-    steps.ok_or(NoValue::NeverAbove {
+    steps.ok_or(MissingReason::NeverAbove {
         seed: trial.trial.key.seed,
         level,
     })
 }
 
-fn at_step(of: AtStep, values: &[f64]) -> f64 {
+fn at_step(of: StepMeasurement, values: &[f64]) -> f64 {
     match of {
-        AtStep::Average(smooth) => moving_average(values, smooth)[values.len() - 1],
-        AtStep::Last(last) => mean_of_last(last, values),
+        StepMeasurement::Average(smooth) => moving_average(values, smooth)[values.len() - 1],
+        StepMeasurement::Last(last) => mean_of_last(last, values),
     }
 }
 

@@ -6,7 +6,7 @@ mod check;
 mod measure;
 mod taken;
 
-pub use along::Along;
+pub use along::TableAxis;
 pub use build::compare;
 pub(super) use build::summarise;
 
@@ -21,20 +21,20 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use taken::{AtStep, Taken};
+use taken::{MeasurementChoice, StepMeasurement};
 
-/// The name of what no sweep varies, beside settings that one does.
+/// Name of the setting of agents that no sweep varies, beside swept settings.
 const AS_GIVEN: &str = "as given";
 
 /// Rows, columns and the value of a comparison. Some options exclude each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Comparison {
-    /// What the rows are: `agent`, `environment`, `setting`, or a swept key.
-    pub rows: Along,
-    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
-    /// row, or none.
-    pub columns: Option<Along>,
+    /// Axis of the rows: `agent`, `environment`, `setting`, or a swept key.
+    pub rows: TableAxis,
+    /// Axis of the columns; where absent, the first of agent, environment and setting that varies and is no row, or
+    /// none.
+    pub columns: Option<TableAxis>,
     /// The metric.
     pub value: String,
     /// How the seeds become one number.
@@ -105,7 +105,7 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// How values are written: as given, else as a percentage where they are compared with an agent.
+    /// The form of the values: the given one, else a percentage where they are compared with an agent.
     #[must_use]
     pub fn resolved_form(&self) -> Form {
         self.form.unwrap_or(if self.relative_to.is_some() {
@@ -115,7 +115,7 @@ impl Comparison {
         })
     }
 
-    /// How numbers are written; as they need where absent.
+    /// The given format of numbers; `None` for a format that fits the values.
     fn format(&self) -> Option<NumberFormat> {
         let scientific = |digits: usize| NumberFormat::Scientific(digits.saturating_sub(1));
         self.decimals
@@ -166,9 +166,9 @@ impl Table for Comparison {
 
     fn measurements_by_step(&self) -> Option<u64> {
         match self.taken() {
-            Taken::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
-                AtStep::Last(last) => Some(last),
-                AtStep::Average(_) => Some(1),
+            MeasurementChoice::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
+                StepMeasurement::Last(last) => Some(last),
+                StepMeasurement::Average(_) => Some(1),
             },
             _ => None,
         }
@@ -222,7 +222,7 @@ impl Table for Improvement {
     }
 }
 
-/// What trials differ by.
+/// Axis along which trials differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {

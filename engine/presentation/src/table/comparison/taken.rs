@@ -1,4 +1,4 @@
-//! Which measurements of a trial become its number in a comparison, and the options that exclude each other.
+//! The choice of measurements for a trial's number in a comparison, and the options that exclude each other.
 
 use super::Comparison;
 use crate::kinds::Contradiction;
@@ -8,16 +8,16 @@ const WEIGHT_UNTIL_ABOVE: f64 = 0.9;
 /// Weight of the past in the moving average of `at_steps`, where a study gives none.
 const WEIGHT_AT_STEPS: f64 = 0.0;
 
-/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
-/// which is taken.
+/// Choice of the measurements that give a trial its number. Agents that do not learn have only a final measurement,
+/// which is taken then.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) enum Taken {
+pub(super) enum MeasurementChoice {
     /// The final measurement.
     #[default]
     Final,
     /// The root of the mean square over the episodes of the final measurement.
     RootMeanSquare,
-    /// The mean of the last so many measurements during learning.
+    /// The mean of this many last measurements during learning.
     Last(u64),
     /// The environment steps until the moving average of the measurements during learning is above a level.
     StepsUntilAbove {
@@ -26,75 +26,78 @@ pub(super) enum Taken {
         /// Weight of the past in the moving average.
         smooth: f64,
     },
-    /// What was measured during learning at each of these environment steps, which become the columns.
+    /// The measurements during learning at each of these environment steps, which become the columns.
     AtSteps {
         /// The steps, rising.
         steps: Vec<u64>,
-        /// Which measurements up to a step.
-        of: AtStep,
+        /// The measurements up to a step that count.
+        of: StepMeasurement,
     },
 }
 
-/// Which measurements up to a step become a number.
+/// Choice among the measurements up to a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum AtStep {
+pub(super) enum StepMeasurement {
     /// Their moving average with this weight of the past; the last one where it is 0.
     Average(f64),
-    /// The mean of the last so many.
+    /// The mean of this many last measurements.
     Last(u64),
 }
 
 impl Comparison {
-    /// Which measurements of a trial become its number.
-    pub(super) fn taken(&self) -> Taken {
+    /// The choice of measurements that the options state.
+    pub(super) fn taken(&self) -> MeasurementChoice {
         let weight = |usual| self.smooth.unwrap_or(usual);
         match (self.steps_until_above, self.last) {
-            _ if self.root_mean_square => Taken::RootMeanSquare,
-            (Some(level), _) => Taken::StepsUntilAbove {
+            _ if self.root_mean_square => MeasurementChoice::RootMeanSquare,
+            (Some(level), _) => MeasurementChoice::StepsUntilAbove {
                 level,
                 smooth: weight(WEIGHT_UNTIL_ABOVE),
             },
             (None, last) if !self.at_steps.is_empty() => {
-                let of = last.map_or(AtStep::Average(weight(WEIGHT_AT_STEPS)), AtStep::Last);
-                Taken::AtSteps {
+                let of = last.map_or(
+                    StepMeasurement::Average(weight(WEIGHT_AT_STEPS)),
+                    StepMeasurement::Last,
+                );
+                MeasurementChoice::AtSteps {
                     steps: self.at_steps.clone(),
                     of,
                 }
             }
-            (None, Some(last)) => Taken::Last(last),
-            (None, None) => Taken::Final,
+            (None, Some(last)) => MeasurementChoice::Last(last),
+            (None, None) => MeasurementChoice::Final,
         }
     }
 }
 
-impl Taken {
+impl MeasurementChoice {
     /// The quantity that a metric becomes, in words.
     pub(super) fn phrase(&self, value: &str) -> String {
         match self {
-            Taken::Final => value.into(),
-            Taken::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
-            Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
-            Taken::StepsUntilAbove { level, smooth } => {
+            MeasurementChoice::Final => value.into(),
+            MeasurementChoice::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
+            MeasurementChoice::Last(last) => format!("{value}, mean of the last {last} measurements"),
+            MeasurementChoice::StepsUntilAbove { level, smooth } => {
                 format!(
                     "environment steps until the moving average (weight {smooth}) of {value} is above {level}"
                 )
             }
-            Taken::AtSteps {
-                of: AtStep::Last(last),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Last(last),
                 ..
             } => {
                 format!(
                     "{value}, mean of the last {last} measurements until the environment steps of each column"
                 )
             }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Average(smooth),
                 ..
             } if *smooth == 0.0 => {
                 format!("{value} after the environment steps of each column")
             }
-            Taken::AtSteps {
-                of: AtStep::Average(smooth),
+            MeasurementChoice::AtSteps {
+                of: StepMeasurement::Average(smooth),
                 ..
             } => {
                 format!(
@@ -105,7 +108,7 @@ impl Taken {
     }
 }
 
-/// An option that another one excludes, as the first to be removed.
+/// The option that another one excludes; of several, the first to be removed.
 pub(super) fn contradiction(of: &Comparison) -> Option<Contradiction> {
     let (over_steps, until) = (!of.at_steps.is_empty(), of.steps_until_above.is_some());
     let found = |key, message: String, help| {
@@ -166,42 +169,45 @@ mod tests {
     #[test]
     fn options_become_one_way_to_take_measurements() {
         let cases = [
-            (json!({}), Taken::Final),
-            (json!({"last": 5}), Taken::Last(5)),
-            (json!({"root_mean_square": true}), Taken::RootMeanSquare),
+            (json!({}), MeasurementChoice::Final),
+            (json!({"last": 5}), MeasurementChoice::Last(5)),
+            (
+                json!({"root_mean_square": true}),
+                MeasurementChoice::RootMeanSquare,
+            ),
             (
                 json!({"steps_until_above": 3.0}),
-                Taken::StepsUntilAbove {
+                MeasurementChoice::StepsUntilAbove {
                     level: 3.0,
                     smooth: 0.9,
                 },
             ),
             (
                 json!({"steps_until_above": 3.0, "smooth": 0.5}),
-                Taken::StepsUntilAbove {
+                MeasurementChoice::StepsUntilAbove {
                     level: 3.0,
                     smooth: 0.5,
                 },
             ),
             (
                 json!({"at_steps": [1, 2]}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1, 2],
-                    of: AtStep::Average(0.0),
+                    of: StepMeasurement::Average(0.0),
                 },
             ),
             (
                 json!({"at_steps": [1], "smooth": 0.5}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1],
-                    of: AtStep::Average(0.5),
+                    of: StepMeasurement::Average(0.5),
                 },
             ),
             (
                 json!({"at_steps": [1], "last": 2}),
-                Taken::AtSteps {
+                MeasurementChoice::AtSteps {
                     steps: vec![1],
-                    of: AtStep::Last(2),
+                    of: StepMeasurement::Last(2),
                 },
             ),
         ];

@@ -1,7 +1,7 @@
-//! The matrix of a play against the published one, what lacks, and looks that are planned.
+//! The matrix of a play against the published one, missing cells, and planned looks.
 
 use super::*;
-use crate::table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown};
+use crate::table::{Margin, PublishedCell, PublishedRow, TableSpec, build, csv, html, latex, markdown};
 use contract::trial_result::TrialResult;
 use statistics::Verdict;
 use testing::encounters::{crossed, encounter, trained};
@@ -128,9 +128,9 @@ fn what_lacks_is_said() {
 fn every_renderer_writes_it_with_published_values_beside() {
     let columns = |row: [f64; 4]| {
         let names = AGENTS.into_iter().chain([MEAN]).map(String::from);
-        Published::Columns(names.zip(row.map(PublishedCell::Value)).collect())
+        PublishedRow::Columns(names.zip(row.map(PublishedCell::Value)).collect())
     };
-    let mut published: BTreeMap<String, Published> = AGENTS
+    let mut published: BTreeMap<String, PublishedRow> = AGENTS
         .into_iter()
         .zip(PUBLISHED)
         .map(|(name, row)| (name.into(), columns(row)))
@@ -140,7 +140,7 @@ fn every_renderer_writes_it_with_published_values_beside() {
         .map(String::from)
         .zip(MEANS.map(PublishedCell::Value))
         .collect();
-    published.insert(MEAN.into(), Published::Columns(means));
+    published.insert(MEAN.into(), PublishedRow::Columns(means));
     let spec = TableSpec {
         published,
         margin: Some(Margin::Absolute(0.1)),
@@ -175,7 +175,7 @@ fn all_meet_all(prey: [&[f64]; 2], predators: [&[f64]; 2]) -> Vec<TrialResult> {
 fn looked_at(results: &Results) -> Grid {
     let published = BTreeMap::from([("mean".to_owned(), PublishedCell::Value(0.0))]);
     let spec = TableSpec {
-        published: [("a".to_owned(), Published::Columns(published))].into(),
+        published: [("a".to_owned(), PublishedRow::Columns(published))].into(),
         margin: Some(Margin::Absolute(0.2)),
         ..TableSpec::of(spec())
     };
@@ -210,7 +210,7 @@ fn later_seeds_move_no_verdict_of_an_earlier_look() {
         "{}",
         later.note()
     );
-    // What is shown beside is of all seeds, and on the same scale.
+    // The last column is over all seeds, and on the same scale.
     assert_ne!(few.cells[0][2].estimate, many.cells[0][2].estimate);
     let scale = |grid: &Grid| {
         grid.notes
@@ -245,6 +245,6 @@ fn a_look_waits_for_every_meeting_of_its_seeds() {
         results.design = Some(Design::new(vec![3, 5]));
         looked_at(&results).cells[0][0].looks.complete()
     };
-    // The last one is of another cell, which the scale is made of as well.
+    // The last trial is of another cell that sets the scale as well.
     assert_eq!([None, Some(2), Some(7), Some(35)].map(complete), [1, 0, 0, 0]);
 }

@@ -1,12 +1,11 @@
-//! Which values of a table are the best: not the largest mean alone, but all that cannot be told from it by
-//! their intervals.
+//! Best values of a table: the largest mean and every value that its interval does not separate from it.
 
-use super::layout::{Among, Direction, LatexLayout};
+use super::layout::{BestScope, Direction, LatexLayout};
 use crate::table::{Cell, Grid};
 
 /// Whether each value is the best of its row or column, or its interval overlaps that of the best one;
-/// `[row][column]`. A value without an interval counts as exact. Nothing is best where fewer than two are
-/// compared or the direction is not known.
+/// `[row][column]`. A value without an interval counts as exact. No value is best among fewer than two, or without a
+/// known direction.
 pub(super) fn best(grid: &Grid, layout: &LatexLayout) -> Vec<Vec<bool>> {
     let mut best = vec![vec![false; grid.columns.len()]; grid.rows.len()];
     if !layout.bold_best {
@@ -20,25 +19,25 @@ pub(super) fn best(grid: &Grid, layout: &LatexLayout) -> Vec<Vec<bool>> {
     best
 }
 
-/// Among which values the best one is sought.
-pub(super) fn of(grid: &Grid, layout: &LatexLayout) -> Among {
+/// The values among which the best one is sought.
+pub(super) fn of(grid: &Grid, layout: &LatexLayout) -> BestScope {
     let usual = if grid.row_axis == "environment" {
-        Among::Row
+        BestScope::Row
     } else {
-        Among::Column
+        BestScope::Column
     };
     layout.best_of.unwrap_or(usual)
 }
 
 type Places = Vec<(usize, usize)>;
 
-fn lines(grid: &Grid, of: Among) -> Vec<Places> {
+fn lines(grid: &Grid, of: BestScope) -> Vec<Places> {
     let (rows, columns) = (grid.rows.len(), grid.columns.len());
     match of {
-        Among::Row => (0..rows)
+        BestScope::Row => (0..rows)
             .map(|row| (0..columns).map(|column| (row, column)).collect())
             .collect(),
-        Among::Column => (0..columns)
+        BestScope::Column => (0..columns)
             .map(|column| (0..rows).map(|row| (row, column)).collect())
             .collect(),
     }
@@ -69,7 +68,7 @@ fn best_of(grid: &Grid, line: &[(usize, usize)]) -> Places {
     }
 }
 
-/// Lower end, value and upper end, with more being better.
+/// Lower end, value and upper end, with the sign under which more is better.
 fn oriented(cell: &Cell, sign: f64) -> Option<(f64, f64, f64)> {
     let value = cell.estimate?;
     let (low, high) = cell.interval.unwrap_or((value, value));
@@ -107,7 +106,7 @@ mod tests {
         }
     }
 
-    fn layout(best_of: Option<Among>) -> LatexLayout {
+    fn layout(best_of: Option<BestScope>) -> LatexLayout {
         LatexLayout {
             bold_best: true,
             best_of,
@@ -144,8 +143,8 @@ mod tests {
     fn values_without_intervals_are_exact_and_one_alone_is_not_best() {
         let cells = vec![vec![Some((1.0, 1.0, 1.0)), Some((2.0, 2.0, 2.0))]];
         let grid = grid(cells, Direction::Higher);
-        assert_eq!(best(&grid, &layout(Some(Among::Row))), [[false, true]]);
-        assert_eq!(best(&grid, &layout(Some(Among::Column))), [[false, false]]);
+        assert_eq!(best(&grid, &layout(Some(BestScope::Row))), [[false, true]]);
+        assert_eq!(best(&grid, &layout(Some(BestScope::Column))), [[false, false]]);
         let environments = Grid {
             row_axis: "environment".into(),
             ..grid

@@ -1,4 +1,4 @@
-//! What a study says of how a table is set in LaTeX.
+//! Options of a study for tables in LaTeX.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,15 +16,15 @@ pub struct LatexLayout {
     /// Among which values the best one is sought; among those of a row where rows are environments, else among
     /// those of a column.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub best_of: Option<Among>,
+    pub best_of: Option<BestScope>,
     /// How a value and its interval are written.
     pub value: ValueForm,
     /// Print the verdicts on published values, and how they come about.
     pub verdicts: bool,
     /// Align the decimal points of a column. It takes no package.
     pub align_decimals: bool,
-    /// What becomes of a table that is wider than the text.
-    pub wide: Wide,
+    /// Handling of a table that is wider than the text.
+    pub wide: WideTable,
     /// Width of the text in millimetres; 122 is that of `article` at 10 points.
     #[schemars(range(min = 40.0, max = 400.0))]
     pub text_width_mm: f64,
@@ -42,7 +42,7 @@ impl Default for LatexLayout {
             value: ValueForm::Brackets,
             verdicts: true,
             align_decimals: false,
-            wide: Wide::Split,
+            wide: WideTable::Split,
             text_width_mm: 122.0,
             text_height_mm: 193.0,
         }
@@ -62,7 +62,7 @@ pub enum Direction {
 /// Values that are compared with each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Among {
+pub enum BestScope {
     /// Those of a row.
     Row,
     /// Those of a column.
@@ -83,10 +83,10 @@ pub enum ValueForm {
     Alone,
 }
 
-/// What becomes of a table that is wider than the text.
+/// Handling of a table that is wider than the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Wide {
+pub enum WideTable {
     /// Its columns are parted over several tables below each other, each with the headings of the rows.
     Split,
     /// It is turned (`sidewaystable` of the package `rotating`), and parted where it is wider than a page is

@@ -7,7 +7,7 @@ mod tests;
 mod typeset;
 mod width;
 
-pub use layout::{Among, Direction, LatexLayout, ValueForm, Wide};
+pub use layout::{BestScope, Direction, LatexLayout, ValueForm, WideTable};
 
 use super::{Grid, Intervals, prose};
 use best::best;
@@ -20,7 +20,7 @@ const POINTS_PER_MM: f64 = 72.27 / 25.4;
 #[must_use]
 pub fn latex(grid: &Grid, name: &str) -> String {
     let layout = grid.latex.clone().unwrap_or_else(|| LatexLayout {
-        wide: Wide::Keep,
+        wide: WideTable::Keep,
         ..LatexLayout::default()
     });
     let columns = typeset::columns(grid, &layout, &best(grid, &layout));
@@ -42,15 +42,15 @@ pub fn latex(grid: &Grid, name: &str) -> String {
     )
 }
 
-/// The environment that a table floats in, and how wide it may be there in points.
+/// The environment of a floating table, and its largest width there in points.
 fn float(columns: &[Column], layout: &LatexLayout) -> (&'static str, f64) {
     let text = layout.text_width_mm * POINTS_PER_MM;
     match layout.wide {
-        Wide::Keep => ("table", f64::INFINITY),
-        Wide::Turn if typeset::width(columns) > text => {
+        WideTable::Keep => ("table", f64::INFINITY),
+        WideTable::Turn if typeset::width(columns) > text => {
             ("sidewaystable", layout.text_height_mm * POINTS_PER_MM)
         }
-        Wide::Split | Wide::Turn => ("table", text),
+        WideTable::Split | WideTable::Turn => ("table", text),
     }
 }
 
@@ -66,7 +66,7 @@ fn tabular(grid: &Grid, columns: &[&Column]) -> String {
     )
 }
 
-/// The sentences under the table, without those on what is not printed, and with one on what is bold.
+/// The sentences under the table: those on parts that are not printed are left out, and one on bold values is added.
 fn notes(grid: &Grid, layout: &LatexLayout) -> Vec<String> {
     let intervals = match layout.value {
         ValueForm::Brackets | ValueForm::SmallInterval => Intervals::InBrackets,
@@ -80,8 +80,8 @@ fn notes(grid: &Grid, layout: &LatexLayout) -> Vec<String> {
     };
     if layout.bold_best {
         let line = match best::of(grid, layout) {
-            Among::Row => "row",
-            Among::Column => "column",
+            BestScope::Row => "row",
+            BestScope::Column => "column",
         };
         let directions = |wanted| grid.better.iter().flatten().any(|it| *it == wanted);
         let which = match (directions(Direction::Higher), directions(Direction::Lower)) {
@@ -96,7 +96,7 @@ fn notes(grid: &Grid, layout: &LatexLayout) -> Vec<String> {
     notes
 }
 
-/// The same table as if nothing were published, for its sentences.
+/// The table without published values, for its sentences.
 fn without_verdicts(grid: &Grid) -> Grid {
     let mut grid = grid.clone();
     for cell in grid.cells.iter_mut().flatten() {
@@ -106,7 +106,7 @@ fn without_verdicts(grid: &Grid) -> Grid {
     grid
 }
 
-/// Text with the characters that LaTeX reads as commands made plain.
+/// Text with LaTeX's special characters escaped.
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::new();

@@ -1,7 +1,7 @@
 //! Tables set as studies ask, by snapshot and by LaTeX itself where it is installed.
 
 use super::*;
-use crate::table::{Axis, Comparison, Published, PublishedCell, TableSpec, build, tests::improvement};
+use crate::table::{Axis, Comparison, PublishedCell, PublishedRow, TableSpec, build, tests::improvement};
 use serde_json::json;
 use std::{collections::BTreeMap, fs, process::Command};
 use testing::synthetic::study;
@@ -21,7 +21,7 @@ fn set(spec: TableSpec, options: serde_json::Value) -> String {
     latex(&build(&spec, &study()).unwrap(), "table-1")
 }
 
-/// Aggregates, of which less is better in one column, with a published mean.
+/// Aggregates with a published mean; less is better in one column.
 fn aggregates() -> TableSpec {
     let kind = json!({ "aggregate": {
         "value": "cycle_length", "normalise": { "low": "equal", "high": "bound" }, "relative_to": "ddpg",
@@ -31,7 +31,7 @@ fn aggregates() -> TableSpec {
         caption: "Scores of τ ≥ 0.25, of `two` environments".into(),
         published: BTreeMap::from([(
             "dsac".into(),
-            Published::Columns(BTreeMap::from([("mean".into(), PublishedCell::Value(0.61))])),
+            PublishedRow::Columns(BTreeMap::from([("mean".into(), PublishedCell::Value(0.61))])),
         )]),
         ..serde_json::from_value(kind).unwrap()
     }

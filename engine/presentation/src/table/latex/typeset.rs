@@ -1,4 +1,4 @@
-//! The columns of a table as LaTeX: what stands in their cells, how wide they are, and which fit side by side.
+//! The columns of a table as LaTeX: the texts of their cells, their widths, and their division over tables.
 
 use super::{
     escape,
@@ -15,19 +15,18 @@ const GAP: f64 = 12.0;
 pub(super) struct Column {
     /// Its letters between the braces of `tabular`.
     pub kind: &'static str,
-    /// What stands above it.
+    /// Heading of the column.
     pub heading: String,
-    /// What stands in each row.
+    /// Texts of the rows.
     pub cells: Vec<String>,
-    /// Its width in points without the gap.
+    /// Width in points without the gap.
     width: f64,
-    /// The column of the grid that it belongs to, from which it is never parted; `None` for the headings of
-    /// the rows.
+    /// The column of the grid that it belongs to and is never parted from; `None` for the headings of the rows.
     group: Option<usize>,
 }
 
-/// Text of a cell in LaTeX, and its width in points: what stands before the decimal point, and the rest.
-/// `None` before it where there is no number.
+/// Text of a cell in LaTeX and its width in points, each for the part before the decimal point and for the rest. The
+/// first part is `None` where there is no number.
 struct Text {
     before: Option<(String, f64)>,
     after: (String, f64),
@@ -46,7 +45,7 @@ impl Text {
         Self::words(signs(&escape(text)), width::width(text, Face::Plain))
     }
 
-    /// A number with what follows it; `tail` is LaTeX with its width.
+    /// A number and the text after it; `tail` is LaTeX with its width.
     fn number(number: &str, is_bold: bool, tail: (String, f64)) -> Self {
         let at = number.find(['.', 'e']).unwrap_or(number.len());
         let (before, after) = number.split_at(at);
@@ -61,7 +60,7 @@ impl Text {
         }
     }
 
-    /// In one column; what is bold is in one piece.
+    /// The text in one column; bold text is in one piece.
     fn joined(&self) -> String {
         let text = self
             .before
@@ -183,8 +182,8 @@ pub(super) fn width(columns: &[Column]) -> f64 {
     columns.iter().map(|column| column.width + GAP).sum()
 }
 
-/// The columns in groups that fit into some room, each with the headings of the rows; a column that is too
-/// wide for it stands alone.
+/// The columns in groups that fit into some room, each with the headings of the rows. A column that is too wide
+/// stands alone.
 pub(super) fn split(columns: &[Column], room: f64) -> Vec<Vec<&Column>> {
     let Some((rows, rest)) = columns.split_first() else {
         return Vec::new();

@@ -1,8 +1,7 @@
-//! How wide a text is in Computer Modern at 10 points, so that a table that is wider than the text is found
-//! before LaTeX sees it.
+//! Width of a text in Computer Modern at 10 points, to find a table that is wider than the text before LaTeX runs.
 
-/// Widths of the characters from space to tilde in thousandths of an em, by the font metrics of cmr10; those
-/// that LaTeX takes from another font by that one.
+/// Widths of the characters from space to tilde in thousandths of an em, by the font metrics of cmr10; characters
+/// that LaTeX takes from another font have the width there.
 const WIDTHS: [u16; 95] = [
     333, 278, 500, 833, 500, 833, 778, 278, 389, 389, 500, 778, 278, 333, 278, 500, // space to /
     500, 500, 500, 500, 500, 500, 500, 500, 500, 500, // digits
@@ -15,12 +14,12 @@ const WIDTHS: [u16; 95] = [
     500, 278, 500, 500, // { to ~
 ];
 
-/// What a bold, a small and a text in small capitals are wide against a plain one.
+/// Widths of bold text, small text and small capitals relative to plain text.
 const BOLD: f64 = 1.16;
 const SMALL: f64 = 0.8;
 const CAPITALS: f64 = 1.22;
 
-/// How a text is set.
+/// Typeface and size of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Face {
     Plain,

@@ -1,36 +1,35 @@
-//! What scores are normalised by, against what trials record: environments, agents, settings that would be
-//! pooled.
+//! Normalisation of scores against the names that trials record: environments, agents, settings that would be pooled.
 
-use super::{Bound, Normalise};
+use super::{Bound, Normalisation};
 use crate::names::{Names, Picked, Place, quoted};
 use document::diagnostic::suggest;
 use std::collections::BTreeMap;
 
-/// What pools normalised scores, for messages.
-pub(crate) struct Pooled {
-    /// What it is, as in `an aggregate`.
+/// Words for a table or figure that pools normalised scores, for messages.
+pub(crate) struct PoolWording {
+    /// The table or figure, as in `an aggregate`.
     pub(crate) what: &'static str,
-    /// What shows settings one by one.
+    /// The table or figure that shows settings one by one.
     pub(crate) instead: &'static str,
 }
 
-/// Checks what stands for 0 and 1 in every environment, that no settings are mixed, and that listed agents
-/// have trials everywhere.
+/// Checks the ends of the scale in every environment, that no settings are mixed, and that listed agents have trials
+/// in all environments.
 pub(crate) fn normalised(
-    normalise: &Normalise,
-    pooled: &Pooled,
+    normalise: &Normalisation,
+    pooled: &PoolWording,
     names: &mut Names<'_>,
     place: &Place<'_>,
     picked: &Picked,
 ) {
     suite(pooled, names, place, picked);
     match normalise {
-        Normalise::Agents { low, high } => two_agents(names, low, high, place, picked),
-        Normalise::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
+        Normalisation::Agents { low, high } => two_agents(names, low, high, place, picked),
+        Normalisation::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
     }
 }
 
-fn suite(pooled: &Pooled, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
+fn suite(pooled: &PoolWording, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if names
         .vocabulary
         .settings
@@ -71,7 +70,7 @@ fn first_without(names: &Names<'_>, agent: usize, picked: &Picked) -> Option<Str
         .map(|index| names.vocabulary.environments[*index].clone())
 }
 
-/// Checks an agent that the others are measured by: it has a trial in every environment.
+/// Checks that an agent at an end of the scale has a trial in every environment.
 pub(crate) fn plays_everywhere(
     names: &mut Names<'_>,
     name: &str,
@@ -155,7 +154,7 @@ fn by_environment(
     }
 }
 
-/// Floor and ceiling of one environment: they differ, and agents among them play there.
+/// Checks floor and ceiling of one environment: they differ, and agents at them have trials there.
 fn two_ends(names: &mut Names<'_>, ends: &[Bound; 2], inner: &Place<'_>, (name, environment): (&str, usize)) {
     let [low, high] = ends;
     if low == high {

@@ -5,7 +5,7 @@
 
 mod check;
 
-pub(crate) use check::{Pooled, normalised, plays_everywhere};
+pub(crate) use check::{PoolWording, normalised, plays_everywhere};
 
 use super::{Axis, NumberFormat, Scope};
 use schemars::JsonSchema;
@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 use statistics::estimators::mean;
 use std::collections::BTreeMap;
 
-/// What the scores 0 and 1 stand for.
+/// Meaning of the scores 0 and 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, deny_unknown_fields)]
-pub enum Normalise {
+pub enum Normalisation {
     /// Two agents, whose means in an environment become 0 and 1.
     Agents {
         /// The agent of score 0.
@@ -28,7 +28,7 @@ pub enum Normalise {
     ByEnvironment(BTreeMap<String, [Bound; 2]>),
 }
 
-/// What one of the scores 0 and 1 stands for in an environment.
+/// Meaning of one of the scores 0 and 1 in an environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Bound {
@@ -47,8 +47,8 @@ impl Bound {
     }
 }
 
-impl Normalise {
-    /// Agents that stand for 0 or for 1 in every environment, with the score.
+impl Normalisation {
+    /// Agents that stand for 0 or for 1 in every environment, with that score.
     #[must_use]
     pub fn fixed(&self) -> Vec<(&str, u8)> {
         match self {
@@ -87,16 +87,16 @@ fn everywhere(bounds: &BTreeMap<String, [Bound; 2]>, end: usize) -> Option<&str>
 /// An environment with the values that its scores 0 and 1 stand for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreScale {
-    /// Its name.
+    /// Name of the environment.
     pub environment: String,
-    /// `None` where an agent that stands for one of them has no value.
+    /// Values of the scores 0 and 1; `None` where an agent that stands for one of them has no value.
     pub ends: Option<[f64; 2]>,
 }
 
 impl ScoreScale {
     /// The scale of an environment; `all` holds the trials of all agents.
     #[must_use]
-    pub fn of(normalise: &Normalise, metric: &str, environment: String, all: &Scope<'_>) -> Self {
+    pub fn of(normalise: &Normalisation, metric: &str, environment: String, all: &Scope<'_>) -> Self {
         let value = |bound: &Bound| match bound {
             Bound::Number(number) => Some(*number),
             Bound::Agent(agent) => {
@@ -111,7 +111,7 @@ impl ScoreScale {
         Self { environment, ends }
     }
 
-    /// The score of a value; `None` where nothing can be scaled.
+    /// The score of a value; `None` where the scale has no extent or no ends.
     #[must_use]
     pub fn score(&self, value: f64) -> Option<f64> {
         self.ends
@@ -120,7 +120,7 @@ impl ScoreScale {
     }
 }
 
-/// What 0 and 1 stand for in each environment, as a sentence.
+/// A sentence on the values of the scores 0 and 1 in each environment.
 #[must_use]
 pub fn ends_in_words(scales: &[ScoreScale], label: impl Fn(&str) -> String) -> String {
     let of = |scale: &ScoreScale| {
@@ -143,7 +143,7 @@ mod tests {
     use serde_json::json;
     use testing::synthetic::study;
 
-    fn read(value: serde_json::Value) -> Normalise {
+    fn read(value: serde_json::Value) -> Normalisation {
         serde_json::from_value(value).unwrap()
     }
 
@@ -151,7 +151,7 @@ mod tests {
     fn ends_are_agents_numbers_or_one_of_each() {
         let results = study();
         let all = Scope::of(&results, &[], &[]);
-        let ends = |normalise: &Normalise| {
+        let ends = |normalise: &Normalisation| {
             ScoreScale::of(normalise, "cycle_length", "four_cells".into(), &all)
                 .ends
                 .unwrap()
