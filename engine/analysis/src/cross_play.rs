@@ -117,7 +117,7 @@ impl<'a> Encounters<'a> {
     /// without one of its trials has no value: means over different opponents cannot be compared.
     #[must_use]
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
-        let mut of_combinations: BTreeMap<&str, Vec<Meeting<'_>>> = BTreeMap::new();
+        let mut of_combinations: BTreeMap<&str, Vec<MatchupValue<'_>>> = BTreeMap::new();
         for it in self.trials(cast) {
             let meetings = of_combinations.entry(&it.trial.cell.agent).or_default();
             meetings.push(self.meeting(it, metric));
@@ -157,12 +157,12 @@ impl<'a> Encounters<'a> {
             .any(|(_, it)| self.meeting(it, "").is_crossed())
     }
 
-    fn meeting(&self, it: &'a TrialResult, metric: &str) -> Meeting<'a> {
+    fn meeting(&self, it: &'a TrialResult, metric: &str) -> MatchupValue<'a> {
         let members = it.trial.key.agent.cast().into_iter().flat_map(|cast| &cast.roles);
         let seed = |id: &String| self.seeds.get(id.as_str()).copied();
         let trained =
             members.filter_map(|(role, member)| Some((role.as_str(), seed(member.trial.as_ref()?)?)));
-        Meeting {
+        MatchupValue {
             seed: it.trial.key.seed,
             roles: trained.collect(),
             value: it.is_ok().then(|| it.mean(Phase::Final, metric)).flatten(),
@@ -171,7 +171,7 @@ impl<'a> Encounters<'a> {
 }
 
 /// The value of one trial of a play and the seeds that met in it.
-struct Meeting<'a> {
+struct MatchupValue<'a> {
     /// Seed of the trial itself.
     seed: u64,
     /// Seed of every trained player, by role.
@@ -179,7 +179,7 @@ struct Meeting<'a> {
     value: Option<f64>,
 }
 
-impl Meeting<'_> {
+impl MatchupValue<'_> {
     fn is_crossed(&self) -> bool {
         self.roles.values().any(|seed| *seed != self.seed)
     }
@@ -190,8 +190,8 @@ impl Meeting<'_> {
 }
 
 /// The value v(k) of each seed, `None` where one of its trials has no value.
-fn of_seeds(meetings: &[Meeting<'_>]) -> Vec<(u64, Option<f64>)> {
-    if !meetings.iter().any(Meeting::is_crossed) {
+fn of_seeds(meetings: &[MatchupValue<'_>]) -> Vec<(u64, Option<f64>)> {
+    if !meetings.iter().any(MatchupValue::is_crossed) {
         return meetings.iter().map(|it| (it.seed, it.value)).collect();
     }
     let seeds: BTreeSet<u64> = meetings
@@ -200,19 +200,20 @@ fn of_seeds(meetings: &[Meeting<'_>]) -> Vec<(u64, Option<f64>)> {
         .collect();
     let incomplete = |seed: u64| meetings.iter().any(|it| it.value.is_none() && it.has(seed));
     let (gone, complete): (Vec<u64>, Vec<u64>) = seeds.into_iter().partition(|seed| incomplete(*seed));
-    let counted: Vec<(&Meeting<'_>, f64)> = meetings
+    let counted: Vec<(&MatchupValue<'_>, f64)> = meetings
         .iter()
         .filter(|it| !gone.iter().any(|seed| it.has(*seed)))
         .filter_map(|it| Some((it, it.value?)))
         .collect();
-    let mean_where = |fits: &dyn Fn(&Meeting<'_>) -> bool| {
+    let mean_where = |fits: &dyn Fn(&MatchupValue<'_>) -> bool| {
         let fitting = counted.iter().filter(|(it, _)| fits(it));
         mean(&fitting.map(|(_, value)| *value).collect::<Vec<_>>())
     };
     let whole = mean_where(&|_| true);
     let roles: BTreeSet<&str> = meetings.iter().flat_map(|it| it.roles.keys().copied()).collect();
     let value = |seed: u64| {
-        let added = |role: &&str| mean_where(&|it: &Meeting<'_>| it.roles.get(role) == Some(&seed)) - whole;
+        let added =
+            |role: &&str| mean_where(&|it: &MatchupValue<'_>| it.roles.get(role) == Some(&seed)) - whole;
         whole + roles.iter().map(added).sum::<f64>()
     };
     let known = complete.iter().map(|seed| (*seed, Some(value(*seed))));

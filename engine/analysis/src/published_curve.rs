@@ -58,7 +58,7 @@ pub enum PublishedCurveError {
     /// The file cannot be opened or is no CSV file.
     #[error("cannot read `{}`: {problem}", file.display())]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// Error of the system or the reader.
         problem: String,
@@ -69,7 +69,7 @@ pub enum PublishedCurveError {
     /// The first line does not name a column.
     #[error("`{}` has no column `{column}`", file.display())]
     NoColumn {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The column that is asked for.
         column: String,
@@ -79,11 +79,11 @@ pub enum PublishedCurveError {
     /// A field holds a text of another kind.
     #[error("`{}`, line {line}, column `{column}`: `{text}` is not {expected}", file.display())]
     Unfit {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The line, from 1.
         line: u64,
-        /// The column.
+        /// Name of the column.
         column: String,
         /// Text of the field.
         text: String,
@@ -93,7 +93,7 @@ pub enum PublishedCurveError {
     /// No row matches `rows`.
     #[error("no row of `{}` has {wanted}", file.display())]
     NoRow {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The texts that a row must have.
         wanted: String,
@@ -101,13 +101,13 @@ pub enum PublishedCurveError {
     /// A run has two values at one step.
     #[error("`{}`, line {line}, column `{column}`: step {step} stands in this run already", file.display())]
     StepTwice {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
         /// The line of the second value, from 1.
         line: u64,
         /// The column of the steps.
         column: String,
-        /// The step.
+        /// The step with two values.
         step: u64,
     },
 }

@@ -17,9 +17,9 @@ pub enum Mode {
 pub struct Transition {
     /// Observations of all seats before the step.
     pub observation: Observation,
-    /// Actions of all seats.
+    /// Actions of all seats in this step.
     pub action: Action,
-    /// Reward of each seat.
+    /// Rewards of this step, one for each seat.
     pub rewards: Vec<f64>,
     /// Observations of all seats after the step, before any reset.
     pub next_observation: Observation,

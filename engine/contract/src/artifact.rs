@@ -55,7 +55,7 @@ pub enum ArtifactKind {
     Choice,
     /// The graph of a design that was found: `graph.json`.
     Graph,
-    /// Samples of what was made: `images.png`.
+    /// Samples of generated images: `images.png`.
     Images,
 }
 
@@ -240,10 +240,10 @@ struct Form {
     environment: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seed: Option<u64>,
-    /// Written by the program, so that a complete config says what it takes.
+    /// Kind of the artifact, written by the program, so that a complete config names it.
     #[serde(rename = "product", default)]
     artifact: Option<ArtifactKind>,
-    /// Written inside a trial.
+    /// Set inside a trial, instead of the names of the study.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     folder: Option<PathBuf>,
 }

@@ -6,7 +6,7 @@ use std::fmt::{self, Display, Formatter};
 /// The state of the source code that a program was built from.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Build {
-    /// Hash of the commit.
+    /// Hash of the commit, in hexadecimal digits.
     pub commit: String,
     /// Whether files that the program is made of differed from the commit.
     pub changed: bool,

@@ -30,7 +30,7 @@ pub trait Keeper {
     /// damaged things) to continue from: then agent and record are as they were.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where the agent does not take what was saved; agent and record are then to be
+    /// [`Error::Checkpoint`] where the agent does not take its saved state; agent and record are then to be
     /// made anew.
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error>;
 

@@ -1,9 +1,9 @@
-//! Several choices at once, each among named options: how a design is said in numbers.
+//! Several choices at once, each among named options: the form of a design in numbers.
 //!
 //! A vector of [`Space::Choices`](crate::Space::Choices) holds one value per option, choice after choice. Of each
 //! choice the option with the largest value is taken, the first of equals. So an agent whose actions are numbers
 //! between -1 and 1 designs as well as one that draws options: the first decides by its largest output, the second
-//! writes 1 for what it takes and -1 for the rest.
+//! writes 1 for the taken options and -1 for the rest.
 
 use crate::Error;
 use serde::{Deserialize, Serialize};

@@ -61,7 +61,7 @@ impl CompleteConfig {
         if !is_plain || Arc::get_mut(&mut self.0).is_none() {
             *self = Self::from(Value::clone(self));
         }
-        // Nothing shares a config that was just made, nor what it is made of.
+        // A config that was just made shares nothing.
         let form = Arc::get_mut(&mut self.0).expect("not shared");
         Arc::get_mut(&mut form.base).expect("not shared")
     }

@@ -69,7 +69,7 @@ impl Designs {
 /// The options that actions take, by the names of their choices; empty for actions of another kind.
 ///
 /// # Errors
-/// [`Error::Action`] for an action that is none of this space.
+/// [`Error::Action`] for an action outside this space.
 pub fn in_words(space: &Space, actions: &[Vec<f64>]) -> Result<Vec<BTreeMap<String, String>>, Error> {
     let Space::Choices(choices) = space else {
         return Ok(Vec::new());

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::io::{self, Read};
 
-/// Letters of a digest.
+/// Length of a digest, in hexadecimal digits.
 pub const LENGTH: usize = 32;
 
 /// The digest of some bytes: the first [`LENGTH`] hexadecimal digits of their BLAKE3 hash.

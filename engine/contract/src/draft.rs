@@ -12,7 +12,7 @@ pub struct Given<'a> {
     pub from: &'a str,
     /// The folder of the study, in which the program lies.
     pub folder: &'a Path,
-    /// Files of the program that a person names besides, as patterns.
+    /// Further files of the program that the command names, as patterns.
     pub sources: &'a [String],
     /// How long the program runs at most.
     pub runs_for: Duration,

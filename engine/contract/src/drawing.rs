@@ -25,9 +25,9 @@ const MOST_BYTES: u64 = 1 << 28;
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Graph {
-    /// The boxes.
+    /// Boxes of the graph, in any order.
     pub nodes: Vec<Node>,
-    /// The arrows.
+    /// Arrows of the graph, in any order.
     pub edges: Vec<Edge>,
     /// The first words of all labels that designs of this kind may have, those that are best told apart first.
     /// Each has the same colour in every figure; where empty, the most frequent ones of a graph are coloured.
@@ -67,12 +67,12 @@ pub struct Edge {
     pub bypass: bool,
 }
 
-/// A picture.
+/// A picture in 8-bit RGB.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Image {
     /// Pixels in a row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// Red, green and blue of each pixel, row by row, `[height, width, 3]`.
     pub pixels: Vec<u8>,

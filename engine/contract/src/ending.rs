@@ -6,7 +6,7 @@
 pub enum Ending {
     /// It left with this exit code.
     Code(i32),
-    /// This signal ended it.
+    /// It was ended by this signal.
     Signal(i32),
 }
 

@@ -26,7 +26,7 @@ pub struct Channel {
     pub center: f64,
     /// A typical deviation from `center`, above zero; agents that scale their inputs divide by it.
     pub spread: f64,
-    /// For an entry of an action: the environment's own limits that `low` and `high` stand for, where these differ.
+    /// For an entry of an action: the environment's own limits that correspond to `low` and `high`, where these differ.
     /// Code of the person who wrote the environment uses the own limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_limits: Option<(f64, f64)>,
@@ -63,7 +63,7 @@ impl Channel {
         Self { low, high, ..self }
     }
 
-    /// The same channel, whose limits stand for these limits of the environment's own.
+    /// The same channel, whose limits correspond to these limits of the environment's own.
     #[must_use]
     pub fn standing_for(self, low: f64, high: f64) -> Self {
         Self {
@@ -190,7 +190,7 @@ pub struct Observation {
 /// One vector per seat.
 pub type Action = Vec<Vec<f64>>;
 
-/// Result of one step.
+/// Result of one step of an environment.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Step {
     /// Observation of each seat after the step.
@@ -292,7 +292,7 @@ impl Metric {
         }
     }
 
-    /// Says why a name cannot stand in a claim; `None` where it can: letters, digits and `_`.
+    /// The reason that a name cannot stand in a claim; `None` where it can: letters, digits and `_`.
     #[must_use]
     pub fn name_problem(name: &str) -> Option<&'static str> {
         let is_name = !name.is_empty() && name.chars().all(|it| it.is_alphanumeric() || it == '_');

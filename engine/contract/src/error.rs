@@ -17,7 +17,7 @@ pub enum Error {
     File {
         /// The action that failed, as in "read".
         doing: &'static str,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: std::io::Error,
@@ -33,7 +33,7 @@ pub enum Error {
     /// This machine lacks something that a plugin needs, or has another version of it. The config may be right.
     #[error("`{key}`: {problem}")]
     Unavailable {
-        /// The key inside the plugin's config that names what is missing, dotted.
+        /// The key inside the plugin's config that names the missing thing, dotted.
         key: String,
         /// The missing thing, and how to get it.
         problem: String,
@@ -41,7 +41,7 @@ pub enum Error {
     /// An agent cannot be used with an environment.
     #[error("agent `{agent}` cannot be used here: {problem}")]
     Mismatch {
-        /// The agent.
+        /// Name of the agent.
         agent: &'static str,
         /// The property that is missing.
         problem: String,
@@ -54,7 +54,7 @@ pub enum Error {
         path.display()
     )]
     DataFileChanged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// A number that must be finite is not.
@@ -64,7 +64,7 @@ pub enum Error {
         what: String,
         /// Step of the trial.
         step: u64,
-        /// The value.
+        /// The value that is not finite.
         value: f64,
     },
     /// An action lies outside its space.
@@ -76,15 +76,15 @@ pub enum Error {
     /// A step of an environment did not record each of the environment's metrics once.
     #[error("the environment recorded {recorded} at a step; its metrics are {declared}")]
     Recorded {
-        /// Names that were recorded.
+        /// Names that the step recorded, joined.
         recorded: String,
-        /// Names of the metrics.
+        /// Names that the environment declares, joined.
         declared: String,
     },
     /// A model's equations cannot be continued.
     #[error("{model}: {problem}")]
     Model {
-        /// The model.
+        /// Name of the model.
         model: &'static str,
         /// The failure, with time and values.
         problem: String,
@@ -102,7 +102,7 @@ pub enum Error {
     Source {
         /// Id of the trial that leaves it.
         trial: String,
-        /// The fault.
+        /// The fault in the artifact.
         problem: String,
     },
     /// The policy that a trial left is of no form that other runtimes can be given.
@@ -113,9 +113,9 @@ pub enum Error {
     NoPortablePolicy {
         /// Id of the trial.
         trial: String,
-        /// Its agent.
+        /// Agent of this trial.
         agent: String,
-        /// Names of the forms.
+        /// Names of the forms that are known.
         known: Vec<&'static str>,
     },
     /// A dataset was gathered in an environment whose seats see or do something else.
@@ -151,7 +151,7 @@ pub enum Error {
     Ended {
         /// Name of the process.
         what: &'static str,
-        /// The number of the signal.
+        /// Number of the signal.
         signal: i32,
     },
     /// A program that trains an agent did not end well, by its own fault.
@@ -182,7 +182,7 @@ pub enum Error {
     /// A file that a person gave is not valid.
     #[error("`{}`{}: {}", path.display(), place(*line, column.as_deref()), said(path, problem))]
     Input {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1, where one is at fault.
         line: Option<u64>,
@@ -198,21 +198,21 @@ pub enum Error {
         doing: String,
         /// The bucket, as `s3://bucket/prefix`.
         address: String,
-        /// Error of the service, or what is missing.
+        /// Error of the service, or the missing setting.
         problem: String,
     },
     /// A stored file is damaged.
     #[error("`{}` is damaged: {}", path.display(), said(path, problem))]
     Damaged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The fault.
+        /// The fault in its content.
         problem: String,
     },
     /// A stored file was written by a later version of the program; it is left as it is.
     #[error("`{}` was written by a newer program ({problem}) and is left as it is: use that program", path.display())]
     Newer {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The entry that shows the later version.
         problem: String,
@@ -224,15 +224,15 @@ pub enum Error {
         path.display()
     )]
     Record {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The fault.
+        /// The fault in its content.
         problem: String,
     },
     /// An environment gives something to draw that cannot be drawn.
     #[error(transparent)]
     Drawing(#[from] DrawingError),
-    /// A table, figure or claim could not be made from what is stored.
+    /// A table, figure or claim could not be made from the stored trials.
     #[error("{what}: {problem}")]
     Render {
         /// Name of the table, figure or claim.
@@ -299,9 +299,9 @@ pub enum DrawingError {
         width: u32,
         /// Rows.
         height: u32,
-        /// Bytes of such an image.
+        /// Number of bytes of an image of this size.
         expected: u64,
-        /// Bytes of this image.
+        /// Number of bytes of this image.
         found: usize,
     },
     /// An image is not square, or of another size than the first.

@@ -27,7 +27,7 @@ pub const SCHEMA_VERSION: u32 = 1;
 pub struct MetricsTable {
     /// Metric names that the rows point into.
     pub names: Vec<String>,
-    /// The rows.
+    /// Rows in the order of the files.
     pub rows: Vec<Row>,
 }
 
@@ -130,7 +130,7 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
             value,
         });
     }
-    // Of very many short trials the room that was left for more rows would be most of what is held.
+    // With very many short trials the reserved room would be most of the memory in use.
     table.rows.shrink_to_fit();
     Ok(Some(table))
 }

@@ -26,9 +26,9 @@ pub enum Measured {
 pub struct Assignment {
     /// Id of the trial.
     pub trial: String,
-    /// The replicate.
+    /// Seed of the trial.
     pub seed: u64,
-    /// Steps of the training.
+    /// Steps of the training, in the unit of the protocol's `steps`.
     pub steps: u64,
     /// Steps between two measurements; 0 where only the last one is taken.
     pub evaluate_every: u64,
@@ -41,7 +41,7 @@ pub struct Assignment {
 /// Description of an environment for programs that make it themselves.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Simulator {
-    /// Name of the plugin.
+    /// Name of the environment's plugin.
     pub plugin: String,
     /// Its config; paths of files are absolute.
     pub config: Value,
@@ -65,7 +65,7 @@ pub struct Place {
 /// The values of a metric so far, each at its step, in the order of the training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// The metric.
+    /// The metric of the values.
     pub metric: Metric,
     /// Number of last values whose mean is the measurement at a step.
     pub last: u64,
@@ -73,7 +73,7 @@ pub struct Curve {
     pub values: Vec<(u64, f64)>,
 }
 
-/// How a training stands.
+/// The state of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Advance {
     /// The training goes on.
@@ -92,7 +92,7 @@ pub enum Advance {
 pub enum Asked {
     /// The one during the training that is due at this step, if any.
     At(u64),
-    /// The last one.
+    /// The last measurement.
     Last,
 }
 
@@ -101,7 +101,7 @@ pub trait OwnTraining {
     /// The command for an assignment, word by word: nothing runs yet.
     ///
     /// # Errors
-    /// [`Error::Config`] where the assignment lacks what the words name.
+    /// [`Error::Config`] where the assignment lacks a value that the words name.
     fn command(&self, of: &Assignment) -> Result<Vec<String>, Error>;
 
     /// Words of the command as they are written, with the program that runs here in the first place.

@@ -6,8 +6,8 @@ use serde_json::Value;
 
 /// The config of a plugin.
 ///
-/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then
-/// reads what its id names, whatever happens to the file.
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads the
+/// content that its id names, even if the file changes.
 ///
 /// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
 /// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the

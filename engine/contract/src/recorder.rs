@@ -44,7 +44,7 @@ pub struct Row {
     pub step: u64,
     /// Episode inside the measurement, from 0.
     pub episode: u64,
-    /// Seat, from 0.
+    /// Index of the seat, from 0.
     pub seat: u16,
     /// Index into [`Recorder::names`].
     pub metric: u16,
@@ -60,13 +60,13 @@ pub struct Recorder {
     running: Running,
     /// Index of the first row whose value is not finite.
     not_finite: Option<usize>,
-    deciding: Deciding,
+    deciding: DecisionTime,
 }
 
 /// Time that the agent took for the decisions of the final measurement, of those made in this process: a measurement of
 /// the machine, which is no row.
 #[derive(Debug, Clone, Copy, Default)]
-struct Deciding {
+struct DecisionTime {
     decisions: usize,
     time: Duration,
 }
@@ -96,7 +96,7 @@ impl Recorder {
             rows,
             running,
             not_finite,
-            deciding: Deciding::default(),
+            deciding: DecisionTime::default(),
         }
     }
 
@@ -218,7 +218,7 @@ impl Recorder {
         reason = "a count of decisions is far below 2^52"
     )]
     pub fn decision_s(&self) -> Option<f64> {
-        let Deciding { decisions, time } = self.deciding;
+        let DecisionTime { decisions, time } = self.deciding;
         (decisions > 0).then(|| time.as_secs_f64() / decisions as f64)
     }
 

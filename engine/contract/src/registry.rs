@@ -25,7 +25,7 @@ type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Age
 
 /// A registered environment.
 pub struct EnvironmentEntry {
-    /// Name, defaults, schema.
+    /// Description, defaults and schema.
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Environment>,
@@ -49,7 +49,7 @@ impl EnvironmentEntry {
 
 /// A registered agent.
 pub struct AgentEntry {
-    /// Name, defaults, schema.
+    /// Description, defaults and schema.
     pub about: About,
     /// Facts that its registration gives besides the constructor.
     pub traits: AgentTraits,
@@ -77,7 +77,7 @@ impl AgentEntry {
 
 /// A registered protocol.
 pub struct ProtocolEntry {
-    /// Name, defaults, schema.
+    /// Description, defaults and schema.
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
@@ -264,14 +264,14 @@ impl Registry {
         );
     }
 
-    /// Says how the environments of a registered plugin are called elsewhere, by key.
+    /// Registers the names that environments of a registered plugin have in other programs, by key.
     pub fn environment_names(&mut self, name: &str, names: fn(&Value) -> Vec<(&'static str, String)>) {
         if let Some(entry) = self.environments.get_mut(name) {
             entry.names = names;
         }
     }
 
-    /// Says that a registered protocol lets agents train themselves, and the config that such an agent gets.
+    /// Registers that a protocol lets agents train themselves, with the config that such an agent gets.
     pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C, Option<Measured>) -> C) {
         let resolve = move |raw: &Value, measured| {
             serde_json::to_value(own_training(serde_json::from_value(raw.clone())?, measured))

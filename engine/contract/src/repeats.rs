@@ -1,4 +1,4 @@
-//! Whether a program that trains itself comes to the same values again with the same seed.
+//! Repetition: whether a program that trains itself gives the same values again with the same seed.
 
 use crate::{Phase, recorder::Row};
 use document::count::count;
@@ -14,7 +14,7 @@ pub enum Repeats {
     Within(i32),
     /// They differ by more, or stand at other steps.
     Not,
-    /// Why it is not known.
+    /// The reason that it is unknown.
     Unknown(String),
 }
 
@@ -23,7 +23,7 @@ pub enum Repeats {
 pub struct Recorded<'a> {
     /// Names that the rows point into.
     pub names: &'a [String],
-    /// The rows.
+    /// Rows of the run.
     pub rows: &'a [Row],
 }
 

@@ -77,7 +77,7 @@ impl Needs {
 /// The cores and graphics cards of a machine, for trials.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Capacity {
-    /// Cores.
+    /// Number of cores.
     pub cores: usize,
     /// Cards, as `CUDA_VISIBLE_DEVICES` names them.
     pub gpus: Vec<String>,
@@ -104,7 +104,7 @@ impl Capacity {
 /// The cores and graphics cards that a trial was given.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Share {
-    /// Cores.
+    /// Number of cores that it may use.
     pub cores: u32,
     /// The cards that it sees; `None` where it sees all cards of the machine.
     pub gpus: Option<Vec<String>>,

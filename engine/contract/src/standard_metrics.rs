@@ -1,4 +1,4 @@
-//! Metrics that protocols record whatever the environment and the agent.
+//! Metrics that protocols record for every environment and agent.
 
 use crate::{Metric, PerEpisode};
 use serde::Serialize;

@@ -70,16 +70,16 @@ impl std::ops::Deref for Device {
 /// seed alone share the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialKey {
-    /// The environment.
+    /// Environment with its complete config.
     #[serde(with = "shared")]
     pub environment: Arc<Part>,
     /// The agent or the policies that act.
     #[serde(with = "shared")]
     pub agent: Arc<Actors>,
-    /// The protocol.
+    /// Protocol with its complete config.
     #[serde(with = "shared")]
     pub protocol: Arc<Part>,
-    /// The replicate.
+    /// Seed of the trial, which makes it a replicate of others.
     pub seed: u64,
     /// Version of the shared numerical code.
     pub numerics: u32,
@@ -249,12 +249,12 @@ pub enum Purpose {
     /// It is one of a combination of environment, agent and setting, which tables, figures and claims show.
     #[default]
     Cell,
-    /// It leaves what other trials take: an entry of the section `prepare`, whose name stands for the
+    /// It leaves artifacts that other trials take: an entry of the section `prepare`, whose name takes the place of the
     /// environment.
     Prepared,
     /// It measures a setting for the search with this name.
     Tried(String),
-    /// It is an encounter of a play, whose name stands for the environment; the agents by role.
+    /// It is an encounter of a play, whose name takes the place of the environment; the agents by role.
     Play(BTreeMap<String, String>),
     /// It is a run of another program, which tables, figures and claims show beside our own.
     Imported,

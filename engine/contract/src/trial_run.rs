@@ -32,7 +32,7 @@ impl TrialKey {
     /// into `folder`.
     ///
     /// # Errors
-    /// Whatever a plugin reports, [`Error::Source`] for an artifact of another trial that cannot be used, and
+    /// Errors of plugins, [`Error::Source`] for an artifact of another trial that cannot be used, and
     /// [`Error::Stopped`] where `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
@@ -70,7 +70,7 @@ impl TrialKey {
             &self.environment.stream_id(&environment.about),
             self.seed,
         );
-        // It stays until the trial ends, and with it what the environments of a trial have in common.
+        // It stays until the trial ends, and with it the data that the environments of a trial share.
         let first_environment = make_environment()?;
         let interface = first_environment.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;

@@ -157,7 +157,7 @@ pub struct Place {
     pub line: usize,
     /// Column in characters, from 1.
     pub column: usize,
-    /// Number of characters.
+    /// Length in characters.
     pub length: usize,
     /// The line's text; of a very long line the part around the column.
     pub text: String,
@@ -195,7 +195,7 @@ impl Place {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// It cannot.
+    /// It cannot be run.
     Error,
     /// It cannot on this machine, which lacks something that the study needs.
     Unavailable,

@@ -39,7 +39,7 @@ impl Use {
     }
 }
 
-/// Lets files of this many megabytes be read, whatever they are for.
+/// Sets the limit in megabytes for files of every use.
 pub fn allow(megabytes: u64) {
     ASKED_MB.store(megabytes, Ordering::Relaxed);
 }

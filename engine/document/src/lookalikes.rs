@@ -4,9 +4,9 @@
 /// A letter that looks like another one, or is invisible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lookalike {
-    /// The letter.
+    /// The letter in the text.
     pub letter: char,
-    /// Its name, with the article.
+    /// Name of the letter, with the article.
     pub name: String,
     /// The letter to write in its place; `None` where it is to be removed.
     pub instead: Option<char>,
@@ -15,13 +15,13 @@ pub struct Lookalike {
 }
 
 impl Lookalike {
-    /// Its name and the advice, as a clause.
+    /// Name of the letter and the advice, as a clause.
     #[must_use]
     pub fn sentence(&self) -> String {
         format!("{} stands here: {}", self.named(), self.advice())
     }
 
-    /// Its name with its code point.
+    /// Name of the letter with its code point.
     #[must_use]
     pub fn named(&self) -> String {
         format!("{} (U+{:04X})", self.name, u32::from(self.letter))

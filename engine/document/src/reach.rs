@@ -41,7 +41,7 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// Advice for such a name.
+    /// Advice for a name that leads out.
     pub const HELP: &str = "move the file into that folder, write its absolute path, or put a file `regimen.toml` into \
                             the folder of the project that holds both";
 }
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::symlink;
 
-    /// A project with a study in a folder of it, and a neighbour that is none of it.
+    /// A project with a study in a folder, and a file beside the project.
     fn tree() -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for name in [

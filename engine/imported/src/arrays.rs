@@ -20,7 +20,7 @@ struct Array {
 }
 
 /// Arrays by name.
-type Named = Vec<(String, Array)>;
+type NamedArrays = Vec<(String, Array)>;
 
 /// The table of an archive.
 pub(super) fn table(file: &Content) -> Result<Table, Error> {
@@ -70,7 +70,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
 }
 
 /// The arrays of numbers by name, with a sentence on each other one.
-fn arrays(file: &Content) -> Result<(Named, Vec<String>), Error> {
+fn arrays(file: &Content) -> Result<(NamedArrays, Vec<String>), Error> {
     let damaged = |problem: &dyn std::fmt::Display| {
         let kind = "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write";
         file.wrong(
@@ -111,7 +111,7 @@ fn arrays(file: &Content) -> Result<(Named, Vec<String>), Error> {
 enum Refusal {
     /// Its entries are no numbers.
     Kind(String),
-    /// It is not whole.
+    /// The array is cut off or malformed.
     Damaged,
 }
 

@@ -6,7 +6,7 @@ use document::{diagnostic::nearest, reach};
 
 /// The columns of a file that hold metrics.
 #[derive(Debug, PartialEq)]
-pub(super) struct Chosen {
+pub(super) struct MetricColumns {
     /// The runs of the file, by the column of each; without a name where there is one.
     pub(super) runs: Vec<Option<String>>,
     /// The columns, each with its run and its metric.
@@ -23,12 +23,12 @@ pub(super) struct Slot {
 
 /// A column that is not there as it was named.
 #[derive(Debug, PartialEq)]
-pub(super) struct Missing {
+pub(super) struct MissingColumn {
     pub(super) name: String,
     pub(super) problem: String,
 }
 
-impl Missing {
+impl MissingColumn {
     pub(super) fn of(name: &str, known: &[String]) -> Self {
         let ends = |column: &&String| column.ends_with(name) && !is_bound(column, known);
         let near = if known.iter().filter(ends).count() > 1 {
@@ -93,12 +93,12 @@ pub(super) fn is_bound(name: &str, known: &[String]) -> bool {
     of.is_some_and(|of| known.iter().any(|other| other == of))
 }
 
-impl Chosen {
+impl MetricColumns {
     /// The columns that hold the metrics among `known`.
     ///
     /// # Errors
     /// The column that is missing, stands twice, or belongs to no run.
-    pub(super) fn of(known: &[String], mapping: &Mapping) -> Result<Self, Missing> {
+    pub(super) fn of(known: &[String], mapping: &Mapping) -> Result<Self, MissingColumn> {
         let mut chosen = Self {
             runs: Vec::new(),
             slots: Vec::new(),
@@ -121,7 +121,7 @@ impl Chosen {
                         ours.len(),
                         theirs.len()
                     );
-                    return Err(Missing::because(&columns.all()[0], problem));
+                    return Err(MissingColumn::because(&columns.all()[0], problem));
                 }
                 Some(_) => {}
             }
@@ -139,7 +139,7 @@ impl Chosen {
         }
         let by_column = chosen.runs.iter().any(Option::is_some);
         match (&mapping.seed, &mapping.run) {
-            (Some(column), _) | (_, Some(column)) if by_column => Err(Missing::because(
+            (Some(column), _) | (_, Some(column)) if by_column => Err(MissingColumn::because(
                 column,
                 "columns of `metrics` are the runs, so that no column tells runs apart: leave `seed` and `run` out",
             )),
@@ -154,7 +154,7 @@ fn same(one: &[String], other: &[String]) -> bool {
 
 /// The columns of a metric, each with a key that tells runs apart: no text where there is one column, the place in a
 /// list, or the parts that the stars of a pattern stand for.
-fn expand(known: &[String], columns: &Patterns) -> Result<Vec<(String, usize)>, Missing> {
+fn expand(known: &[String], columns: &Patterns) -> Result<Vec<(String, usize)>, MissingColumn> {
     match columns {
         Patterns::One(name) => match place(known, name) {
             Err(_) if name.contains('*') => matching(known, name),
@@ -175,16 +175,16 @@ fn expand(known: &[String], columns: &Patterns) -> Result<Vec<(String, usize)>, 
     }
 }
 
-fn place(known: &[String], name: &str) -> Result<usize, Missing> {
+fn place(known: &[String], name: &str) -> Result<usize, MissingColumn> {
     let mut places = (0..known.len()).filter(|place| known[*place] == name);
     match (places.next(), places.next()) {
         (Some(place), None) => Ok(place),
-        (Some(_), Some(_)) => Err(Missing::twice(name)),
-        (None, _) => Err(Missing::of(name, known)),
+        (Some(_), Some(_)) => Err(MissingColumn::twice(name)),
+        (None, _) => Err(MissingColumn::of(name, known)),
     }
 }
 
-fn matching(known: &[String], pattern: &str) -> Result<Vec<(String, usize)>, Missing> {
+fn matching(known: &[String], pattern: &str) -> Result<Vec<(String, usize)>, MissingColumn> {
     let mut found: Vec<(String, usize)> = Vec::new();
     for (at, name) in known
         .iter()
@@ -197,7 +197,7 @@ fn matching(known: &[String], pattern: &str) -> Result<Vec<(String, usize)>, Mis
     }
     if found.is_empty() {
         let problem = format!("no column fits this pattern; the columns are {}", named(known));
-        return Err(Missing::because(pattern, problem));
+        return Err(MissingColumn::because(pattern, problem));
     }
     Ok(found)
 }
@@ -228,7 +228,7 @@ mod tests {
             metrics: metrics.collect(),
             ..Mapping::default()
         };
-        let chosen = Chosen::of(&known(), &mapping).map_err(|missing| missing.problem)?;
+        let chosen = MetricColumns::of(&known(), &mapping).map_err(|missing| missing.problem)?;
         Ok(chosen.slots.iter().map(|slot| (slot.run, slot.column)).collect())
     }
 
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn advice_names_columns_that_are_there() {
-        let told = Missing::of("charts/return", &known()).problem;
+        let told = MissingColumn::of("charts/return", &known()).problem;
         assert!(
             told.contains("`*charts/return` takes several columns, a run each"),
             "{told}"

@@ -12,16 +12,16 @@ const FILE_VERSION: &str = "brain.Event:2";
 /// One event.
 #[derive(Clone, PartialEq, Message)]
 pub struct Event {
-    /// Seconds since 1970.
+    /// Seconds since 1970, in UTC.
     #[prost(double, tag = "1")]
     pub wall_time: f64,
-    /// Step of training.
+    /// Step of the training.
     #[prost(int64, tag = "2")]
     pub step: i64,
     /// The form of the file, in its first event.
     #[prost(string, optional, tag = "3")]
     pub file_version: Option<String>,
-    /// Values.
+    /// Values at this step.
     #[prost(message, optional, tag = "5")]
     pub summary: Option<Summary>,
     /// A start or an end of the program.
@@ -48,7 +48,7 @@ impl Event {
 /// Values of one step.
 #[derive(Clone, PartialEq, Message)]
 pub struct Summary {
-    /// The values.
+    /// Values of the step, each under its tag.
     #[prost(message, repeated, tag = "1")]
     pub value: Vec<Scalar>,
 }
@@ -84,7 +84,7 @@ pub struct Tensor {
     /// The kind of its entries, by `types.proto`.
     #[prost(int32, tag = "1")]
     pub dtype: i32,
-    /// Its lengths.
+    /// Lengths along the axes.
     #[prost(message, optional, tag = "2")]
     pub shape: Option<Shape>,
     /// Its bytes, low byte first.
@@ -115,13 +115,13 @@ pub struct Shape {
 /// The length of a tensor along an axis.
 #[derive(Clone, PartialEq, Message)]
 pub struct Length {
-    /// How many entries.
+    /// Number of entries along the axis.
     #[prost(int64, tag = "1")]
     pub size: i64,
 }
 
 impl Tensor {
-    /// How many entries it has.
+    /// Number of entries of the tensor.
     pub fn entries(&self) -> i64 {
         let lengths = self.shape.iter().flat_map(|shape| &shape.dim);
         lengths.fold(1, |entries: i64, length| entries.saturating_mul(length.size))

@@ -3,7 +3,7 @@
 //! (`tensorboard/backend/event_processing/event_accumulator.py`, `_MaybePurgeOrphanedData`).
 
 use super::{
-    columns::{Chosen, Missing, named},
+    columns::{MetricColumns, MissingColumn, named},
     content::Content,
     found::Found,
     group::Group,
@@ -165,7 +165,7 @@ impl Log {
         let file = files[first];
         let mut group = Group::new(name, None, file.path.clone());
         let tags = self.tags();
-        let chosen = match Chosen::of(&tags, mapping) {
+        let chosen = match MetricColumns::of(&tags, mapping) {
             Ok(chosen) => chosen,
             Err(_) if tags.is_empty() || mapping.leaves_out(LeftOut::Empty) => return Ok(group),
             Err(missing) => return Err(file.wrong(None, self.lacks(&missing, &tags))),
@@ -202,7 +202,7 @@ impl Log {
         Ok(group)
     }
 
-    fn lacks(&self, missing: &Missing, tags: &[String]) -> String {
+    fn lacks(&self, missing: &MissingColumn, tags: &[String]) -> String {
         let name = &missing.name;
         if self.others.contains(name) {
             return format!(

@@ -2,10 +2,10 @@
 //! columns are runs.
 
 use super::{
-    columns::Chosen,
+    columns::MetricColumns,
     content::Content,
     found::{Found, Run},
-    restarts::{Log, Pass, Rules},
+    restarts::{Log, Rules, SeparatedRun},
 };
 use contract::Error;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ impl Group {
     }
 
     /// The slots of the log that the columns of a file have.
-    pub(super) fn slots(&mut self, chosen: &Chosen) -> Vec<usize> {
+    pub(super) fn slots(&mut self, chosen: &MetricColumns) -> Vec<usize> {
         let mut places = Vec::new();
         for slot in &chosen.slots {
             let key = (slot.metric.clone(), chosen.runs[slot.run].clone());
@@ -60,7 +60,7 @@ impl Group {
         }
         let mut passes = rules.told_apart(self.log, self.slots.len(), files)?;
         if passes.is_empty() {
-            passes.push(Pass::default());
+            passes.push(SeparatedRun::default());
         }
         for pass in passes {
             let from = match pass.from {

@@ -59,7 +59,7 @@ pub fn marked(name: &str) -> String {
 /// An entry of the section `imported`, read.
 #[derive(Debug, Clone)]
 pub struct Imported {
-    /// Where the runs come from.
+    /// Source of the runs.
     pub origin: Origin,
     /// The runs as trials that ended well.
     pub trials: Vec<TrialResult>,

@@ -208,7 +208,7 @@ pub struct Mapping {
     pub metrics: BTreeMap<String, Patterns>,
     /// Source of the steps.
     pub step: Step,
-    /// The column with the seed.
+    /// Name of the column with the seed.
     pub seed: Option<String>,
     /// The column that tells runs apart.
     pub run: Option<String>,

@@ -38,7 +38,7 @@ pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathB
         let outside = |_| PatternError::Outside(Outside { name: pattern.into() });
         reach.find(folder, fixed).map_err(outside)?;
     }
-    let found = Listing {
+    let found = FolderWalk {
         pattern,
         looked_at: 0,
     }
@@ -56,12 +56,12 @@ pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathB
 }
 
 /// A walk through the folders that a pattern names.
-struct Listing<'a> {
+struct FolderWalk<'a> {
     pattern: &'a str,
     looked_at: usize,
 }
 
-impl Listing<'_> {
+impl FolderWalk<'_> {
     fn files(&mut self, folder: &Path) -> Result<Vec<PathBuf>, PatternError> {
         let mut found = vec![folder.to_owned()];
         for part in Path::new(self.pattern).components() {

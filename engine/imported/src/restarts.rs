@@ -32,7 +32,7 @@ pub(super) struct Log {
 
 /// A run that was told apart from others in its log.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Pass {
+pub(super) struct SeparatedRun {
     /// The place at which it begins, where that is not the beginning of the log.
     pub(super) from: Option<(usize, u64)>,
     pub(super) entries: Vec<Entry>,
@@ -82,14 +82,14 @@ impl Rules {
         mut log: Log,
         slots: usize,
         files: &[&Content],
-    ) -> Result<Vec<Pass>, Error> {
+    ) -> Result<Vec<SeparatedRun>, Error> {
         match overlap(&log.entries) {
             // The names of files that follow one another may be in any order.
             None => by_steps(&mut log.entries),
             Some(pair) if self.restart.is_none() => return Err(self.two_files(pair.map(|file| files[file]))),
             Some(_) => {}
         }
-        let (mut passes, mut pass) = (Vec::new(), Pass::default());
+        let (mut passes, mut pass) = (Vec::new(), SeparatedRun::default());
         let mut last: Vec<Option<Entry>> = vec![None; slots];
         let (mut begins, mut restarts) = (log.begins.iter().peekable(), 0);
         for entry in log.entries {
@@ -197,7 +197,7 @@ impl Entry {
     }
 }
 
-impl Pass {
+impl SeparatedRun {
     /// Ends the run before the line of an entry, with which the next one begins.
     fn split(&mut self, entry: &Entry) -> Self {
         let of_line = self
@@ -288,7 +288,7 @@ mod tests {
         files: &[&[(u64, f64)]],
         restart: Option<Restart>,
         same_step: Option<SameStep>,
-    ) -> Result<Vec<Pass>, String> {
+    ) -> Result<Vec<SeparatedRun>, String> {
         let mapping = Mapping {
             restart,
             same_step,
@@ -302,8 +302,8 @@ mod tests {
         passes.map_err(|error| error.to_string())
     }
 
-    fn values(passes: &[Pass]) -> Vec<Vec<(u64, f64)>> {
-        let of = |pass: &Pass| {
+    fn values(passes: &[SeparatedRun]) -> Vec<Vec<(u64, f64)>> {
+        let of = |pass: &SeparatedRun| {
             pass.entries
                 .iter()
                 .map(|entry| (entry.step, entry.value))

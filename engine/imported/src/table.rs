@@ -1,6 +1,6 @@
 //! Tables of any file format: names of columns, and lines of cells as text.
 
-use super::{columns::Missing, content::input, mapping::Mapping};
+use super::{columns::MissingColumn, content::input, mapping::Mapping};
 use contract::Error;
 use csv::StringRecord;
 use document::reach::quoted;
@@ -27,7 +27,7 @@ pub(super) struct Table {
 /// A line of a table.
 #[derive(Debug, Clone)]
 pub(super) struct Line {
-    /// Its number in the file.
+    /// Number of the line in the file, from 1.
     pub(super) number: u64,
     /// Whether names or a comment stand before it, as where a second log is appended.
     pub(super) begins_again: bool,
@@ -72,8 +72,8 @@ impl Table {
         let mut places = (0..self.names.len()).filter(|place| self.names[*place] == name);
         match (places.next(), places.next()) {
             (Some(place), None) => Ok(place),
-            (Some(_), Some(_)) => Err(self.lacks(&Missing::twice(name))),
-            (None, _) => Err(self.lacks(&Missing::of(name, &self.names))),
+            (Some(_), Some(_)) => Err(self.lacks(&MissingColumn::twice(name))),
+            (None, _) => Err(self.lacks(&MissingColumn::of(name, &self.names))),
         }
     }
 
@@ -88,7 +88,7 @@ impl Table {
     }
 
     /// The error about a column that is missing.
-    pub(super) fn lacks(&self, missing: &Missing) -> Error {
+    pub(super) fn lacks(&self, missing: &MissingColumn) -> Error {
         self.has_names().err().unwrap_or_else(|| {
             input(
                 &self.path,

@@ -2,7 +2,7 @@
 
 use super::{
     arrays,
-    columns::{Chosen, Missing},
+    columns::{MetricColumns, MissingColumn},
     content::{Content, Form, input},
     found::Found,
     group::Group,
@@ -26,7 +26,7 @@ pub(super) fn runs(files: &[(&Content, Form)], mapping: &Mapping, found: &mut Fo
         found.notes.append(&mut table.notes);
         tables.push((place, table));
     }
-    let mut gathered = Gathered::new(mapping);
+    let mut gathered = RunCollector::new(mapping);
     for (file, table) in merged(tables, mapping, found)? {
         gathered.take(file, &table)?;
     }
@@ -112,7 +112,7 @@ fn merged(
 type Key = (Option<PathBuf>, String, Option<u64>);
 
 /// The runs of some tables while they are read.
-struct Gathered<'m> {
+struct RunCollector<'m> {
     mapping: &'m Mapping,
     /// In the order in which they begin.
     groups: Vec<Sums>,
@@ -138,7 +138,7 @@ struct Place<'a> {
     line: &'a Line,
 }
 
-impl<'m> Gathered<'m> {
+impl<'m> RunCollector<'m> {
     fn new(mapping: &'m Mapping) -> Self {
         Self {
             mapping,
@@ -158,7 +158,8 @@ impl<'m> Gathered<'m> {
         }
         let step = steps(table, self.mapping)?;
         let keys = Keys::of(table, self.mapping)?;
-        let chosen = Chosen::of(&table.names, self.mapping).map_err(|missing| table.lacks(&missing))?;
+        let chosen =
+            MetricColumns::of(&table.names, self.mapping).map_err(|missing| table.lacks(&missing))?;
         let mut slots: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for line in table.lines.iter().filter(|line| keys.counts(table, line)) {
             self.counted += 1;
@@ -218,7 +219,7 @@ impl<'m> Gathered<'m> {
         &mut self,
         at: Place<'_>,
         step: usize,
-        (chosen, slots): (&Chosen, &[usize]),
+        (chosen, slots): (&MetricColumns, &[usize]),
         group: usize,
     ) -> Result<(), Error> {
         let (table, line) = (at.table, at.line);
@@ -321,7 +322,7 @@ fn steps(table: &Table, mapping: &Mapping) -> Result<usize, Error> {
     }
     if *name == *Step::default().column() && !table.names.iter().any(|other| other == name) {
         table.has_names()?;
-        let problem = Missing::of(name, &table.names).problem;
+        let problem = MissingColumn::of(name, &table.names).problem;
         return Err(wrong(format!("{problem}: `step` names the one with the steps")));
     }
     found

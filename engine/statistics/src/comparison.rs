@@ -75,7 +75,7 @@ pub fn probability_of_improvement_interval(
 pub struct PermutationTest {
     /// Two-sided p value: twice the smaller tail, at most 1; 1 where a value is not finite.
     pub p: f64,
-    /// The smallest p that this many seeds can reach, whatever their values.
+    /// The smallest p that this many seeds can reach with any values.
     pub smallest_p: f64,
     /// False where there are too many rearrangements to list and [`PermutationTest::p`] is an estimate from
     /// random ones.

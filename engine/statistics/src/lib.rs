@@ -50,13 +50,13 @@ use serde::{Deserialize, Serialize};
 pub struct Summary {
     /// Number of seeds.
     pub n: usize,
-    /// Arithmetic mean.
+    /// Arithmetic mean over seeds.
     pub mean: f64,
     /// Sample standard deviation (divisor n - 1); `None` for one seed.
     pub sd: Option<f64>,
-    /// Median.
+    /// Median over seeds.
     pub median: f64,
-    /// Interquartile mean.
+    /// Interquartile mean over seeds.
     pub iqm: f64,
     /// 95 % Student-t interval of the mean; `None` for one seed.
     pub interval: Option<Interval>,
@@ -104,7 +104,7 @@ mod tests {
     }
 
     /// Panics unless the ends of an interval lie as near to those of the reference as other random numbers
-    /// allow: `step` is what the statistic moves in.
+    /// allow: `step` is the unit of the statistic.
     pub(super) fn assert_interval(interval: Option<Interval>, expected: &serde_json::Value, step: f64) {
         let (interval, ends) = (interval.unwrap(), numbers(expected));
         let tolerance = 0.025 * (ends[1] - ends[0]) + step;

@@ -63,7 +63,7 @@ impl Sample {
 /// A mean that others published with its spread over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PublishedMean {
-    /// The mean.
+    /// Mean over seeds.
     pub value: f64,
     /// Sample standard deviation over seeds (divisor n - 1), not a standard error.
     pub sd: f64,

@@ -1,11 +1,10 @@
 //! Group-sequential levels: the nominal level of each of several planned looks at a growing number of seeds.
 //!
-//! Who tests at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A
-//! [`Design`] names its looks before the first seed and spends the error step by step, by the function of
-//! Pocock's type of Lan and DeMets (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)`
-//! with `t = n / most`. At every look an interval at the look's nominal level may be laid against any edge,
-//! whatever was seen before (repeated confidence intervals, Jennison and Turnbull 1989, Journal of the Royal
-//! Statistical Society B 51, 305-361).
+//! Testing at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A [`Design`] names
+//! its looks before the first seed and spends the error step by step, by the function of Pocock's type of Lan and
+//! DeMets (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with `t = n / most`. At every look
+//! an interval at the look's nominal level may be compared with any edge, independently of earlier results (repeated
+//! confidence intervals, Jennison and Turnbull 1989, Journal of the Royal Statistical Society B 51, 305-361).
 //!
 //! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969,
 //! doi:10.2307/2343787) for normal increments. Levels have a relative error below 1e-7. They hold for normal
@@ -38,7 +37,7 @@ pub struct Design {
 /// Why numbers of seeds are no design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DesignError {
-    /// There is no look.
+    /// The list of looks is empty.
     #[error("a design has at least one look")]
     Empty,
     /// The first of several looks has too few seeds for an interval.

@@ -213,7 +213,7 @@ impl Outcome {
 /// An outcome with the look it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decision {
-    /// The outcome.
+    /// The outcome at that look.
     pub outcome: Outcome,
     /// Index of the look that decided; of the last complete one where none did.
     pub look: usize,

@@ -22,7 +22,7 @@ pub enum SuiteStatistic {
 /// A number with its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The number.
+    /// Value of the statistic.
     pub value: f64,
     /// Its bootstrap interval; `None` where a task has fewer than two seeds.
     pub interval: Option<Interval>,

@@ -5,9 +5,9 @@ use std::fmt;
 /// Steps of a training beside those of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrainingShare {
-    /// Steps here.
+    /// Steps of the training here.
     pub own: u64,
-    /// Steps of the source.
+    /// Steps of the source's training.
     pub paper: u64,
 }
 

@@ -119,7 +119,7 @@ impl fmt::Display for Verdict {
 /// A published value, with the band of values that count as the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference {
-    /// The value.
+    /// The published value, in its own unit.
     pub value: f64,
     /// Standard deviation and number of the runs behind it, where both are published.
     pub runs: Option<(f64, u32)>,
@@ -192,7 +192,7 @@ impl Seeds {
 pub struct Stage {
     /// The look that decided, or the last complete one, from 1; 0 where none is complete.
     pub look: usize,
-    /// All looks.
+    /// Number of looks of the design.
     pub of: usize,
     /// Seeds planned for this look.
     pub seeds: u32,
@@ -246,14 +246,14 @@ impl Stage {
 /// A verdict with the numbers it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
-    /// The verdict.
+    /// Verdict by the cell's own level.
     pub verdict: Verdict,
     /// The verdict when all judged values of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<Verdict>,
     /// The strictest share of its level at which it is decided alike; `None` where it is open, and before that share is
     /// sought.
     pub strictest: Option<f64>,
-    /// Seeds it rests on.
+    /// Number of seeds that it rests on.
     pub n: usize,
     /// Mean over these seeds; `None` without seeds or where it is not finite.
     pub mean: Option<f64>,
@@ -492,7 +492,7 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
         _ if look.evidence.n() < 2 => Some(missing),
         it if it.has_no_spread() && !look.deterministic => (missing > 0).then_some(missing),
         Evidence::Mean(estimate) => {
-            // On the side that holds, a difference has to be larger than what does not matter.
+            // On the side that holds, a difference has to be larger than one that does not matter.
             let holds = look.alike.is_some() && look.region.contains(estimate.value);
             let rooms = [Some(look.region).filter(|_| !holds), look.alike];
             let more = rooms

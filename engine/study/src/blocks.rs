@@ -1,6 +1,6 @@
 //! `blocks` and `<<`: keys that are written once and stand in several places.
 
-use super::lay::{TAKE, below, lay, without_nothing};
+use super::overlay::{TAKE, below, overlay, without_nothing};
 use document::{
     DEEPEST, Entry, Kind, MOST_NODES, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -72,7 +72,7 @@ impl Blocks<'_> {
                     let taken = entries.remove(index);
                     let own = std::mem::replace(node, Node::empty_mapping(node.span));
                     *node = self.under(&taken.value, &own, at, place);
-                    lay(node, own, place);
+                    overlay(node, own, place);
                     without_nothing(node, place);
                 }
             }
@@ -98,7 +98,7 @@ impl Blocks<'_> {
                 self.found
                     .push(error.note("the other value is here", first).help(help));
             }
-            lay(&mut whole, block, place);
+            overlay(&mut whole, block, place);
         }
         whole
     }
@@ -120,7 +120,7 @@ impl Blocks<'_> {
             return self.refuse(wanted.span, at, format!("no block is named `{name}`"), &help);
         };
         if !matches!(entry.value.kind, Kind::Mapping(_)) {
-            // The check of `blocks` says so where the block is written.
+            // The check of `blocks` reports it where the block is written.
             return None;
         }
         if self.open.contains(&entry.key.as_str()) || self.open.len() >= DEEPEST {

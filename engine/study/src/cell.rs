@@ -4,7 +4,7 @@
 
 use super::{
     grid::{self, Grid},
-    part::Resolved,
+    part::ResolvedPart,
 };
 use contract::{
     artifact::{ArtifactKind, Taken},
@@ -27,7 +27,7 @@ pub struct Cell {
     /// The point of the sweep.
     pub point: Setting,
     /// Environment, agent and protocol.
-    pub parts: [Arc<Resolved>; 3],
+    pub parts: [Arc<ResolvedPart>; 3],
     /// Artifacts that the parts take from other cells.
     pub sources: Arc<[Source]>,
 }
@@ -82,7 +82,7 @@ impl Place {
 impl Cell {
     /// A cell that takes no artifact.
     #[must_use]
-    pub fn new(place: Place, point: Setting, parts: [Arc<Resolved>; 3]) -> Self {
+    pub fn new(place: Place, point: Setting, parts: [Arc<ResolvedPart>; 3]) -> Self {
         Self {
             place,
             point,
@@ -123,7 +123,7 @@ impl Cell {
                 .collect();
             if !artifacts.is_empty() {
                 let part = Part::clone(&resolved.part);
-                *resolved = Resolved::new(Part { artifacts, ..part }, resolved.given.clone()).into();
+                *resolved = ResolvedPart::new(Part { artifacts, ..part }, resolved.given.clone()).into();
             }
         }
         self.sources = Arc::clone(sources);
@@ -133,8 +133,8 @@ impl Cell {
 
 /// A swept key as settings have it.
 #[derive(Debug, Clone)]
-pub(super) struct Swept {
-    /// Its dimension.
+pub(super) struct SettingKey {
+    /// Index of its dimension in the sweep.
     pub(super) dimension: usize,
     /// The key as settings write it.
     pub(super) word: Arc<str>,
@@ -150,7 +150,7 @@ pub(super) struct Combination {
     /// The dimensions, by their places in the sweep, with how many points each has.
     pub(super) dimensions: Vec<(usize, usize)>,
     /// The keys of its settings.
-    pub(super) keys: Vec<Swept>,
+    pub(super) keys: Vec<SettingKey>,
     /// Environment, agent and protocol.
     pub(super) parts: [Arc<Grid>; 3],
 }
@@ -162,7 +162,7 @@ impl Combination {
 
     /// The setting at a point.
     fn setting(&self, points: &[(usize, usize)]) -> Setting {
-        let value = |key: &Swept| {
+        let value = |key: &SettingKey| {
             let (_, point) = points.iter().find(|(dimension, _)| *dimension == key.dimension)?;
             Some((Arc::clone(&key.word), key.values[*point].clone()))
         };

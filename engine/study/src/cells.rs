@@ -1,11 +1,11 @@
 //! From the sections of a study to its cells.
 
 use super::{
-    cell::{Cell, Cells, Combination, Swept},
+    cell::{Cell, Cells, Combination, SettingKey},
     checked_sections::Sections,
-    known::{Known, words},
+    known::{PartCache, words},
     sweep::{Dimension, SweptKey},
-    written::{Chosen, Named, PartKind, Prepared, Target},
+    written::{NamedPart, PartKind, PreparedPart, PreparedTrial, Target},
 };
 use document::{
     Node,
@@ -22,7 +22,7 @@ impl Sections<'_> {
     /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
     pub fn cells(&self) -> Result<Cells, Vec<Diagnostic>> {
         let (mut combinations, mut others, mut found) = (Vec::new(), Vec::new(), Vec::new());
-        let mut known = Known::new(self);
+        let mut known = PartCache::new(self);
         let values = self.values();
         for pair in self.pairs() {
             let targets = [
@@ -65,19 +65,19 @@ impl Sections<'_> {
     }
 
     /// Where the parts of an entry of `prepare` are written.
-    fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
+    fn parts_of(&self, index: usize, entry: &PreparedTrial) -> Result<[Target; 3], Vec<Diagnostic>> {
         let mut found = Vec::new();
-        let mut target = |kind, chosen: &Chosen, known: &[Named], of_study: fn(usize) -> Target| match chosen
-        {
-            Chosen::Own(_) => Target::Prepared(index, kind),
-            Chosen::OfStudy(name, span) => {
-                let place = known.iter().position(|it| it.name == *name);
-                if place.is_none() {
-                    found.push(self.no_such(entry, kind, name, *span, known));
+        let mut target =
+            |kind, chosen: &PreparedPart, known: &[NamedPart], of_study: fn(usize) -> Target| match chosen {
+                PreparedPart::Own(_) => Target::Prepared(index, kind),
+                PreparedPart::OfStudy(name, span) => {
+                    let place = known.iter().position(|it| it.name == *name);
+                    if place.is_none() {
+                        found.push(self.no_such(entry, kind, name, *span, known));
+                    }
+                    of_study(place.unwrap_or_default())
                 }
-                of_study(place.unwrap_or_default())
-            }
-        };
+            };
         let (environments, agents) = (&self.written.environments, &self.written.agents);
         let environment = target(
             PartKind::Environment,
@@ -99,11 +99,11 @@ impl Sections<'_> {
 
     fn no_such(
         &self,
-        entry: &Prepared,
+        entry: &PreparedTrial,
         kind: PartKind,
         name: &str,
         span: Span,
-        known: &[Named],
+        known: &[NamedPart],
     ) -> Diagnostic {
         let at = format!("prepare.{}.{}", entry.name, kind.name());
         let error = self
@@ -120,7 +120,7 @@ impl Sections<'_> {
     }
 
     /// The swept keys of these targets, with the words that they have in settings.
-    fn swept(&self, targets: &[Target], values: &[Vec<Arc<[Value]>>]) -> Vec<Swept> {
+    fn swept(&self, targets: &[Target], values: &[Vec<Arc<[Value]>>]) -> Vec<SettingKey> {
         let all = self.dimensions.iter().zip(values).enumerate();
         let all = all.flat_map(|(index, (dimension, values))| {
             let keys = dimension.keys.iter().zip(values);
@@ -130,7 +130,7 @@ impl Sections<'_> {
             .filter(|(_, key, _)| targets.contains(&key.path.target))
             .collect();
         let texts: Vec<&str> = concerned.iter().map(|(_, key, _)| key.text.as_str()).collect();
-        let with_word = |((dimension, _, values), word): ((usize, _, &Arc<[Value]>), _)| Swept {
+        let with_word = |((dimension, _, values), word): ((usize, _, &Arc<[Value]>), _)| SettingKey {
             dimension,
             word,
             values: Arc::clone(values),

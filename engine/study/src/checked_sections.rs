@@ -3,9 +3,9 @@
 use super::{
     config::{self, Files, Plugin},
     overrides::Override,
-    part::{Form, Given, Resolved},
+    part::{ConfigOrigin, Form, ResolvedPart},
     path,
-    search::Searched,
+    search::LocatedSearch,
     sweep::Dimension,
     written::{PartKind, Selection, Target, Written},
 };
@@ -27,22 +27,22 @@ pub const MOST_TRIALS: u64 = 1_000_000;
 
 /// Everything that cells are made of.
 pub struct Sections<'a> {
-    /// The named parts.
+    /// Named parts of the study.
     pub written: &'a Written,
-    /// The plugins.
+    /// Registered plugins.
     pub registry: &'a Registry,
-    /// The schema of a study.
+    /// JSON Schema of a study.
     pub schema: &'a Value,
-    /// The texts.
+    /// Texts of the study, for messages.
     pub sources: &'a Sources,
     /// Folder of the study.
     pub folder: &'a Path,
     /// Values for some combinations.
     pub overrides: &'a [Override<'a>],
-    /// The sweep.
+    /// Dimensions of the sweep.
     pub dimensions: &'a [Dimension<'a>],
-    /// The searches.
-    pub searches: &'a [Searched<'a>],
+    /// Searches for settings.
+    pub searches: &'a [LocatedSearch<'a>],
     /// Combinations that are left out.
     pub excluded: &'a [Selection],
     /// Limits of one trial.
@@ -101,7 +101,7 @@ impl Sections<'_> {
 
     /// The config of a part with overrides and swept values written into it.
     #[must_use]
-    pub fn assigned(&self, given: &Given) -> Node {
+    pub fn assigned(&self, given: &ConfigOrigin) -> Node {
         let mut config = self
             .written
             .part(given.target)
@@ -139,9 +139,9 @@ impl Sections<'_> {
     pub(super) fn resolve(
         &self,
         plugin: &Plugin<'_>,
-        given: Given,
+        given: ConfigOrigin,
         files: &mut Files<'_>,
-    ) -> Result<Resolved, Vec<Diagnostic>> {
+    ) -> Result<ResolvedPart, Vec<Diagnostic>> {
         let config = self.assigned(&given);
         let mut part = config::resolve(plugin, &config, files, self.sources)?;
         let protocol = || &self.registry.protocols[plugin.name];
@@ -161,7 +161,7 @@ impl Sections<'_> {
             })?;
             part.config = config.into();
         }
-        Ok(Resolved::new(part, given))
+        Ok(ResolvedPart::new(part, given))
     }
 
     /// Whether an agent learns, as it is written.

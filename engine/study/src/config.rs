@@ -40,18 +40,18 @@ pub struct Files<'a> {
     folder: &'a Path,
     reach: Reach,
     /// Path and hash of each file, or why it cannot be used, by its name.
-    known: BTreeMap<String, Result<(PathBuf, String), Unusable>>,
+    known: BTreeMap<String, Result<(PathBuf, String), FileProblem>>,
 }
 
 /// Why a data file cannot be used.
 #[derive(Debug, Clone)]
-enum Unusable {
+enum FileProblem {
     Outside(Outside),
     Absent,
     Unreadable(String),
 }
 
-impl Unusable {
+impl FileProblem {
     fn of(error: &Error) -> Self {
         match error {
             Error::File { source, .. } if source.kind() == ErrorKind::NotFound => Self::Absent,
@@ -93,13 +93,13 @@ impl<'a> Files<'a> {
     }
 
     /// The path of a file by its name in the study, and the hash of its content.
-    fn find(&mut self, text: &str) -> Result<(PathBuf, String), Unusable> {
+    fn find(&mut self, text: &str) -> Result<(PathBuf, String), FileProblem> {
         if let Some(known) = self.known.get(text) {
             return known.clone();
         }
-        let path = self.reach.find(self.folder, text).map_err(Unusable::Outside);
+        let path = self.reach.find(self.folder, text).map_err(FileProblem::Outside);
         let found = path.and_then(|path| {
-            let hash = hash_of(&path).map_err(|error| Unusable::of(&error))?;
+            let hash = hash_of(&path).map_err(|error| FileProblem::of(&error))?;
             Ok((path, hash))
         });
         self.known.insert(text.into(), found.clone());
@@ -314,7 +314,7 @@ fn name_files(
     at: &str,
     files: &mut Files<'_>,
     hashes: &mut BTreeMap<String, String>,
-) -> Option<(String, String, Unusable)> {
+) -> Option<(String, String, FileProblem)> {
     let below = |key: &str| format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
     match value {
         Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {

@@ -44,10 +44,10 @@ pub(super) struct ConfirmationText {
 /// A round of seeds for some claims and published values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Confirmation {
-    /// Indices of the claims.
+    /// Indices of the confirmed claims.
     #[serde(skip)]
     pub claims: Vec<usize>,
-    /// Names of the tables.
+    /// Names of the confirmed tables.
     #[serde(skip)]
     pub tables: Vec<String>,
     /// Their rows, where not all are confirmed.
@@ -62,7 +62,7 @@ pub struct Confirmation {
     /// The smallest difference that matters from now on; `None` where it stays as it was.
     #[serde(skip)]
     pub min_effect: Option<f64>,
-    /// Why these seeds.
+    /// Reason for these seeds.
     #[serde(skip)]
     pub why: String,
     /// The section as it is written.

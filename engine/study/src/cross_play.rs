@@ -6,7 +6,7 @@ use super::{
     config::{self, Files, locate},
     part::Form,
     path::KeyPath,
-    written::{Named, Target},
+    written::{NamedPart, Target},
 };
 use contract::{Environment, part::Part, protocol};
 use document::{
@@ -49,7 +49,7 @@ pub(super) fn resolve(
 struct Reader<'a> {
     sections: &'a Sections<'a>,
     cells: &'a Cells,
-    named: &'a Named,
+    named: &'a NamedPart,
     at: String,
     found: Vec<Diagnostic>,
 }

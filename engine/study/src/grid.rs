@@ -4,7 +4,7 @@
 use super::{
     checked_sections::Sections,
     config::{Files, Plugin},
-    part::{Given, Resolved},
+    part::{ConfigOrigin, ResolvedPart},
 };
 use contract::{
     artifact::named_in,
@@ -29,7 +29,7 @@ const AT_ONCE: usize = 20 * MANY;
 const MOST_MISTAKES: usize = 100;
 
 /// The changes of one point of one dimension to the first point's config; `None` where these are not all that differs.
-type Changed = Option<Box<[Arc<Change>]>>;
+type PointChanges = Option<Box<[Arc<Change>]>>;
 
 /// A part at every point of some dimensions.
 #[derive(Debug)]
@@ -37,11 +37,11 @@ pub(super) struct Grid {
     /// The dimensions, by their places in the sweep, with how many points each has; the first changes slowest.
     dimensions: Vec<(usize, usize)>,
     /// The part at the first point.
-    first: Arc<Resolved>,
+    first: Arc<ResolvedPart>,
     /// By dimension and point. A part that is not kept has the changes of its points together.
-    single: Vec<Vec<Changed>>,
+    single: Vec<Vec<PointChanges>>,
     /// Parts that are kept, by their place among all points.
-    kept: BTreeMap<usize, Arc<Resolved>>,
+    kept: BTreeMap<usize, Arc<ResolvedPart>>,
     /// Whether some config names an artifact of another trial.
     pub(super) names_artifacts: bool,
 }
@@ -55,10 +55,10 @@ impl Grid {
     pub(super) fn resolve(
         sections: &Sections<'_>,
         files: &Files<'_>,
-        (given, first): (&Given, Result<Arc<Resolved>, Vec<Diagnostic>>),
+        (given, first): (&ConfigOrigin, Result<Arc<ResolvedPart>, Vec<Diagnostic>>),
         dimensions: Vec<(usize, usize)>,
     ) -> Result<Self, Vec<Diagnostic>> {
-        let maker = Maker {
+        let maker = GridBuilder {
             sections,
             files,
             plugin: sections.plugin(given.target).ok_or_else(Vec::new)?,
@@ -83,7 +83,7 @@ impl Grid {
     }
 
     /// The part at a point of all dimensions of a combination.
-    pub(super) fn at(&self, points: &[(usize, usize)]) -> Arc<Resolved> {
+    pub(super) fn at(&self, points: &[(usize, usize)]) -> Arc<ResolvedPart> {
         let is_own = |(index, _): &&(usize, usize)| self.dimensions.iter().any(|(own, _)| own == index);
         let points: Vec<(usize, usize)> = points.iter().filter(is_own).copied().collect();
         let counts = self.dimensions.iter().map(|(_, count)| count);
@@ -103,7 +103,7 @@ impl Grid {
             ..Part::clone(&self.first.part)
         };
         let given = self.first.given.clone();
-        Resolved::new(part, Given { points, ..given }).into()
+        ResolvedPart::new(part, ConfigOrigin { points, ..given }).into()
     }
 
     /// Number of parts and changes in memory.
@@ -125,7 +125,7 @@ pub(super) fn points(dimensions: &[(usize, usize)], mut place: usize) -> Vec<(us
 }
 
 /// The changes of all points; `None` where those of one are not all that differs.
-fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option<Vec<&'a Arc<Change>>> {
+fn together<'a>(single: &'a [Vec<PointChanges>], points: &[(usize, usize)]) -> Option<Vec<&'a Arc<Change>>> {
     let mut all = Vec::new();
     for (changes, (_, point)) in single.iter().zip(points).filter(|(_, (_, point))| *point > 0) {
         all.extend(changes.get(point - 1)?.as_deref()?);
@@ -134,23 +134,23 @@ fn together<'a>(single: &'a [Vec<Changed>], points: &[(usize, usize)]) -> Option
 }
 
 /// Resolves points.
-struct Maker<'a> {
+struct GridBuilder<'a> {
     sections: &'a Sections<'a>,
     files: &'a Files<'a>,
     plugin: Plugin<'a>,
-    given: &'a Given,
+    given: &'a ConfigOrigin,
     /// `None` where it was refused.
-    first: Option<&'a Resolved>,
+    first: Option<&'a ResolvedPart>,
     names_artifacts: AtomicBool,
 }
 
-impl Maker<'_> {
+impl GridBuilder<'_> {
     fn resolve(
         &self,
         points: Vec<(usize, usize)>,
         files: &mut Files<'_>,
-    ) -> Result<Resolved, Vec<Diagnostic>> {
-        let given = Given {
+    ) -> Result<ResolvedPart, Vec<Diagnostic>> {
+        let given = ConfigOrigin {
             points,
             ..self.given.clone()
         };
@@ -162,7 +162,7 @@ impl Maker<'_> {
     }
 
     /// The changes of each point of each dimension alone. A grid of few points keeps all parts instead.
-    fn single(&self, dimensions: &[(usize, usize)]) -> Vec<Vec<Changed>> {
+    fn single(&self, dimensions: &[(usize, usize)]) -> Vec<Vec<PointChanges>> {
         let count: usize = dimensions.iter().map(|(_, count)| count).product();
         if count <= MANY {
             return Vec::new();
@@ -187,9 +187,9 @@ impl Maker<'_> {
     fn kept(
         &self,
         dimensions: &[(usize, usize)],
-        single: &[Vec<Changed>],
+        single: &[Vec<PointChanges>],
         mistakes: &mut Vec<Diagnostic>,
-    ) -> BTreeMap<usize, Arc<Resolved>> {
+    ) -> BTreeMap<usize, Arc<ResolvedPart>> {
         let count: usize = dimensions.iter().map(|(_, count)| count).product();
         let mut kept = BTreeMap::new();
         for begin in (1..count).step_by(AT_ONCE) {
@@ -218,9 +218,9 @@ impl Maker<'_> {
     fn to_keep(
         &self,
         points: Vec<(usize, usize)>,
-        single: &[Vec<Changed>],
+        single: &[Vec<PointChanges>],
         files: &mut Files<'_>,
-    ) -> Result<Option<Arc<Resolved>>, Vec<Diagnostic>> {
+    ) -> Result<Option<Arc<ResolvedPart>>, Vec<Diagnostic>> {
         let expected = together(single, &points).filter(|_| !single.is_empty());
         let is_single = points.iter().filter(|(_, point)| *point > 0).count() == 1;
         if is_single && expected.is_some() {

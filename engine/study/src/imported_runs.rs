@@ -1,6 +1,6 @@
 //! The section `imported`: runs of other programs, which stand beside the study's own agents.
 
-use super::{checked_sections::Sections, seeds::SeedPlan, way::name_written_out};
+use super::{checked_sections::Sections, relative_path::name_written_out, seeds::SeedPlan};
 use analysis::results::Origin;
 use contract::Metric;
 use document::{

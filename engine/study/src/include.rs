@@ -1,8 +1,8 @@
 //! `include`: other files whose sections a study begins with.
 
 use super::{
-    lay::lay,
-    way::{along, name_from, way},
+    overlay::overlay,
+    relative_path::{along, name_from, way},
 };
 use document::{
     Entry, Kind, Node,
@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 const MOST_FILES: usize = 64;
 
 /// A study with the sections of the files that it includes.
-pub struct Included {
-    /// The sections.
+pub struct MergedStudy {
+    /// Sections of the study and of the files.
     pub root: Node,
     /// The files, in the order in which they were read.
     pub files: Vec<PathBuf>,
@@ -35,7 +35,7 @@ pub fn read(
     file: &Path,
     schema: &Value,
     sources: &mut Sources,
-) -> Result<Included, Vec<Diagnostic>> {
+) -> Result<MergedStudy, Vec<Diagnostic>> {
     let mut reader = Reader {
         study: file.parent().unwrap_or(Path::new("")),
         reach: Reach::of(file.parent().unwrap_or(Path::new(""))),
@@ -48,7 +48,7 @@ pub fn read(
     let root = reader.with_included(root, reader.study);
     if reader.found.is_empty() {
         let files = reader.files;
-        Ok(Included { root, files })
+        Ok(MergedStudy { root, files })
     } else {
         Err(reader.found)
     }
@@ -72,12 +72,12 @@ impl Reader<'_> {
         let mut whole = Node::empty_mapping(root.span);
         for (name, span) in named(&root, "include") {
             match self.file(&name, span, folder) {
-                Ok(node) => lay(&mut whole, node, Some(&self.schema)),
+                Ok(node) => overlay(&mut whole, node, Some(&self.schema)),
                 Err(errors) => self.found.extend(errors),
             }
         }
         // A document that is no mapping has no sections to merge: the check reports it.
-        lay(&mut whole, root, Some(&self.schema));
+        overlay(&mut whole, root, Some(&self.schema));
         whole
     }
 

@@ -1,4 +1,4 @@
-//! The parts that cells are made of, each resolved once however many cells share it.
+//! The parts that cells are made of, each resolved once for all cells that share it.
 
 use super::{
     cell::{Cell, Place},
@@ -6,27 +6,27 @@ use super::{
     config::{self, Files},
     grid::Grid,
     overrides::Override,
-    part::{Form, Given, Resolved},
-    schedule::Stretch,
-    search::Searched,
+    part::{ConfigOrigin, Form, ResolvedPart},
+    schedule::ScheduleStretch,
+    search::LocatedSearch,
     written::Target,
 };
 use contract::{complete_config::CompleteConfig, part::Part, setting::Setting};
 use document::{Node, diagnostic::Diagnostic};
 use std::{collections::BTreeMap, sync::Arc};
 
-pub(super) type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
+pub(super) type Outcome = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
 
-/// Parts that were resolved already: a part is resolved once, however many cells share it.
-pub(super) struct Known<'a> {
+/// Parts that were resolved already, for all cells that share them.
+pub(super) struct PartCache<'a> {
     pub(super) sections: &'a Sections<'a>,
     pub(super) files: Files<'a>,
-    parts: BTreeMap<Given, Outcome>,
-    /// By the config that is given at the first point.
-    grids: BTreeMap<Given, Result<Arc<Grid>, Vec<Diagnostic>>>,
+    parts: BTreeMap<ConfigOrigin, Outcome>,
+    /// By the origin of the config at the first point.
+    grids: BTreeMap<ConfigOrigin, Result<Arc<Grid>, Vec<Diagnostic>>>,
 }
 
-impl<'a> Known<'a> {
+impl<'a> PartCache<'a> {
     pub(super) fn new(sections: &'a Sections<'a>) -> Self {
         Self {
             sections,
@@ -141,7 +141,8 @@ impl<'a> Known<'a> {
 
     /// Refuses an entry of `prepare` with an agent whose schedule is searched.
     pub(super) fn needs_no_schedule(&self, entry: usize, agent: Target) -> Result<(), Vec<Diagnostic>> {
-        let is_of_agent = |it: &&Searched<'_>| Target::Agent(it.agent) == agent && it.search.is_population();
+        let is_of_agent =
+            |it: &&LocatedSearch<'_>| Target::Agent(it.agent) == agent && it.search.is_population();
         let Some(searched) = self.sections.searches.iter().find(is_of_agent) else {
             return Ok(());
         };
@@ -161,7 +162,7 @@ impl<'a> Known<'a> {
         pair: (usize, usize),
         points: &[(usize, usize)],
         tried: Option<(usize, usize)>,
-    ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
+    ) -> Result<[Arc<ResolvedPart>; 3], Vec<Diagnostic>> {
         let [one, two, three] = [0, 1, 2].map(|place| {
             let given = self.given(targets, pair, points, tried, place);
             self.part(given)
@@ -169,7 +170,7 @@ impl<'a> Known<'a> {
         Ok([one?, two?, three?])
     }
 
-    /// The config that is given for one of the parts of a pair, at a point of the sweep.
+    /// The origin of the config of one of the parts of a pair, at a point of the sweep.
     fn given(
         &self,
         targets: [Target; 3],
@@ -177,7 +178,7 @@ impl<'a> Known<'a> {
         points: &[(usize, usize)],
         tried: Option<(usize, usize)>,
         place: usize,
-    ) -> Given {
+    ) -> ConfigOrigin {
         let plugin = self.sections.written.plugin(targets[1]);
         let form = match self.sections.registry.agents.get(plugin) {
             _ if place < 2 => Form::Trained,
@@ -185,8 +186,9 @@ impl<'a> Known<'a> {
             Some(_) if self.sections.learns(targets[1]) => Form::Trained,
             _ => Form::Alone,
         };
-        let of_setting =
-            |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
+        let of_setting = |(index, place): (usize, usize)| {
+            ScheduleStretch::of(index, &self.sections.searches[index], place)
+        };
         let stretch = tried.and_then(of_setting);
         let target = targets[place];
         let overrides = self.sections.overrides.iter().enumerate();
@@ -196,7 +198,7 @@ impl<'a> Known<'a> {
             .map(|(index, _)| index)
             .collect();
         let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
-        Given {
+        ConfigOrigin {
             target,
             overrides,
             points: points.iter().filter(concerned).copied().collect(),
@@ -206,7 +208,7 @@ impl<'a> Known<'a> {
         }
     }
 
-    pub(super) fn part(&mut self, given: Given) -> Outcome {
+    pub(super) fn part(&mut self, given: ConfigOrigin) -> Outcome {
         if let Some(known) = self.parts.get(&given) {
             return known.clone();
         }
@@ -233,17 +235,17 @@ pub(super) fn words(keys: &[&str]) -> Vec<Arc<str>> {
 }
 
 /// The complete config of the protocol with which settings are compared.
-pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
+pub fn protocol_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<CompleteConfig> {
     Some(parts_of(sections, searched)?[2].part.config.clone())
 }
 
 /// The complete config of the agent whose settings are compared, as it is written.
-pub fn agent_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<CompleteConfig> {
+pub fn agent_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<CompleteConfig> {
     Some(parts_of(sections, searched)?[1].part.config.clone())
 }
 
-fn parts_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<[Arc<Resolved>; 3]> {
-    let mut known = Known::new(sections);
+fn parts_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<[Arc<ResolvedPart>; 3]> {
+    let mut known = PartCache::new(sections);
     let targets = [
         Target::Environment(searched.environment),
         Target::Agent(searched.agent),
@@ -255,8 +257,8 @@ fn parts_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<[Arc<Res
 }
 
 /// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
-pub(super) fn member(sections: &Sections<'_>, searched: &Searched<'_>, shares: &[f64]) -> Option<Part> {
-    let mut known = Known::new(sections);
+pub(super) fn member(sections: &Sections<'_>, searched: &LocatedSearch<'_>, shares: &[f64]) -> Option<Part> {
+    let mut known = PartCache::new(sections);
     let pair = (searched.environment, searched.agent);
     let targets = [
         Target::Environment(pair.0),

@@ -1,36 +1,36 @@
 //! Studies: from one YAML file to its trials, checked so far that no name, metric, key or range can be wrong.
 //!
-//! | file | what it does |
+//! | file | content |
 //! |---|---|
-//! | `sections` | the sections of a study as they are written, as types |
+//! | `sections` | types of the sections of a study as they are written |
 //! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
 //! | `written` | named parts and their positions |
-//! | `include`, `blocks`, `lay` | other files and common keys, laid under the study |
+//! | `include`, `blocks`, `overlay` | other files and common keys, under the study's own |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
 //! | `section` | a key of any other section, set from the command line |
 //! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
-//! | `sweep`, `overrides` | what varies over the trials |
+//! | `sweep`, `overrides` | values that vary over the trials |
 //! | `tune` | keys whose best values are searched |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
-//! | `part` | a plugin with its complete config, and what was given for it |
+//! | `part` | a plugin with its complete config, and the config's origin |
 //! | `checked_sections` | the sections that cells are made of |
 //! | `grid` | the configs of a part at every point of a sweep |
 //! | `known` | the parts of cells, each resolved once |
 //! | `schedule` | the stretches of a schedule that a population finds |
 //! | `cell`, `cells` | combinations of environment, agent and setting, and how they are made |
-//! | `taking` | what cells take from each other, in an order without circles |
-//! | `builds`, `fit` | builds what the cells name, to hear what plugins refuse and what trials record |
-//! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
-//! | `imported_runs` | runs of other programs, which stand where agents stand |
-//! | `quotes` | values of the study in its own words |
-//! | `search_checks` | searches against what trials record |
-//! | `plan` | the trials of a study, what of them is new and how long it takes |
+//! | `dependencies` | artifacts that cells take from each other, in an order without cycles |
+//! | `builds`, `fit` | builds the parts of cells: errors of plugins, metrics of trials |
+//! | `cross_play` | plays: agents that meet after they were trained, with their seats |
+//! | `imported_runs` | runs of other programs, beside the study's agents |
+//! | `quotes` | placeholders for values of the study in its texts |
+//! | `search_checks` | checks of searches against the metrics of trials |
+//! | `plan` | the trials of a study, the new ones among them and their time |
 //! | `repeats` | samples of a sweep that came to the same setting |
 //! | `resolved`, `resolved_yaml` | a study with all defaults written out |
-//! | `confirmations` | claims that are held against further seeds |
-//! | `way` | from a folder to a file |
-//! | `loading`, `checked_study` | all of these in their order, and the study that comes of them |
+//! | `confirmations` | claims that are tested on fresh seeds |
+//! | `relative_path` | relative paths from a folder to a file |
+//! | `loading`, `checked_study` | all of these in their order, and the checked study |
 
 mod blocks;
 mod builds;
@@ -41,6 +41,7 @@ mod checked_study;
 mod config;
 mod confirmations;
 mod cross_play;
+mod dependencies;
 mod editor_schema;
 pub mod fit;
 mod grid;
@@ -48,14 +49,15 @@ mod imported_runs;
 mod include;
 mod json_schema;
 mod known;
-mod lay;
 mod loading;
+mod overlay;
 mod overrides;
 mod part;
 mod path;
 pub mod plan;
 mod plugin_config;
 mod quotes;
+mod relative_path;
 mod repeats;
 mod resolved;
 mod resolved_yaml;
@@ -67,8 +69,6 @@ mod sections;
 mod seeds;
 mod settings;
 mod sweep;
-mod taking;
-mod way;
 mod written;
 
 pub use builds::can_learn;
@@ -79,10 +79,10 @@ pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
 pub use loading::{load, load_text, name_in};
 pub use plugin_config::{load_config, read_config};
+pub use relative_path::{along, name_from, way};
 pub use repeats::Repeats;
 pub use resolved_yaml::{resolved_yaml, section_yaml};
 pub use settings::Options;
-pub use way::{along, name_from, way};
 
 #[cfg(test)]
 mod tests;

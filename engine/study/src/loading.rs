@@ -6,14 +6,14 @@ use super::{
     checked_sections::{MOST_TRIALS, Sections},
     checked_study::Study,
     confirmations::{self, Confirmation},
-    cross_play, imported_runs, include,
+    cross_play, dependencies, imported_runs, include,
     json_schema::{check_structure, json_schema},
     overrides, quotes,
     repeats::Repeats,
     resolved, search, search_checks,
     seeds::SeedPlan,
     settings::{self, Options},
-    sweep, taking,
+    sweep,
     written::Written,
 };
 use ::imported::Imported;
@@ -37,7 +37,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
     load_text(&text, &name, folder_of(path), registry, options)
 }
 
-/// The name of the study in a file, whatever its other sections say.
+/// The name of the study in a file, even if other sections are wrong.
 ///
 /// # Errors
 /// Mistakes for which the file cannot be read as one document.
@@ -144,13 +144,13 @@ fn check_form(root: &Node, schema: &Value, sources: &Sources, found: &mut Vec<Di
 }
 
 /// A study as one document.
-struct Composed {
+struct StudyDocument {
     root: Node,
     included: Vec<PathBuf>,
     found: Vec<Diagnostic>,
 }
 
-/// The document with what it includes, its blocks and the sections that options of the command line set.
+/// The document with its includes, its blocks and the sections that options of the command line set.
 fn compose(
     text: &str,
     name: &str,
@@ -158,7 +158,7 @@ fn compose(
     schema: &Value,
     sources: &mut Sources,
     options: &Options,
-) -> Result<Composed, Vec<Diagnostic>> {
+) -> Result<StudyDocument, Vec<Diagnostic>> {
     let source = sources.add_file(name, text);
     let root = document::parse(sources, source, text)?;
     let file = folder.join(Path::new(name).file_name().unwrap_or_default());
@@ -166,7 +166,7 @@ fn compose(
     let mut root = included.root;
     blocks::expand(&mut root, schema, sources)?;
     let found = settings::lay_sections(&mut root, schema, sources, options);
-    Ok(Composed {
+    Ok(StudyDocument {
         root,
         included: included.files,
         found,
@@ -174,7 +174,7 @@ fn compose(
 }
 
 /// Result of the second half of loading.
-struct Made {
+struct FinishedSections {
     plan: SeedPlan,
     success: Option<Success>,
     cells: Cells,
@@ -193,7 +193,11 @@ fn finish(root: &Node, sections: &Sections<'_>, found: Vec<Diagnostic>) -> Resul
     make(root, sections, found).map(|made| assemble(root, sections, made))
 }
 
-fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Result<Made, Vec<Diagnostic>> {
+fn make(
+    root: &Node,
+    sections: &Sections<'_>,
+    mut found: Vec<Diagnostic>,
+) -> Result<FinishedSections, Vec<Diagnostic>> {
     let sources = sections.sources;
     let known = found.clone();
     let with = |more: Vec<Diagnostic>| in_order(known.iter().cloned().chain(more).collect());
@@ -206,7 +210,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     }
     let success: Option<Success> = section(root, "success");
     let cells = sections.cells().map_err(&with)?;
-    let (cells, order) = taking::link(sections, cells, &plan.seeds).map_err(&with)?;
+    let (cells, order) = dependencies::link(sections, cells, &plan.seeds).map_err(&with)?;
     let mut vocabulary = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
     let imported = imported_runs::resolve(root, sections, &plan, &mut vocabulary).map_err(&with)?;
     let about_success = request::success(root, success.as_ref(), &mut vocabulary, sources);
@@ -240,7 +244,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     if !found.is_empty() {
         return Err(in_order(found));
     }
-    Ok(Made {
+    Ok(FinishedSections {
         plan,
         success,
         cells,
@@ -258,7 +262,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
 /// The chosen setting is measured on other seeds than those by which it was chosen.
 fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Option<Diagnostic> {
     let entry = root.entry("seeds")?;
-    let used = |it: &search::Searched<'_>| {
+    let used = |it: &search::LocatedSearch<'_>| {
         it.search
             .seeds
             .iter()
@@ -273,13 +277,13 @@ fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Optio
     Some(error.help("use smaller seeds"))
 }
 
-/// A section that was held against its schema before; `None` where it is absent.
+/// A section that was checked against its schema before; `None` where it is absent.
 fn section<T: serde::de::DeserializeOwned>(root: &Node, name: &str) -> Option<T> {
     serde_json::from_value(root.get(name)?.to_value()).ok()
 }
 
-fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
-    let Made {
+fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Study {
+    let FinishedSections {
         plan,
         success,
         cells,

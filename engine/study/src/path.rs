@@ -1,6 +1,6 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`, and the keys that they name.
 
-use super::written::{Chosen, Named, PartKind, Target, Written};
+use super::written::{NamedPart, PartKind, PreparedPart, Target, Written};
 use document::{
     Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -8,7 +8,7 @@ use document::{
 };
 use serde_json::Value;
 
-/// A path that exists.
+/// A dotted path to a key that exists.
 #[derive(Debug, Clone)]
 pub struct KeyPath<'a> {
     /// Owner of the config.
@@ -38,7 +38,7 @@ pub fn find<'a>(
 ) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
     let words: Vec<&str> = text.split('.').collect();
     let study = View::new(schema, schema);
-    let place = Spelled {
+    let place = PathText {
         words: &words,
         span,
         at,
@@ -85,7 +85,7 @@ pub fn find<'a>(
 
 /// The key under which a plugin has keys that a study names, which are then addressed as the plugin's own, and the
 /// names that exist.
-fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w Named>) -> Option<(&'a str, Vec<&'w str>)> {
+fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w NamedPart>) -> Option<(&'a str, Vec<&'w str>)> {
     let names = config.property_names().into_iter();
     let is_marked = |name: &&str| {
         let property = config.property(name);
@@ -100,7 +100,7 @@ fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w Named>) -> Option<(&'a 
 }
 
 /// The seeds as a whole, or a key of their design.
-fn seeds<'a>(study: &View<'a>, place: &Spelled<'_>) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
+fn seeds<'a>(study: &View<'a>, place: &PathText<'_>) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
     let config = study.property("seeds").unwrap_or_else(|| study.clone());
     let keys: Vec<String> = place.words[1..].iter().map(ToString::to_string).collect();
     let schema = config.descend(&keys).map_err(|(index, known)| {
@@ -117,7 +117,7 @@ fn seeds<'a>(study: &View<'a>, place: &Spelled<'_>) -> Result<KeyPath<'a>, Vec<D
 }
 
 /// A path as it is written, for messages about it.
-struct Spelled<'a> {
+struct PathText<'a> {
     words: &'a [&'a str],
     span: Span,
     at: &'a str,
@@ -125,8 +125,8 @@ struct Spelled<'a> {
     sources: &'a Sources,
 }
 
-impl Spelled<'_> {
-    /// A word that is none of those that are known.
+impl PathText<'_> {
+    /// The message about a word that is unknown.
     fn unknown(&self, index: usize, message: String, known: Vec<&str>) -> Diagnostic {
         let words = self.words;
         let before: usize = words[..index].iter().map(|word| word.chars().count() + 1).sum();
@@ -139,7 +139,7 @@ impl Spelled<'_> {
         error.help(suggest(words[index], known))
     }
 
-    /// The key at `index` is none of its owner's. Keys begin at the word `first`.
+    /// The message about a key at `index` that its owner does not have. Keys begin at the word `first`.
     fn no_key(
         &self,
         plugin: &str,
@@ -158,7 +158,7 @@ impl Spelled<'_> {
     /// Nothing of the study begins with these words.
     fn names_no_part(&self) -> Diagnostic {
         let Self { words, written, .. } = self;
-        let named = |list: &'_ [Named]| list.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
+        let named = |list: &'_ [NamedPart]| list.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
         let (what, index, known) = match words {
             ["prepare", ..] => return nothing_prepared(words, self.span, self.at, written, self.sources),
             ["cross_play", _, ..] => ("play", 1, named(&written.plays)),
@@ -205,7 +205,7 @@ fn nothing_prepared(
     let part = words.get(2).copied().unwrap_or_default();
     let message = format!("`{part}` is no part that is written in the entry `{name}` of `prepare`");
     let help = match (part, &entry.environment, &entry.agent) {
-        ("environment", Chosen::OfStudy(own, _), _) | ("agent", _, Chosen::OfStudy(own, _)) => {
+        ("environment", PreparedPart::OfStudy(own, _), _) | ("agent", _, PreparedPart::OfStudy(own, _)) => {
             format!("it takes the study's `{own}`, whose keys are set there: `{own}.KEY`")
         }
         ("protocol", ..) => "it takes the study's, whose keys are set there: `protocol.KEY`".into(),

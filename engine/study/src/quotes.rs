@@ -1,5 +1,5 @@
-//! Values of a study in its own words: `{protocol.steps}` in a title, caption, note, deviation, answer or the summary
-//! stands for the number that the trials have, also under a profile.
+//! Placeholders for values of a study: `{protocol.steps}` in a title, caption, note, deviation, answer or the summary
+//! becomes the number that the trials have, also under a profile.
 //!
 //! | placeholder | value |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | `{prepare.teacher.protocol.steps}` | a key of an entry of `prepare` |
 //! | `{paper_budget.steps}` | a key of another section |
 //!
-//! Overrides and sweeps are of combinations and are not looked at.
+//! Values of overrides and sweeps belong to combinations and are not used.
 
 use super::resolved::Section;
 use document::{

@@ -1,5 +1,4 @@
-//! Samples of a sweep that came to the same setting, as those of whole numbers may: they are tried once, and that
-//! is said.
+//! Samples of a sweep with the same setting, as those of whole numbers may be: they are tried once, with a warning.
 
 use super::sweep::Dimension;
 use document::{
@@ -37,7 +36,7 @@ impl std::fmt::Display for Repeats {
 }
 
 impl Dimension<'_> {
-    /// Says that samples came to the same setting, where some did.
+    /// The warning that samples have the same setting, where some do.
     #[must_use]
     pub fn repeats(&self, sources: &Sources) -> Option<Diagnostic> {
         let repeats = Repeats::of(self)?;

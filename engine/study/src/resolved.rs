@@ -3,9 +3,9 @@
 use super::{
     checked_sections::Sections,
     config,
-    search::Searched,
+    search::LocatedSearch,
     seeds::SeedPlan,
-    written::{Chosen, Named, PartKind, Prepared, Target},
+    written::{NamedPart, PartKind, PreparedPart, PreparedTrial, Target},
 };
 use document::{Entry, Node};
 use presentation::vocabulary::Play;
@@ -58,7 +58,7 @@ pub fn sections(
     plays: &[Play],
 ) -> Vec<(String, Section)> {
     let mut files = config::Files::new(sections.folder);
-    let mut full = |target, named: &Named| {
+    let mut full = |target, named: &NamedPart| {
         let plugin = sections.plugin(target);
         let part = plugin
             .and_then(|plugin| config::resolve(&plugin, &named.config, &mut files, sections.sources).ok());
@@ -66,7 +66,7 @@ pub fn sections(
         json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(),
             |part| part.config.whole().into_owned()) })
     };
-    let mut parts = |list: &[Named], target: fn(usize) -> Target| {
+    let mut parts = |list: &[NamedPart], target: fn(usize) -> Target| {
         let pairs = list
             .iter()
             .enumerate()
@@ -137,12 +137,16 @@ fn seeds(plan: &SeedPlan) -> Value {
 }
 
 /// An entry of `prepare`; parts that it takes from the study stay names.
-fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named) -> Value) -> Value {
+fn prepared(
+    index: usize,
+    entry: &PreparedTrial,
+    full: &mut impl FnMut(Target, &NamedPart) -> Value,
+) -> Value {
     let mut value = Map::new();
     for kind in PartKind::ALL {
         let chosen = match (kind, &entry.environment, &entry.agent) {
-            (PartKind::Environment, Chosen::OfStudy(name, _), _)
-            | (PartKind::Agent, _, Chosen::OfStudy(name, _)) => json!(name),
+            (PartKind::Environment, PreparedPart::OfStudy(name, _), _)
+            | (PartKind::Agent, _, PreparedPart::OfStudy(name, _)) => json!(name),
             _ => match entry.own(kind) {
                 Some(named) => full(Target::Prepared(index, kind), named),
                 None => continue,
@@ -154,7 +158,7 @@ fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named
 }
 
 /// A search without keys that a profile or an option fixed.
-fn search(named: &Named, searched: &Searched<'_>) -> WrittenSearch {
+fn search(named: &NamedPart, searched: &LocatedSearch<'_>) -> WrittenSearch {
     let over = named.config.get("over").map_or(&[][..], Node::entries).iter();
     let is_searched = |entry: &&Entry| searched.search.keys.iter().any(|(key, _)| *key == entry.key);
     let mut rest = named.config.to_value();

@@ -3,8 +3,8 @@
 use super::{
     checked_study::Study,
     imported_runs,
+    relative_path::name_written_out,
     resolved::{Entries, Section, WrittenSearch},
-    way::name_written_out,
 };
 use contract::Error;
 use execution::limits::Limits;
@@ -176,9 +176,9 @@ impl Serialize for Document<'_> {
 impl Serialize for Section {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
-            Section::Plain(value) => Sorted(value).serialize(serializer),
+            Section::Plain(value) => SortedValue(value).serialize(serializer),
             Section::Named(pairs) => {
-                serializer.collect_map(pairs.iter().map(|(name, value)| (name, Sorted(value))))
+                serializer.collect_map(pairs.iter().map(|(name, value)| (name, SortedValue(value))))
             }
             Section::Searches(pairs) => {
                 serializer.collect_map(pairs.iter().map(|(name, search)| (name, search)))
@@ -190,36 +190,36 @@ impl Serialize for Section {
 impl Serialize for WrittenSearch {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
-        map.serialize_entry("over", &InOrder(&self.over))?;
+        map.serialize_entry("over", &OrderedEntries(&self.over))?;
         for (key, value) in self.rest.as_object().into_iter().flatten() {
-            map.serialize_entry(key, &Sorted(value))?;
+            map.serialize_entry(key, &SortedValue(value))?;
         }
         map.end()
     }
 }
 
 /// Entries in their order.
-struct InOrder<'a>(&'a Entries);
+struct OrderedEntries<'a>(&'a Entries);
 
-impl Serialize for InOrder<'_> {
+impl Serialize for OrderedEntries<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.iter().map(|(key, value)| (key, Sorted(value))))
+        serializer.collect_map(self.0.iter().map(|(key, value)| (key, SortedValue(value))))
     }
 }
 
 /// A value whose mappings are in the order of their keys. Lists of numbers and words stand on one line.
-struct Sorted<'a>(&'a Value);
+struct SortedValue<'a>(&'a Value);
 
-impl Serialize for Sorted<'_> {
+impl Serialize for SortedValue<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self.0 {
             Value::Object(map) => {
-                let pairs: BTreeMap<&String, Sorted<'_>> =
-                    map.iter().map(|(key, value)| (key, Sorted(value))).collect();
+                let pairs: BTreeMap<&String, SortedValue<'_>> =
+                    map.iter().map(|(key, value)| (key, SortedValue(value))).collect();
                 serializer.collect_map(pairs)
             }
             Value::Array(items) if items.iter().all(is_word) => FlowSeq(items).serialize(serializer),
-            Value::Array(items) => serializer.collect_seq(items.iter().map(Sorted)),
+            Value::Array(items) => serializer.collect_seq(items.iter().map(SortedValue)),
             scalar => scalar.serialize(serializer),
         }
     }

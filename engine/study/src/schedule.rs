@@ -1,13 +1,13 @@
 //! Schedules of settings, as populations find them: every stretch of one is a cell of its own, whose protocol
 //! goes on from the checkpoint that the stretch before left.
 
-use super::search::Searched;
+use super::search::LocatedSearch;
 use document::Node;
 use serde_json::{Value, json};
 
 /// A part of a schedule: from the checkpoint of another trial, or the first step, to a pause or the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Stretch {
+pub struct ScheduleStretch {
     /// The search, by its index.
     pub search: usize,
     /// Whether it goes on from another one.
@@ -16,9 +16,9 @@ pub struct Stretch {
     pub until: Option<u64>,
 }
 
-impl Stretch {
+impl ScheduleStretch {
     /// The stretch of a setting of a population, by its place; `None` in other searches.
-    pub(super) fn of(index: usize, searched: &Searched<'_>, place: usize) -> Option<Self> {
+    pub(super) fn of(index: usize, searched: &LocatedSearch<'_>, place: usize) -> Option<Self> {
         let search = &searched.search;
         search.is_population().then(|| Self {
             search: index,

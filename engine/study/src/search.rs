@@ -7,7 +7,7 @@
 use super::{
     path::{self, KeyPath},
     sweep::{self, Dimension},
-    written::{Named, Target, Written},
+    written::{NamedPart, Target, Written},
 };
 use analysis::search::{Direction, FIRST_TUNING_SEED, Failed, Method, Progress, Range, Search, lineage};
 use document::{
@@ -72,14 +72,14 @@ pub(super) enum RangeText {
     /// Listed values.
     Choice(
         /// Values in no order.
-        Listed,
+        ValueList,
     ),
 }
 
 /// Values in no order.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
-pub(super) struct Listed(#[schemars(length(min = 1))] Vec<Value>);
+pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 
 /// Two limits, both included.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -93,7 +93,7 @@ pub(super) struct Limits {
 
 /// A search with the places of its keys in the study.
 #[derive(Debug, Clone)]
-pub struct Searched<'a> {
+pub struct LocatedSearch<'a> {
     /// The search.
     pub search: Search,
     /// Index of the environment in which settings are compared.
@@ -112,7 +112,7 @@ pub struct Searched<'a> {
     pub chosen: Option<usize>,
 }
 
-impl Searched<'_> {
+impl LocatedSearch<'_> {
     /// The place of the setting whose learning the one at `place` goes on with.
     #[must_use]
     pub fn parent(&self, place: usize) -> Option<usize> {
@@ -140,8 +140,8 @@ pub fn read<'a>(
     sources: &Sources,
     (fixed, dimensions): (&[KeyPath<'_>], &[Dimension<'_>]),
     progress: &BTreeMap<String, Progress>,
-) -> Result<Vec<Searched<'a>>, Vec<Diagnostic>> {
-    let (mut searches, mut found) = (Vec::<Searched<'a>>::new(), Vec::new());
+) -> Result<Vec<LocatedSearch<'a>>, Vec<Diagnostic>> {
+    let (mut searches, mut found) = (Vec::<LocatedSearch<'a>>::new(), Vec::new());
     for named in &written.searches {
         let reader = Reader {
             named,
@@ -164,7 +164,7 @@ pub fn read<'a>(
 }
 
 /// The search alone, and how far it is.
-pub(super) fn progress(searched: &Searched<'_>) -> (Search, Progress) {
+pub(super) fn progress(searched: &LocatedSearch<'_>) -> (Search, Progress) {
     let values = |point: &Vec<Node>| point.iter().map(Node::to_value).collect();
     let progress = Progress {
         points: searched.points.iter().map(values).collect(),
@@ -176,7 +176,7 @@ pub(super) fn progress(searched: &Searched<'_>) -> (Search, Progress) {
 }
 
 struct Reader<'a, 's> {
-    named: &'s Named,
+    named: &'s NamedPart,
     written: &'s Written,
     schema: &'a Value,
     sources: &'s Sources,
@@ -188,8 +188,8 @@ impl<'a> Reader<'a, '_> {
     fn search(
         &self,
         progress: &BTreeMap<String, Progress>,
-        others: &[Searched<'_>],
-    ) -> Result<Searched<'a>, Vec<Diagnostic>> {
+        others: &[LocatedSearch<'_>],
+    ) -> Result<LocatedSearch<'a>, Vec<Diagnostic>> {
         // The check against the schema reported a text that it refused.
         let text: SearchText =
             serde_json::from_value(self.named.config.to_value()).map_err(|_| Vec::new())?;
@@ -206,7 +206,7 @@ impl<'a> Reader<'a, '_> {
             .points
             .iter()
             .map(|point| point.iter().map(node).collect());
-        Ok(Searched {
+        Ok(LocatedSearch {
             points: points.collect(),
             chosen: progress.chosen,
             stops: progress.stops,
@@ -385,7 +385,7 @@ impl<'a> Reader<'a, '_> {
         agent: usize,
         environment: usize,
         span: Span,
-        others: &[Searched<'_>],
+        others: &[LocatedSearch<'_>],
     ) -> Result<(), Vec<Diagnostic>> {
         let name = &self.written.agents[agent].name;
         if let Some(other) = others.iter().find(|other| other.agent == agent) {

@@ -1,6 +1,6 @@
 //! Checks of searches against the metrics of trials: the compared metric, and the pauses.
 
-use super::{checked_sections::Sections, known, search::Searched, written::Target};
+use super::{checked_sections::Sections, known, search::LocatedSearch, written::Target};
 use analysis::search::Search;
 use contract::{
     Better, Interface, random,
@@ -76,7 +76,7 @@ fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
 }
 
 /// Reports a search that cannot pause its trials, and a population that cannot go on from them.
-fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
+fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &LocatedSearch<'_>, place: &Place<'_>) {
     let plugin = sections.written.protocol.plugin.as_str();
     let config = known::protocol_of(sections, searched);
     let entry = sections.registry.protocols.get(plugin);
@@ -134,7 +134,7 @@ fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &Searched<'_
 }
 
 /// Whether an agent that trains itself goes on after a pause; `None` for other agents.
-fn own_training(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<bool> {
+fn own_training(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<bool> {
     let named = sections.written.part(Target::Agent(searched.agent))?;
     let entry = sections.registry.agents.get(named.plugin.as_str());
     let entry = entry.filter(|entry| entry.traits.trains_itself)?;

@@ -1,7 +1,7 @@
 //! A key of a section that is no part of trials, set by a profile or from the command line:
 //! `--set tables.t.caption=...`, `--set claims.0.exploratory=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
 
-use super::{lay::below, path::assign};
+use super::{overlay::below, path::assign};
 use document::{
     Entry, Kind, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -15,7 +15,7 @@ use serde_json::Value;
 /// Where the path names nothing: the word that is unknown, with the nearest known one.
 pub fn set(root: &mut Node, entry: &Entry, schema: &Value, sources: &Sources) -> Result<(), Vec<Diagnostic>> {
     let words: Vec<&str> = entry.key.split('.').collect();
-    let way = Way {
+    let way = PathAssignment {
         words: &words,
         span: entry.key_span,
         value: &entry.value,
@@ -40,21 +40,21 @@ pub fn set(root: &mut Node, entry: &Entry, schema: &Value, sources: &Sources) ->
 }
 
 /// A dotted path with the value that is set there.
-struct Way<'a> {
+struct PathAssignment<'a> {
     words: &'a [&'a str],
     span: Span,
     value: &'a Node,
 }
 
-/// The word of a path that names nothing, and what is known there.
-struct Unknown {
+/// A word of a path that names nothing, and the words that are known there.
+struct UnknownWord {
     index: usize,
     known: Vec<String>,
 }
 
-impl Way<'_> {
+impl PathAssignment<'_> {
     /// Writes the value below `node`, which the words before `first` name.
-    fn put(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), Unknown> {
+    fn put(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         match &mut node.kind {
             Kind::Sequence(items) => self.put_into_list(items, place, first),
             Kind::Mapping(entries) => {
@@ -75,12 +75,12 @@ impl Way<'_> {
         }
     }
 
-    fn put_into_list(&self, items: &mut [Node], place: &View<'_>, first: usize) -> Result<(), Unknown> {
+    fn put_into_list(&self, items: &mut [Node], place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         let count = items.len();
         let known = || (0..count).map(|index| index.to_string()).collect();
         let index = self.words[first].parse().ok().filter(|index| *index < count);
         let Some(index) = index else {
-            return Err(Unknown {
+            return Err(UnknownWord {
                 index: first,
                 known: known(),
             });
@@ -110,7 +110,7 @@ impl Way<'_> {
     }
 
     /// Writes a value that the study does not have yet, or has as a whole.
-    fn put_here(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), Unknown> {
+    fn put_here(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         let rest: Vec<String> = self.words[first..].iter().map(ToString::to_string).collect();
         let whole = [rest.join(".")];
         let (index, known) = match place.descend(&rest) {
@@ -134,14 +134,14 @@ impl Way<'_> {
         if known.is_empty() {
             known = node.entries().iter().map(|entry| entry.key.clone()).collect();
         }
-        Err(Unknown {
+        Err(UnknownWord {
             index: first + index,
             known,
         })
     }
 
     /// Writes below a section that the study does not have yet.
-    fn put_into_new(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), Unknown> {
+    fn put_into_new(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         let name = self.words[first];
         let below = below(place, name).unwrap_or_else(|| place.clone());
         let entry = node.entry_or_insert(name, self.span);

@@ -77,7 +77,7 @@ pub(super) struct Sections {
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     profiles: BTreeMap<String, Map<String, Value>>,
     /// Combinations that are left out.
-    exclude: Vec<Excluded>,
+    exclude: Vec<ExcludeText>,
     /// Plays by name: agents that meet after they were trained, in every combination over roles.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     cross_play: BTreeMap<String, PlayText>,
@@ -86,7 +86,7 @@ pub(super) struct Sections {
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     imported: BTreeMap<String, Parts>,
     /// Values for some combinations only.
-    overrides: Vec<Overridden>,
+    overrides: Vec<OverrideText>,
     /// Tables by name.
     #[schemars(extend("propertyNames" = json!({ "pattern": SLUG })))]
     tables: BTreeMap<String, TableSpec>,
@@ -117,7 +117,7 @@ enum Files {
 #[derive(serde::Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields, extend("minProperties" = 1, "x-kind" = "environment or agent"))]
 #[allow(dead_code, reason = "its schema alone is used")]
-struct Excluded {
+struct ExcludeText {
     /// The environment; all where absent.
     #[serde(default)]
     environment: String,
@@ -130,7 +130,7 @@ struct Excluded {
 #[derive(serde::Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[allow(dead_code, reason = "its schema alone is used")]
-struct Overridden {
+struct OverrideText {
     /// The environment; all where absent.
     #[serde(default)]
     environment: String,

@@ -46,14 +46,14 @@ pub(super) struct DesignText {
     max: u64,
     /// Number of looks, spread evenly, or the numbers of seeds at each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Looks")]
-    looks: Option<Looks>,
+    #[schemars(with = "LooksText")]
+    looks: Option<LooksText>,
 }
 
 /// The looks of a design as they are written.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(untagged)]
-enum Looks {
+enum LooksText {
     /// Their number.
     Number(#[schemars(range(min = 2, max = MOST_LOOKS))] u64),
     /// The number of seeds at each.
@@ -150,9 +150,9 @@ fn ranges(text: &str) -> Result<Vec<u64>, String> {
 }
 
 /// A mistake in a design: the key, the message, and the advice.
-type Wrong = (&'static str, String, String);
+type DesignMistake = (&'static str, String, String);
 
-fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {
+fn looks(written: &DesignText) -> Result<Vec<u32>, DesignMistake> {
     let (least, most) = (written.min, written.max);
     if least >= most {
         let message = format!("`min` is {least} and `max` is {most}, so there is nothing to add");
@@ -163,8 +163,8 @@ fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {
         ));
     }
     let looks = match &written.looks {
-        Some(Looks::Listed(list)) => list.clone(),
-        Some(Looks::Number(count)) => evenly(least, most, *count),
+        Some(LooksText::Listed(list)) => list.clone(),
+        Some(LooksText::Number(count)) => evenly(least, most, *count),
         None => evenly(least, most, (most / least).clamp(2, MOST_LOOKS)),
     };
     if looks.windows(2).any(|pair| pair[0] >= pair[1]) {

@@ -1,8 +1,8 @@
 //! The chosen profile and the options of the command line, written into the study.
 //!
-//! Keys of environments, agents, protocol, plays, searches, entries of `prepare` and seeds are set in these
-//! parts, where a sweep heeds them. Keys of every other section, the sweep's too, are set in the document, before it
-//! is checked.
+//! Keys of environments, agents, protocol, plays, searches, entries of `prepare` and seeds are set in these parts,
+//! where a sweep respects them. Keys of every other section, the sweep's too, are set in the document, before it is
+//! checked.
 
 use super::{
     json_schema::check_structure,
@@ -164,7 +164,7 @@ fn lay_profiles(
     found
 }
 
-/// Whether an entry of a profile sets a key of a section. A profile is no part of what profiles change.
+/// Whether an entry of a profile sets a key of a section. Profiles do not change profiles.
 fn is_of_section(entry: &Entry, written: &Written, schema: &Value) -> bool {
     section_of(&entry.key, written, schema).is_some_and(|section| section != "profiles")
 }

@@ -27,12 +27,12 @@ pub(super) enum Generator {
     /// Every combination of listed values.
     Grid(
         /// Values of which every combination is tried.
-        Listed,
+        ValueList,
     ),
     /// Listed values, key by key.
     Zip(
         /// Values that go together with those of the other `zip` keys, one by one.
-        Listed,
+        ValueList,
     ),
     /// Samples of a uniform distribution.
     Random(
@@ -54,7 +54,7 @@ pub(super) enum Generator {
 /// A value for each point.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
-pub(super) struct Listed(#[schemars(length(min = 1))] Vec<Value>);
+pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 
 /// Most samples of a key; nothing is drawn where more are asked for.
 const MOST_SAMPLES: u64 = 100_000;

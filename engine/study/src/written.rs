@@ -7,7 +7,7 @@ use document::{
 
 /// A plugin with a config, under a name of the study.
 #[derive(Debug, Clone)]
-pub struct Named {
+pub struct NamedPart {
     /// Name in the study; `protocol` for the protocol.
     pub name: String,
     /// Where the name stands.
@@ -22,26 +22,26 @@ pub struct Named {
 
 /// An entry of the section `prepare`: a trial that leaves something for others.
 #[derive(Debug, Clone)]
-pub struct Prepared {
-    /// Its name.
+pub struct PreparedTrial {
+    /// Name of the entry.
     pub name: String,
     /// Where the name stands.
     pub name_span: Span,
     /// Its environment.
-    pub environment: Chosen,
+    pub environment: PreparedPart,
     /// Its agent.
-    pub agent: Chosen,
+    pub agent: PreparedPart,
     /// Its protocol; the study's where absent.
-    pub protocol: Option<Named>,
+    pub protocol: Option<NamedPart>,
 }
 
 /// A part of an entry of `prepare`.
 #[derive(Debug, Clone)]
-pub enum Chosen {
+pub enum PreparedPart {
     /// One of the study's own, by its name.
     OfStudy(String, Span),
     /// One that is written in the entry.
-    Own(Named),
+    Own(NamedPart),
 }
 
 /// The kinds of parts that a trial has.
@@ -89,10 +89,10 @@ pub enum Target {
     Seeds,
 }
 
-impl Prepared {
+impl PreparedTrial {
     /// The part that is written in the entry; `None` for one of the study's.
     #[must_use]
-    pub fn own(&self, kind: PartKind) -> Option<&Named> {
+    pub fn own(&self, kind: PartKind) -> Option<&NamedPart> {
         match kind {
             PartKind::Environment => self.environment.own(),
             PartKind::Agent => self.agent.own(),
@@ -100,21 +100,20 @@ impl Prepared {
         }
     }
 
-    pub(super) fn own_mut(&mut self, kind: PartKind) -> Option<&mut Named> {
+    pub(super) fn own_mut(&mut self, kind: PartKind) -> Option<&mut NamedPart> {
         match (kind, &mut self.environment, &mut self.agent) {
-            (PartKind::Environment, Chosen::Own(named), _) | (PartKind::Agent, _, Chosen::Own(named)) => {
-                Some(named)
-            }
+            (PartKind::Environment, PreparedPart::Own(named), _)
+            | (PartKind::Agent, _, PreparedPart::Own(named)) => Some(named),
             (PartKind::Protocol, ..) => self.protocol.as_mut(),
             _ => None,
         }
     }
 }
 
-impl Chosen {
+impl PreparedPart {
     /// The part that is written in the entry; `None` for one of the study's.
     #[must_use]
-    pub fn own(&self) -> Option<&Named> {
+    pub fn own(&self) -> Option<&NamedPart> {
         match self {
             Self::OfStudy(..) => None,
             Self::Own(named) => Some(named),
@@ -126,17 +125,17 @@ impl Chosen {
 #[derive(Debug, Clone)]
 pub struct Written {
     /// The environments, in order.
-    pub environments: Vec<Named>,
+    pub environments: Vec<NamedPart>,
     /// The agents, in order.
-    pub agents: Vec<Named>,
+    pub agents: Vec<NamedPart>,
     /// The protocol.
-    pub protocol: Named,
+    pub protocol: NamedPart,
     /// The plays, in order.
-    pub plays: Vec<Named>,
+    pub plays: Vec<NamedPart>,
     /// The searches, in order.
-    pub searches: Vec<Named>,
+    pub searches: Vec<NamedPart>,
     /// The entries of `prepare`, in order.
-    pub prepared: Vec<Prepared>,
+    pub prepared: Vec<PreparedTrial>,
     /// The seeds: a count or a list.
     pub seeds: Option<Node>,
 }
@@ -149,7 +148,7 @@ impl Written {
             root.get(key)
                 .map_or_else(Vec::new, |node| node.entries().iter().map(named).collect())
         };
-        let nothing = Named {
+        let nothing = NamedPart {
             name: "protocol".into(),
             name_span: root.span,
             plugin: String::new(),
@@ -191,7 +190,7 @@ impl Written {
 
     /// The part that a target names.
     #[must_use]
-    pub fn part(&self, target: Target) -> Option<&Named> {
+    pub fn part(&self, target: Target) -> Option<&NamedPart> {
         match target {
             Target::Environment(index) => self.environments.get(index),
             Target::Agent(index) => self.agents.get(index),
@@ -207,7 +206,7 @@ impl Written {
     #[must_use]
     pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
         let parts = || self.environments.iter().chain(&self.agents);
-        let agents = self.agents.iter().map(|agent| Clash {
+        let agents = self.agents.iter().map(|agent| NameClash {
             name: (&agent.name, agent.name_span),
             section: "agents",
             taken_by: self.environments.iter().find(|other| other.name == agent.name),
@@ -217,13 +216,13 @@ impl Written {
                 PATHS,
             ],
         });
-        let plays = self.plays.iter().map(|play| Clash {
+        let plays = self.plays.iter().map(|play| NameClash {
             name: (&play.name, play.name_span),
             section: "cross_play",
             taken_by: parts().find(|other| other.name == play.name),
             words: ["names a play and something else", OTHER, TABLES],
         });
-        let prepared = self.prepared.iter().map(|entry| Clash {
+        let prepared = self.prepared.iter().map(|entry| NameClash {
             name: (&entry.name, entry.name_span),
             section: "prepare",
             taken_by: parts().chain(&self.plays).find(|other| other.name == entry.name),
@@ -256,15 +255,15 @@ const RESERVED: [&str; 7] = [
 ];
 
 /// A name and the thing that has it already.
-struct Clash<'a> {
+struct NameClash<'a> {
     name: (&'a str, Span),
     section: &'static str,
-    taken_by: Option<&'a Named>,
+    taken_by: Option<&'a NamedPart>,
     /// The mistake, the remark on the other place, and the advice.
     words: [&'static str; 3],
 }
 
-impl Clash<'_> {
+impl NameClash<'_> {
     fn told(&self, sources: &Sources) -> Option<Diagnostic> {
         let ((name, span), [problem, other, help]) = (self.name, self.words);
         let place = sources.place(self.taken_by?.name_span);
@@ -278,8 +277,8 @@ impl Clash<'_> {
 }
 
 /// A word that begins dotted paths, where it is taken for a name.
-fn reserved(named: &Named, sources: &Sources) -> Option<Diagnostic> {
-    let Named { name, name_span, .. } = named;
+fn reserved(named: &NamedPart, sources: &Sources) -> Option<Diagnostic> {
+    let NamedPart { name, name_span, .. } = named;
     let message = format!("`{name}` cannot be a name: dotted paths begin with this word");
     let error = || {
         sources
@@ -290,9 +289,9 @@ fn reserved(named: &Named, sources: &Sources) -> Option<Diagnostic> {
 }
 
 /// A play or a search, which have no plugin.
-fn alone(entry: &Entry, section: &str) -> Named {
+fn alone(entry: &Entry, section: &str) -> NamedPart {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
-    Named {
+    NamedPart {
         name,
         name_span,
         plugin: section.into(),
@@ -302,25 +301,25 @@ fn alone(entry: &Entry, section: &str) -> Named {
 }
 
 /// An entry of `prepare`. Keys that it lacks are reported elsewhere.
-fn prepared(entry: &Entry) -> Prepared {
+fn prepared(entry: &Entry) -> PreparedTrial {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     let part = |kind: PartKind| entry.value.entry(kind.name());
     let chosen = |kind: PartKind| match part(kind) {
         Some(part) => match part.value.as_str() {
-            Some(name) => Chosen::OfStudy(name.into(), part.value.span),
-            None => Chosen::Own(Named {
+            Some(name) => PreparedPart::OfStudy(name.into(), part.value.span),
+            None => PreparedPart::Own(NamedPart {
                 name: name.clone(),
                 ..named(part)
             }),
         },
-        None => Chosen::OfStudy(String::new(), name_span),
+        None => PreparedPart::OfStudy(String::new(), name_span),
     };
     let (environment, agent) = (chosen(PartKind::Environment), chosen(PartKind::Agent));
-    let protocol = part(PartKind::Protocol).map(|entry| Named {
+    let protocol = part(PartKind::Protocol).map(|entry| NamedPart {
         name: name.clone(),
         ..named(entry)
     });
-    Prepared {
+    PreparedTrial {
         name,
         name_span,
         environment,
@@ -330,17 +329,17 @@ fn prepared(entry: &Entry) -> Prepared {
 }
 
 /// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.
-fn named(entry: &Entry) -> Named {
+fn named(entry: &Entry) -> NamedPart {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     match entry.value.entries() {
-        [plugin] => Named {
+        [plugin] => NamedPart {
             name,
             name_span,
             plugin: plugin.key.clone(),
             plugin_span: plugin.key_span,
             config: plugin.value.clone(),
         },
-        _ => Named {
+        _ => NamedPart {
             name,
             name_span,
             plugin: String::new(),
@@ -371,7 +370,7 @@ impl Selection {
         sources: &Sources,
     ) -> Result<Self, Vec<Diagnostic>> {
         let mut found = Vec::new();
-        let mut index = |key: &str, known: &[Named]| {
+        let mut index = |key: &str, known: &[NamedPart]| {
             let value = node.get(key)?;
             let name = value.as_str()?;
             let index = known.iter().position(|named| named.name == name);

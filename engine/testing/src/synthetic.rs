@@ -64,7 +64,7 @@ pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Ro
     }
 }
 
-/// The point that these `key=value` words stand for.
+/// The point with these `key=value` words.
 fn point(words: &str) -> Setting {
     let pair = |word: &str| {
         let (key, value) = word.split_once('=').unwrap();

@@ -54,7 +54,7 @@ pub enum ClaimOutcome {
     Inconclusive,
     /// It would be supported, and it rests on a published value that was used to choose a setting.
     Calibrated,
-    /// The budget is none that a result comes from.
+    /// The budget is too small for any result.
     NotJudged,
     /// It compares trained agents, and none of them is better than those that learned nothing.
     NotLearned,
@@ -151,7 +151,7 @@ impl fmt::Display for ClaimOutcome {
 /// The outcome of a claim, with the numbers that it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimVerdict {
-    /// The outcome.
+    /// Outcome by the claim's own level.
     pub verdict: ClaimOutcome,
     /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
     pub adjusted: Option<ClaimOutcome>,
@@ -227,7 +227,7 @@ pub fn evaluate(
     let at = |limit: u64| {
         let (left, right) = sides(limit)?;
         let (left, right) = (left.below(limit), right.below(limit));
-        Some(Compared::under(claim.relation, &left, &right))
+        Some(SideDifference::under(claim.relation, &left, &right))
     };
     let has_run = sides(u64::MAX).is_some_and(|(left, right)| left.has_run() && right.has_run());
     let looks = seeds.limits().into_iter().map(at).collect::<Option<Vec<_>>>();
@@ -349,7 +349,7 @@ enum Design {
 }
 
 /// Left minus right, as `sign * evidence + offset`.
-struct Compared {
+struct SideDifference {
     evidence: Evidence,
     sign: f64,
     offset: f64,
@@ -360,7 +360,7 @@ struct Compared {
     right_mean: f64,
 }
 
-impl Compared {
+impl SideDifference {
     fn of(left: &Side, right: &Side) -> Self {
         let imported = [left.is_imported(), right.is_imported()];
         let minus = |values: &BTreeMap<u64, f64>, number: f64, sign: f64| {
@@ -393,7 +393,7 @@ impl Compared {
         compared
     }
 
-    /// The same for a relation; one in percent of seeds is held against both edges, which these seeds move.
+    /// The same for a relation; one in percent of seeds is compared with both edges, which these seeds move.
     fn under(relation: Relation, left: &Side, right: &Side) -> Self {
         let compared = Self::of(left, right);
         let (Relation::WithinPercent(percent), Side::BySeed { .. }) = (relation, right) else {
@@ -524,7 +524,12 @@ fn region(relation: Relation, right_mean: f64) -> Region {
     Region { low, high, closed }
 }
 
-fn judge(relation: Relation, min_effect: Option<f64>, compared: &[Compared], seeds: &Seeds) -> ClaimVerdict {
+fn judge(
+    relation: Relation,
+    min_effect: Option<f64>,
+    compared: &[SideDifference],
+    seeds: &Seeds,
+) -> ClaimVerdict {
     let is_direction = relation.is_direction();
     if compared.is_empty() {
         return ClaimVerdict {
@@ -567,7 +572,7 @@ fn judge(relation: Relation, min_effect: Option<f64>, compared: &[Compared], see
     }
 }
 
-fn notes(compared: &Compared) -> Vec<String> {
+fn notes(compared: &SideDifference) -> Vec<String> {
     let n = compared.evidence.n();
     let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| too_few_seeds_in_words(n));
     let is_mean = matches!(

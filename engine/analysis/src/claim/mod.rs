@@ -136,7 +136,7 @@ pub struct Operand {
     /// Values of swept keys that its trials have, as words; none where any will do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setting: Vec<(String, String)>,
-    /// The metric.
+    /// Name of the metric.
     pub metric: String,
     /// Environment in which it was measured, if the two sides of the claim differ in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -204,7 +204,7 @@ pub enum Quantity {
     Measured {
         /// The factor; 1 where none is written.
         factor: f64,
-        /// The metric.
+        /// The agent's metric.
         operand: Operand,
     },
 }

@@ -309,7 +309,7 @@ impl<'a> Reader<'a> {
         Ok(Some(name.to_owned()))
     }
 
-    /// Reads where the left side is measured, if it says so.
+    /// Reads the environment of the left side, if one follows it.
     fn environment_of_left(&mut self, left: &Quantity) -> Result<Option<String>, ClaimError> {
         self.rest();
         let start = self.position;

@@ -1,4 +1,4 @@
-//! Whether a program that trains itself comes to the same values again with the same seed.
+//! Repetition: whether a program that trains itself gives the same values again with the same seed.
 
 use contract::repeats::Repeats;
 use serde::{Deserialize, Serialize};

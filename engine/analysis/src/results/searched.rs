@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Result of a search for a setting.
 #[derive(Debug, Clone)]
 pub struct SearchResult {
-    /// The search.
+    /// The search, as the study defines it.
     pub search: Search,
     /// The settings that were tried, in order.
     pub tried: Vec<TriedSetting>,
@@ -29,7 +29,7 @@ pub struct SearchResult {
 pub struct TriedSetting {
     /// The setting, as `key=value` words.
     pub setting: String,
-    /// The setting itself.
+    /// The setting as values, one for each key.
     pub point: Point,
     /// The step at which its trials pause or, in a population, end; `None` where they go to the end of the protocol.
     pub stop: Option<u64>,
@@ -52,7 +52,7 @@ pub struct TriedSetting {
 /// How far a search has seen a setting, up to the step that it asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sight {
-    /// It has its value there.
+    /// It has its value at this step.
     Valued,
     /// It ranks last, since a trial of it did not end well.
     Last,

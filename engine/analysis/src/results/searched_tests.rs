@@ -27,13 +27,13 @@ const SEEDS: u64 = 2;
 
 /// The stored results of a trial.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Stored {
+struct StoredTrial {
     measured: u64,
     end: Option<EndState>,
 }
 
 /// A store, by the settings on the way to that of a trial and its seed.
-type Store = BTreeMap<(String, u64), Stored>;
+type Store = BTreeMap<(String, u64), StoredTrial>;
 
 /// A world whose trials have random but reproducible results.
 struct World(u64);
@@ -55,14 +55,14 @@ impl World {
     }
 
     /// Runs a trial up to a step, or to its end where there is none.
-    fn run(&self, key: &str, seed: u64, until: Option<u64>) -> Stored {
+    fn run(&self, key: &str, seed: u64, until: Option<u64>) -> StoredTrial {
         let to = until.unwrap_or(END);
         match self.diverges_at(key, seed).filter(|step| *step <= to) {
-            Some(step) => Stored {
+            Some(step) => StoredTrial {
                 measured: (step - 1) / EVERY * EVERY,
                 end: Some(EndState::Nan),
             },
-            None => Stored {
+            None => StoredTrial {
                 measured: to,
                 end: until.is_none().then_some(EndState::Ok),
             },
@@ -136,7 +136,7 @@ fn result(
     point: &Point,
     key: &str,
     seed: u64,
-    stored: Stored,
+    stored: StoredTrial,
 ) -> TrialResult {
     let part = || Part::new("x", 1, Value::Null);
     let values = search
@@ -242,7 +242,7 @@ fn missing(search: &Search, progress: &Progress, store: &Store) -> Vec<(String, 
 
 /// The result of a search, without the values known beyond its pauses.
 #[derive(Debug, PartialEq)]
-struct Settled {
+struct SearchEnd {
     progress: Progress,
     ranked: Vec<Point>,
     words: String,
@@ -250,7 +250,7 @@ struct Settled {
 
 /// Runs a search to its end in a store that may hold something already; `dice` let trials fail and run in pieces.
 /// Failed ones are tried again when nothing else is left.
-fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rng>) -> (Settled, Store) {
+fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rng>) -> (SearchEnd, Store) {
     for _ in 0..10_000 {
         let (progress, result) = grown(world, search, &store);
         let open = missing(search, &progress, &store);
@@ -265,7 +265,7 @@ fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rn
             assert!(!words.contains("waits"), "{words}");
             let ranked = result.ranked().iter().map(|it| it.point.clone()).collect();
             return (
-                Settled {
+                SearchEnd {
                     progress,
                     ranked,
                     words,
@@ -340,7 +340,7 @@ fn a_failed_trial_is_waited_for_or_ranks_last_and_is_named_either_way() {
     let world = World(3);
     let mut own = search(Method::Random(NoOptions {}));
     let (progress, _) = grown(&world, &own, &Store::new());
-    let ended = |end| Stored {
+    let ended = |end| StoredTrial {
         measured: END,
         end: Some(end),
     };

@@ -14,9 +14,9 @@ pub struct Told {
     /// Budgets of every agent, as they are printed; `None` where the study has no trial or no budget is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budgets: Option<Printed>,
-    /// The cost of all trials.
+    /// Computing time of all trials.
     pub cost: Cost,
-    /// How the trials ended.
+    /// Number of trials by the way in which they ended.
     pub ran: Ran,
     /// Programs with a trial that was computed twice.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -27,11 +27,11 @@ pub struct Told {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Printed {
-    /// Headings of the columns.
+    /// Headings, one for each column.
     pub head: Vec<String>,
     /// How many columns, from the left, hold words.
     pub words: usize,
-    /// The rows.
+    /// Texts of the cells, row by row.
     pub rows: Vec<Vec<String>>,
     /// Sentences under the table.
     pub notes: Vec<String>,
@@ -41,9 +41,9 @@ pub struct Printed {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cost {
-    /// Seconds, of trials that ended.
+    /// Seconds of all trials that ended.
     pub seconds: f64,
-    /// Trials that ended, each once.
+    /// Number of trials that ended, each counted once.
     pub trials: usize,
 }
 

@@ -55,7 +55,7 @@ pub(super) fn settings(
     n_settings: usize,
     known: &HashMap<String, f64>,
 ) -> Vec<Point> {
-    let asked = RefCell::new(Asked::new(space, known, n_settings));
+    let asked = RefCell::new(RequestedSettings::new(space, known, n_settings));
     for beginning in 0..MOST_BEGINNINGS {
         if asked.borrow().is_done() {
             break;
@@ -106,7 +106,7 @@ fn begin<F: FnMut(&DVector<f64>) -> f64>(
 }
 
 /// The settings that were asked for so far.
-struct Asked<'a> {
+struct RequestedSettings<'a> {
     space: &'a [Range],
     known: &'a HashMap<String, f64>,
     n_settings: usize,
@@ -115,7 +115,7 @@ struct Asked<'a> {
     has_unknown: bool,
 }
 
-impl<'a> Asked<'a> {
+impl<'a> RequestedSettings<'a> {
     fn new(space: &'a [Range], known: &'a HashMap<String, f64>, n_settings: usize) -> Self {
         Self {
             space,
@@ -170,7 +170,7 @@ impl<'a> Asked<'a> {
     }
 }
 
-/// A setting as a key.
+/// A setting in the form of a key.
 pub(super) fn word(point: &Point) -> String {
     serde_json::Value::from(point.clone()).to_string()
 }

@@ -50,7 +50,7 @@ pub struct Search {
     pub metric: String,
     /// Whether larger or smaller values of the metric are better.
     pub direction: Direction,
-    /// Settings that are tried.
+    /// Number of settings that are tried.
     pub settings: usize,
     /// Seeds of each setting.
     pub seeds: Vec<u64>,
@@ -223,7 +223,7 @@ pub type Point = Vec<Value>;
 /// A setting with its results.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
-    /// The setting.
+    /// Values of the setting, one for each key.
     pub point: Point,
     /// The place of the setting whose learning it goes on with; `None` where it begins anew.
     pub parent: Option<usize>,

@@ -111,7 +111,7 @@ impl Course {
 
 /// The members of a generation after the first.
 struct Generation {
-    /// Settings, in order.
+    /// Settings of the members, in order.
     points: Vec<Point>,
     /// The place, in the generation before, of the member that each goes on from.
     parents: Vec<usize>,

@@ -72,9 +72,9 @@ pub(super) fn option(share: f64, n_options: usize) -> usize {
 /// Numbers between two limits, both included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Numbers {
-    /// Smallest value.
+    /// Smallest value of the range.
     pub low: f64,
-    /// Largest value.
+    /// Largest value of the range.
     pub high: f64,
     /// Whether the logarithm is spread evenly.
     pub log: bool,

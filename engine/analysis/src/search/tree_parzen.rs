@@ -2,13 +2,13 @@
 //!
 //! Bergstra, Bardenet, Bengio and Kegl 2011, "Algorithms for hyper-parameter optimization", NeurIPS, section 4, in the
 //! form that Optuna made its default (Watanabe 2023, "Tree-structured Parzen estimator", arXiv 2304.11127): one mixture
-//! for all keys together, a kernel for each setting and a wide one for what is known before any.
+//! for all keys together, a kernel for each setting and a wide one as the prior.
 //!
 //! | paper | here |
 //! |---|---|
 //! | gamma | `GOOD_SHARE`: the best settings are the good ones, at most `MOST_GOOD` of them |
 //! | l(x), g(x) | `Mixture` of the good settings and of the others |
-//! | l(x) / g(x) | what a proposal is judged by: the largest of `candidates` drawn from l |
+//! | l(x) / g(x) | the criterion of a proposal: the largest of `candidates` drawn from l |
 //! | b | `width`: 0.2 n^(-1 / (d + 4)) of the range, and no less than one part in min(100, n + 2) of it |
 //!
 //! Settings under way count among the others (a constant liar), so that a batch spreads.

@@ -40,7 +40,7 @@ pub fn about_policy() -> &'static About {
 /// Version of the code of casts, raised whenever a change moves the numbers of trials with one.
 const VERSION: u32 = 2;
 
-/// All that may stand for an agent in a study: the registered agents, and [`POLICY`].
+/// Everything that may be an agent of a study: the registered agents, and [`POLICY`].
 pub fn agents(registry: &Registry) -> impl Iterator<Item = (&'static str, &About)> {
     registry
         .agents

@@ -7,7 +7,7 @@ use crate::{Channel, Interface, Seat, Space};
 pub(super) struct Difference {
     /// Name of the property that differs.
     pub(super) what: String,
-    /// Its value in the dataset.
+    /// Description of it in the dataset.
     pub(super) found: String,
     /// Its value in the environment.
     pub(super) expected: String,

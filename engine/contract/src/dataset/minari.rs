@@ -16,7 +16,7 @@ pub(super) const DATA: &str = "data";
 pub(super) const METADATA: &str = "data/metadata.json";
 /// File with the length of an episode, in the episode's folder.
 pub(super) const EPISODE_METADATA: &str = "metadata.json";
-/// The first version of Minari that reads Parquet files; later ones read what it wrote.
+/// The first version of Minari that reads Parquet files; later ones read its files.
 const VERSION: &str = "0.5.3";
 /// Minari parses names of datasets; this one has the form that it wants.
 const NAME: &str = "regimen/gathered-v0";

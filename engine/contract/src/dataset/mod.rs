@@ -3,7 +3,7 @@
 //! A dataset lies in the folder `dataset` of a trial, in the layout of Minari 0.5 (Farama Foundation), which
 //! reads it as it is:
 //!
-//! | file | what it holds |
+//! | file | content |
 //! |---|---|
 //! | `data/metadata.json` | the spaces, the numbers of episodes and steps |
 //! | `data/<episode>/metadata.json` | number and length of an episode |
@@ -12,11 +12,11 @@
 //!
 //! | column | type | row `t` |
 //! |---|---|---|
-//! | `observations` | vector of f64, i64 for a choice | what was seen before decision `t`; the last row is what was seen at the end |
-//! | `actions` | vector of f64, i64 for a choice | what was done; 0 in the last row |
-//! | `rewards` | f64 | what was earned, the mean of the seats; 0 in the last row |
+//! | `observations` | vector of f64, i64 for a choice | observation before decision `t`; in the last row the one at the end |
+//! | `actions` | vector of f64, i64 for a choice | decision `t`; 0 in the last row |
+//! | `rewards` | f64 | reward of decision `t`, the mean of the seats; 0 in the last row |
 //! | `terminations`, `truncations` | bool | whether the episode ended with decision `t`, and how; false in the last row |
-//! | `seat_rewards` | vector of f64 | of several seats: what each earned |
+//! | `seat_rewards` | vector of f64 | of several seats: the reward of each |
 //! | `states` | vector of f64 | of several seats whose environment has one: the full state |
 //!
 //! Observations are as the environment gave them, in SI units. Shares on a simplex are a box with limits 0 and 1 to
@@ -63,7 +63,7 @@ pub struct Episode {
     /// Of several seats, the full state before each decision and at the end: `n + 1` vectors. Else nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<Vec<f64>>,
-    /// How it ended.
+    /// Ending of the episode.
     pub end: End,
 }
 

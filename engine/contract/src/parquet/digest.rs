@@ -58,7 +58,7 @@ fn push_rows<T>(to: &mut Vec<u8>, rows: &[Option<Vec<T>>], value: impl Fn(&T) ->
     }
 }
 
-/// Bytes after their number.
+/// Bytes after their count.
 fn push_bytes(to: &mut Vec<u8>, bytes: &[u8]) {
     push_count(to, bytes.len());
     to.extend_from_slice(bytes);

@@ -19,17 +19,17 @@ use std::path::Path;
 /// The cells of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values<'a> {
-    /// Words.
+    /// Words without empty cells.
     Text(Vec<&'a str>),
-    /// Counts.
+    /// Counts, as 64-bit numbers.
     U64(Vec<u64>),
-    /// Small counts.
+    /// Small counts, as 32-bit numbers.
     U32(Vec<u32>),
-    /// Whole numbers.
+    /// Whole numbers with a sign.
     I64(Vec<i64>),
-    /// Numbers.
+    /// Floating-point numbers.
     F64(Vec<f64>),
-    /// True or false.
+    /// Truth values.
     Bool(Vec<bool>),
     /// A vector of numbers in every row.
     Vectors(Vec<&'a [f64]>),
@@ -43,7 +43,7 @@ pub enum Values<'a> {
     MaybeI64(Vec<Option<i64>>),
     /// Numbers, with cells that are empty.
     MaybeF64(Vec<Option<f64>>),
-    /// True or false, with cells that are empty.
+    /// Truth values, with cells that are empty.
     MaybeBool(Vec<Option<bool>>),
 }
 

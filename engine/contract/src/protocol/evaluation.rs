@@ -18,18 +18,18 @@ const ROWS: u64 = 256;
 /// The size of a measurement, and the name under which it is stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
-    /// `Evaluate` or `Final`.
+    /// Phase of the rows: `Evaluate` or `Final`.
     phase: Phase,
     /// Training steps done so far.
     pub step: u64,
-    /// Number of episodes.
+    /// Number of episodes of the measurement.
     episodes: u64,
     /// How many of them, from the first, are recorded step by step.
     traced: u64,
     /// Name of the random streams of its episodes. Measurements of one name have the same episodes, whichever agent
     /// plays them.
     stream: String,
-    /// How the agent acts.
+    /// Mode of the agent's actions.
     mode: Mode,
     /// Whether episodes are played one after the other, by every agent.
     one_by_one: bool,
@@ -242,8 +242,8 @@ pub fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Resu
 /// Environments, each free while it plays no episode.
 type Pool = Vec<Option<Box<dyn Environment>>>;
 
-/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears
-/// the same way whatever the other slots do.
+/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears does so
+/// in the same way, independently of other slots.
 fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Error> {
     if snapshots.is_empty() {
         return (0..rows).map(|_| (run.make_environment)().map(Some)).collect();

@@ -2,9 +2,9 @@
 //! another one takes it up.
 //!
 //! ```text
-//! <trial's folder>/checkpoint/state.json        what the protocol goes on from, and means that are not recorded yet
-//!                             metrics.parquet   what was recorded while learning
-//!                             agent/            what the agent saved
+//! <trial's folder>/checkpoint/state.json        state of the protocol, and means that are not recorded yet
+//!                             metrics.parquet   rows recorded while learning
+//!                             agent/            files of the agent
 //! ```
 
 use super::Run;

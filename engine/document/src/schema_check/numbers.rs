@@ -12,7 +12,7 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     if is_not_finite(text) {
         return Some("the number must be finite".into());
     }
-    let wanted = Wanted::of(schema);
+    let wanted = AllowedNumbers::of(schema);
     if let Some(number) = wanted.fitting(text) {
         return Some(format!("write {number}"));
     }
@@ -55,13 +55,13 @@ pub(super) fn whole(text: &str) -> Option<String> {
 }
 
 /// The numbers that a key takes.
-struct Wanted {
+struct AllowedNumbers {
     numbers: bool,
     lists: bool,
     limits: Vec<(f64, f64)>,
 }
 
-impl Wanted {
+impl AllowedNumbers {
     fn of(schema: &View<'_>) -> Self {
         let places = schema.alternatives();
         let has = |name: &str| places.iter().any(|place| place.types().contains(&name));
@@ -93,7 +93,7 @@ impl Wanted {
         (is_kind && self.limits.iter().any(is_in)).then_some(text)
     }
 
-    /// The largest value.
+    /// The largest value that the key takes.
     fn most(&self) -> f64 {
         self.limits
             .iter()
@@ -180,7 +180,7 @@ fn with_decimal_comma(text: &str) -> Option<String> {
 }
 
 /// Several numbers with commas between them, all allowed by the key, in the form of a list.
-fn list(text: &str, wanted: &Wanted) -> Option<String> {
+fn list(text: &str, wanted: &AllowedNumbers) -> Option<String> {
     let items: Vec<&str> = text.split(',').map(str::trim).collect();
     let is_padded = |item: &str| item.len() > 1 && item.starts_with('0') && !item.starts_with("0.");
     let is_item = |item: &&str| wanted.fitting(item).is_some() && !is_padded(item);
@@ -189,7 +189,7 @@ fn list(text: &str, wanted: &Wanted) -> Option<String> {
 }
 
 /// The number that a share in percent is, or a number of thousands (`k`) or millions (`M`).
-fn scaled(text: &str, wanted: &Wanted) -> Option<String> {
+fn scaled(text: &str, wanted: &AllowedNumbers) -> Option<String> {
     let of = |digits: &str, scale: f64| {
         let digits = digits.trim_end();
         let plain = digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');

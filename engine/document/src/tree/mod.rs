@@ -54,11 +54,11 @@ pub struct Scalar {
 /// A key with its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// The key.
+    /// Text of the key.
     pub key: String,
-    /// Where the key stands.
+    /// Place of the key in the text.
     pub key_span: Span,
-    /// The value.
+    /// Node under the key.
     pub value: Node,
 }
 

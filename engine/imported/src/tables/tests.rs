@@ -1,5 +1,5 @@
 use super::{
-    super::{columns::Chosen, content::content, mapping::SameStep},
+    super::{columns::MetricColumns, content::content, mapping::SameStep},
     *,
 };
 
@@ -292,7 +292,7 @@ fn several_columns_are_runs_of_one_metric() {
     assert!(refused(text, &by_seed).contains("leave `seed` and `run` out"));
     let known: Vec<String> = text.lines().next().unwrap().split(',').map(Into::into).collect();
     assert_eq!(
-        Chosen::of(&known, &columns("ppo__* - x".into()))
+        MetricColumns::of(&known, &columns("ppo__* - x".into()))
             .unwrap()
             .runs
             .len(),

@@ -1,7 +1,7 @@
 //! Checks of learning that goes on from an artifact: in the same environment, by an agent that the learned values fit.
 
 use super::Builder;
-use crate::{cell::Cell, known, search::Searched, taking};
+use crate::{cell::Cell, dependencies, known, search::LocatedSearch};
 use contract::{
     Agent, ArtifactKind, Interface,
     protocol::{load_from_checkpoint, write_checkpoint_specimen},
@@ -22,7 +22,7 @@ impl Builder<'_> {
             return Ok(());
         };
         let begun = self.cells.at(source.cell);
-        let name = taking::name(self.sections, begun.place);
+        let name = dependencies::name(self.sections, begun.place);
         if begun.parts[0].id() != cell.parts[0].id() {
             let message =
                 format!("`{name}` learns in another environment than the one in which that shall go on");
@@ -38,7 +38,7 @@ impl Builder<'_> {
 
     /// Refuses a population over a key that changes the shape of networks: values that a member learned would fit no
     /// other.
-    pub(super) fn members_fit(&mut self, searched: &Searched<'_>) -> Result<(), Box<Diagnostic>> {
+    pub(super) fn members_fit(&mut self, searched: &LocatedSearch<'_>) -> Result<(), Box<Diagnostic>> {
         if !searched.search.is_population() {
             return Ok(());
         }
@@ -69,7 +69,7 @@ impl Builder<'_> {
 
     fn takes_up(
         &self,
-        searched: &Searched<'_>,
+        searched: &LocatedSearch<'_>,
         key: usize,
         mut member: Box<dyn Agent>,
         folder: &Path,
@@ -90,7 +90,7 @@ impl Builder<'_> {
     /// A member whose keys lie at these shares of their ranges; `None` where it cannot be built so.
     fn member(
         &self,
-        searched: &Searched<'_>,
+        searched: &LocatedSearch<'_>,
         shares: &[f64],
         interface: &Interface,
     ) -> Option<Box<dyn Agent>> {

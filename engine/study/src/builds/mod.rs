@@ -11,8 +11,8 @@ use crate::{
     checked_sections::Sections,
     config::locate,
     fit,
-    part::{self, Form, Resolved},
-    written::{Named, Target},
+    part::{self, Form, ResolvedPart},
+    written::{NamedPart, Target},
 };
 use contract::{
     Agent, Error, Interface, Metric, Protocol, UseOfDatasets,
@@ -42,7 +42,7 @@ const MOST_SETTINGS_BUILT: usize = 200;
 const FROM_THE_FIRST_STEP: u64 = 1;
 
 /// Metrics of a built protocol.
-struct Measures {
+struct ProtocolMetrics {
     metrics: Vec<Metric>,
     of_environment: bool,
     gives_examples: bool,
@@ -53,7 +53,7 @@ struct Measures {
     protocol: Box<dyn Protocol>,
 }
 
-impl Measures {
+impl ProtocolMetrics {
     fn of(protocol: Box<dyn Protocol>) -> Self {
         Self {
             metrics: protocol.metrics(),
@@ -69,16 +69,16 @@ impl Measures {
 
     /// The name of the things that a protocol gives where the agent cannot learn from them; `None` where it can learn
     /// from them, or does not learn.
-    fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<Given> {
+    fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<LearningInput> {
         match entry.traits.datasets {
             _ if entry.traits.designs && !self.asks_for_designs && self.experience > 0 => {
-                Some(Given::NoDemand)
+                Some(LearningInput::NoDemand)
             }
             _ if !learns => None,
-            _ if self.gives_examples && !entry.traits.learns_from_examples => Some(Given::Examples),
+            _ if self.gives_examples && !entry.traits.learns_from_examples => Some(LearningInput::Examples),
             _ if self.experience == 0 => None,
-            UseOfDatasets::Never if self.gives_datasets => Some(Given::DecisionsOfOthers),
-            UseOfDatasets::Only if !self.gives_datasets => Some(Given::NoDataset),
+            UseOfDatasets::Never if self.gives_datasets => Some(LearningInput::DecisionsOfOthers),
+            UseOfDatasets::Only if !self.gives_datasets => Some(LearningInput::NoDataset),
             _ => None,
         }
     }
@@ -86,14 +86,14 @@ impl Measures {
 
 /// Whether an agent can learn from the things that a protocol gives, or need not.
 pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
-    Measures::of(protocol)
+    ProtocolMetrics::of(protocol)
         .gives_another(entry, entry.traits.learns)
         .is_none()
 }
 
 /// Name of the things that a protocol gives to an agent that cannot learn from them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Given {
+enum LearningInput {
     Examples,
     DecisionsOfOthers,
     NoDataset,
@@ -106,7 +106,7 @@ enum Given {
 /// # Errors
 /// Errors of plugins, at the key that they name.
 pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vocabulary, Vec<Diagnostic>> {
-    let names = |list: &[Named]| list.iter().map(|named| named.name.clone()).collect();
+    let names = |list: &[NamedPart]| list.iter().map(|named| named.name.clone()).collect();
     let mut vocabulary = Vocabulary {
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
@@ -167,7 +167,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
 }
 
 /// The origins of the configs of a cell's environment and agent, which tell its agent from others.
-fn given(cell: &Cell) -> [part::Given; 2] {
+fn given(cell: &Cell) -> [part::ConfigOrigin; 2] {
     [0, 1].map(|part| cell.parts[part].given.clone())
 }
 
@@ -180,7 +180,7 @@ fn ids(cell: &Cell) -> [String; 2] {
 fn note(
     pair: (usize, usize),
     facts: &Facts,
-    measures: &Measures,
+    measures: &ProtocolMetrics,
     [of_protocol, of_agent]: [&[Metric]; 2],
     vocabulary: &mut Vocabulary,
 ) {
@@ -206,7 +206,7 @@ fn note(
     let traced = vocabulary.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
     vocabulary.units.extend(facts.units.clone());
-    // A protocol that measures no episodes of an environment traces what it measures.
+    // A protocol that measures no episodes of an environment traces its own measurements.
     traced.extend(
         measures
             .metrics
@@ -222,9 +222,9 @@ struct Builder<'a> {
     stubs: Stubs,
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Arc<Facts>>>,
-    protocols: BTreeMap<String, Option<Measures>>,
+    protocols: BTreeMap<String, Option<ProtocolMetrics>>,
     /// Steps that a built agent needs before it learns, by the origins of environment and agent.
-    agents: BTreeMap<[part::Given; 2], u64>,
+    agents: BTreeMap<[part::ConfigOrigin; 2], u64>,
     /// Environments and agents, each with the ids of environment and protocol that were noted.
     recorded: BTreeSet<((usize, usize), [String; 2])>,
     /// Ids of environments and protocols that were checked against each other.
@@ -299,7 +299,7 @@ impl<'a> Builder<'a> {
             .own_training
             .is_some();
         let given = |entry: &AgentEntry| match entry.traits.trains_itself {
-            true => (!lets_train).then_some(Given::Training),
+            true => (!lets_train).then_some(LearningInput::Training),
             false => measures.gives_another(entry, entry.learns_with(&agent.part.config)),
         };
         if let Some(why) = self.entry(cell).and_then(given) {
@@ -468,7 +468,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    fn records_too_much(&self, environment: &Resolved, metrics: usize) -> Diagnostic {
+    fn records_too_much(&self, environment: &ResolvedPart, metrics: usize) -> Diagnostic {
         let named = self.sections.written.part(environment.given.target);
         let (name, span) = named.map_or_else(Default::default, |it| (it.name.as_str(), it.name_span));
         let message = format!(
@@ -524,7 +524,7 @@ impl<'a> Builder<'a> {
         of.join("; ")
     }
 
-    fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
+    fn learns_nothing(&self, agent: &ResolvedPart, learns_after: u64, steps: u64) -> Diagnostic {
         let named = self.sections.written.part(agent.given.target);
         let (name, span) =
             named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
@@ -551,30 +551,30 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    fn learns_otherwise(&self, agent: &Resolved, protocol: &str, given: Given) -> Diagnostic {
+    fn learns_otherwise(&self, agent: &ResolvedPart, protocol: &str, given: LearningInput) -> Diagnostic {
         let (sections, target) = (self.sections, agent.given.target);
         let (at, span) = sections
             .plugin(target)
             .map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         let named = sections.written.part(target).map_or("", |named| &named.name);
         let (why, help) = match given {
-            Given::Examples => (
+            LearningInput::Examples => (
                 format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
                 self.decisions_or("examples", &|entry| entry.traits.learns_from_examples),
             ),
-            Given::DecisionsOfOthers => (
+            LearningInput::DecisionsOfOthers => (
                 format!("from its own decisions; `{protocol}` gives those of others"),
                 self.decisions_or("datasets", &|entry| entry.traits.datasets != UseOfDatasets::Never),
             ),
-            Given::NoDataset => (
+            LearningInput::NoDataset => (
                 format!("from datasets; `{protocol}` gives none"),
                 "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
             ),
-            Given::Training => (
+            LearningInput::Training => (
                 format!("by itself; `{protocol}` trains agents, or measures them"),
                 "the protocol `train_evaluate` lets it train, and takes in what it measures".into(),
             ),
-            Given::NoDemand => (
+            LearningInput::NoDemand => (
                 format!("from whole designs that it proposes; `{protocol}` asks for none"),
                 "the protocol `search` asks for one design after the other".into(),
             ),
@@ -617,7 +617,7 @@ impl<'a> Builder<'a> {
                 let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
                 let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
                 vocabulary.warnings.extend(doubt.map(Diagnostic::as_warning));
-                (Some(Measures::of(protocol)), None)
+                (Some(ProtocolMetrics::of(protocol)), None)
             }
             Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
         };
@@ -626,7 +626,7 @@ impl<'a> Builder<'a> {
     }
 
     /// A refusal, placed at the key that the plugin names where the study gives it.
-    fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
+    fn refused(&self, resolved: &ResolvedPart, error: &Error) -> Diagnostic {
         let (sections, target) = (self.sections, resolved.given.target);
         let plugin = sections.plugin(target);
         let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));

@@ -5,7 +5,7 @@
 use super::Builder;
 use crate::{
     cell::{Cell, Source},
-    taking,
+    dependencies,
 };
 use contract::{
     Agent, ArtifactKind, Error, Interface, artifact::Taken, protocol::write_checkpoint_specimen, random,
@@ -124,7 +124,7 @@ impl Builder<'_> {
         interface: &Interface,
     ) -> Result<Box<dyn Agent>, Box<Diagnostic>> {
         let unusable = |builder: &Self, source: &Source, problem: String| {
-            let name = taking::name(builder.sections, builder.cells.place(source.cell));
+            let name = dependencies::name(builder.sections, builder.cells.place(source.cell));
             Box::new(builder.at(
                 cell,
                 source,
@@ -169,7 +169,7 @@ impl Builder<'_> {
     }
 
     fn leaves_another(&self, cell: &Cell, source: &Source, folder: &Path) -> Diagnostic {
-        let name = taking::name(self.sections, self.cells.place(source.cell));
+        let name = dependencies::name(self.sections, self.cells.place(source.cell));
         let left: Vec<&str> = ArtifactKind::ALL
             .into_iter()
             .filter(|kind| kind.lies_in(folder))
@@ -201,7 +201,8 @@ impl Builder<'_> {
 
     /// A mistake about an artifact that a cell takes, at the place where it is named.
     pub(super) fn at(&self, cell: &Cell, source: &Source, message: String) -> Diagnostic {
-        let (span, at) = taking::place(self.sections, &cell.parts[source.part], &source.pointer, "from");
+        let (span, at) =
+            dependencies::place(self.sections, &cell.parts[source.part], &source.pointer, "from");
         self.sections.sources.error(span, &at, message)
     }
 }

@@ -1,7 +1,7 @@
 //! The trials of plays: every combination of agents over roles and every seed, after the trials that train
 //! them.
 
-use super::{DEVICE, OfCells};
+use super::{DEVICE, TrialsByCell};
 use crate::checked_study::Study;
 use analysis::cross_play::title;
 use contract::{
@@ -12,7 +12,7 @@ use presentation::vocabulary::{Pairs, Play, Player};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.
-pub(super) fn trials(study: &Study, play: &Play, trained: &OfCells) -> Vec<Arc<Trial>> {
+pub(super) fn trials(study: &Study, play: &Play, trained: &TrialsByCell) -> Vec<Arc<Trial>> {
     let mut trials = Vec::new();
     for players in play.combinations() {
         for places in meetings(play.pairs, &players, study.seeds.len()) {
@@ -50,7 +50,13 @@ fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>
 
 /// One meeting. Its own seed is the latest of those that meet, so that a study that stops at some number of
 /// seeds has every meeting among them.
-fn encounter(study: &Study, play: &Play, players: &[&Player], places: &[usize], trained: &OfCells) -> Trial {
+fn encounter(
+    study: &Study,
+    play: &Play,
+    players: &[&Player],
+    places: &[usize],
+    trained: &TrialsByCell,
+) -> Trial {
     let of_role = || play.roles.iter().zip(players);
     let roles: BTreeMap<String, String> = of_role()
         .map(|((role, _), player)| (role.clone(), player.name.clone()))

@@ -1,8 +1,8 @@
 //! Estimates of the time that missing trials take, from the stored trials that are most like them.
 //!
-//! A trial of the same parts tells it as it is. Where there is none, the nearest trial of the same environment,
-//! agent and protocol tells how long a step takes. A trial in another environment tells nothing: steps of one may
-//! cost a thousand times those of another.
+//! The time of a trial with the same parts is taken as it is. Where there is none, the nearest trial of the same
+//! environment, agent and protocol gives the time of a step. A trial in another environment gives none: steps of one
+//! may cost a thousand times those of another.
 
 use super::nearest::{Combination, Search};
 use contract::trial::{Trial, TrialKey};

@@ -1,5 +1,4 @@
-//! Says why trials are new: one line per cell and reason for people, one object per cell and reason for
-//! programs.
+//! Reasons of new trials: one line per cell and reason for people, one object per cell and reason for programs.
 
 use super::{Novelty, Reason};
 use document::count::either;

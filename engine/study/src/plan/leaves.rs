@@ -51,7 +51,7 @@ impl Difference {
     /// The part and the name of a file whose content differs, where that stands under a name.
     fn file(&self) -> Option<(&str, &str)> {
         let (part, name) = self.what.strip_suffix(".file.content")?.split_once(".sources.")?;
-        // One in a list is told by its place there.
+        // A file in a list is told by its index there.
         name.parse::<usize>().is_err().then_some((part, name))
     }
 }

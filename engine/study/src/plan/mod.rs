@@ -55,7 +55,7 @@ pub struct Plan {
 pub type Wanted = BTreeMap<CellName, u32>;
 
 /// Trials of cells that others take from, by the index of the cell, seed after seed.
-type OfCells = BTreeMap<usize, Vec<Arc<Trial>>>;
+type TrialsByCell = BTreeMap<usize, Vec<Arc<Trial>>>;
 
 impl Study {
     /// The agents of its trials, each with its config once.
@@ -86,8 +86,8 @@ impl Study {
         ready.map(|index| self.seeds_of(index, &taken).len()).sum()
     }
 
-    /// The trials where some combinations have come to a later look. Those of a look follow those of the one
-    /// before, so that a plan that grows keeps the order of what it had.
+    /// The trials where some combinations have reached a later look. Those of a look follow those of the one before, so
+    /// that a plan that grows keeps the order of its trials.
     #[must_use]
     pub fn plan_with(&self, wanted: &Wanted) -> Plan {
         let mut plan = self.plan_of_all_seeds();
@@ -122,7 +122,7 @@ impl Study {
 
     fn plan_of_all_seeds(&self) -> Plan {
         let (seeds, waiting) = (self.seeds_taken(), self.waiting());
-        let mut of_cells = OfCells::new();
+        let mut of_cells = TrialsByCell::new();
         // Cells that others take from come first; the rest is made where it is put into the plan.
         let taken = self.taken_from();
         for &index in self
@@ -257,7 +257,7 @@ impl Study {
         &self,
         index: usize,
         taken: &BTreeMap<usize, Vec<u64>>,
-        of_cells: &OfCells,
+        of_cells: &TrialsByCell,
     ) -> Vec<Arc<Trial>> {
         let cell = self.cells.at(index);
         // A source runs the seeds that are taken from it, and comes before in the order of cells.

@@ -26,7 +26,7 @@ pub(super) struct Combination {
 }
 
 /// The stored trials of a combination.
-pub(super) struct Known<'a> {
+pub(super) struct StoredCombination<'a> {
     combination: Combination,
     /// Key of one of its trials.
     pub(super) key: &'a TrialKey,
@@ -39,7 +39,7 @@ pub(super) struct Known<'a> {
 /// The stored combinations, to be searched for the nearest.
 pub(super) struct Search<'a> {
     catalogue: Catalogue,
-    known: Vec<Known<'a>>,
+    known: Vec<StoredCombination<'a>>,
     by_combination: HashMap<Combination, usize>,
     /// Combinations by two of their parts; the position that is left out makes the third number.
     by_two_parts: HashMap<(PartIndex, PartIndex, usize), Vec<usize>>,
@@ -49,24 +49,26 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub(super) fn new(stored: &'a [StoredCell], n_cells: usize) -> Self {
         let mut catalogue = Catalogue::default();
-        let mut combinations: BTreeMap<Combination, Known<'a>> = BTreeMap::new();
+        let mut combinations: BTreeMap<Combination, StoredCombination<'a>> = BTreeMap::new();
         // In the order of their content, so that among equally near ones always the same is found.
         let mut ordered: Vec<&StoredCell> = stored.iter().collect();
         ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
         for cell in ordered {
             let combination = catalogue.combination(&cell.key);
-            let known = combinations.entry(combination.clone()).or_insert_with(|| Known {
-                combination,
-                key: &cell.key,
-                seeds: BTreeSet::new(),
-                took: Took::default(),
-            });
+            let known = combinations
+                .entry(combination.clone())
+                .or_insert_with(|| StoredCombination {
+                    combination,
+                    key: &cell.key,
+                    seeds: BTreeSet::new(),
+                    took: Took::default(),
+                });
             known.seeds.extend(&cell.seeds);
             known.took.add(cell.took);
         }
         let known: Vec<_> = combinations.into_values().collect();
         let (mut by_combination, mut by_two_parts) = (HashMap::new(), HashMap::<_, Vec<usize>>::new());
-        for (index, Known { combination, .. }) in known.iter().enumerate() {
+        for (index, StoredCombination { combination, .. }) in known.iter().enumerate() {
             by_combination.insert(combination.clone(), index);
             for pair in combination.pairs() {
                 by_two_parts.entry(pair).or_default().push(index);
@@ -82,7 +84,7 @@ impl<'a> Search<'a> {
     }
 
     /// The stored combination at a place.
-    pub(super) fn at(&self, index: usize) -> &Known<'a> {
+    pub(super) fn at(&self, index: usize) -> &StoredCombination<'a> {
         &self.known[index]
     }
 
@@ -113,7 +115,7 @@ impl<'a> Search<'a> {
             .copied();
         let (mut least, mut nearest) = (usize::MAX, Vec::new());
         for index in related.chain(0..self.known.len()).take(self.most) {
-            let Known {
+            let StoredCombination {
                 combination,
                 seeds: known,
                 ..

@@ -85,10 +85,12 @@ pub fn novelties(
 }
 
 /// A trial that is to run, and how it ended where it did.
-type Pending<'a> = (&'a Trial, Option<EndState>);
+type PendingTrial<'a> = (&'a Trial, Option<EndState>);
 
 /// Neighbours of one cell together, cell after cell: a plan may have a million trials, and few of one cell.
-fn by_cell<'a>(pending: impl Iterator<Item = Pending<'a>>) -> impl Iterator<Item = Vec<Pending<'a>>> {
+fn by_cell<'a>(
+    pending: impl Iterator<Item = PendingTrial<'a>>,
+) -> impl Iterator<Item = Vec<PendingTrial<'a>>> {
     let mut pending = pending.peekable();
     std::iter::from_fn(move || {
         let first = pending.next()?;
@@ -125,7 +127,7 @@ fn entry(trial: &Trial) -> String {
     }
 }
 
-fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Search<'_>) -> Vec<Novelty> {
+fn of_cell(cell: &[PendingTrial<'_>], new: &HashMap<&str, &Trial>, search: &mut Search<'_>) -> Vec<Novelty> {
     let mut reasons: Vec<(Reason, Vec<u64>)> = Vec::new();
     let mut add = |reason: Reason, seed: u64| match reasons.iter_mut().find(|(known, _)| *known == reason) {
         Some((_, seeds)) => seeds.push(seed),

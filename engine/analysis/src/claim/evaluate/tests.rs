@@ -101,7 +101,7 @@ fn what_differs_too_little_to_matter_is_equivalent() {
     assert!(alike.unwrap() < direction.unwrap(), "{alike:?} {direction:?}");
 }
 
-/// Pairing removes what the seeds share.
+/// Pairing removes the common part of both seeds.
 #[test]
 fn common_seeds_are_paired_and_others_are_not() {
     let (a, b) = ([1.1, 10.2, 100.1, 1000.3], [1.0, 10.0, 100.0, 1000.0]);

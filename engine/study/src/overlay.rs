@@ -10,12 +10,12 @@ pub const TAKE: &str = "<<";
 
 /// Lays `over` on `under`. Mappings are merged key by key, everything else is replaced. Where the schema
 /// asks for one key of several (a plugin, a sampler), another key takes the place of the first.
-pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
+pub fn overlay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
     let merges =
         |mine: &[Entry], theirs: &[Entry]| !place.is_some_and(one_of_several) || same_keys(mine, theirs);
     match (&mut under.kind, over.kind) {
         (Kind::Mapping(mine), Kind::Mapping(theirs)) if merges(mine, &theirs) => {
-            lay_entries(mine, theirs, place);
+            overlay_entries(mine, theirs, place);
             under.span = over.span;
         }
         (_, kind) => {
@@ -28,7 +28,7 @@ pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
 }
 
 /// Lays entries over others, each found by its key at once: a study may have very many.
-fn lay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_>>) {
+fn overlay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_>>) {
     let mut all: Vec<Option<Entry>> = std::mem::take(mine).into_iter().map(Some).collect();
     let mut places: BTreeMap<String, usize> = BTreeMap::new();
     for (place, entry) in all.iter().flatten().enumerate() {
@@ -47,7 +47,7 @@ fn lay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_
             all[at] = None;
         } else if let Some(known) = &mut all[at] {
             known.key_span = entry.key_span;
-            lay(&mut known.value, entry.value, below.as_ref());
+            overlay(&mut known.value, entry.value, below.as_ref());
         }
     }
     *mine = all.into_iter().flatten().collect();
@@ -107,7 +107,7 @@ mod tests {
         };
         let (mut under, over) = (read(under), read(over));
         let schema = json_schema(&toys());
-        lay(&mut under, over, Some(&View::new(&schema, &schema)));
+        overlay(&mut under, over, Some(&View::new(&schema, &schema)));
         under
     }
 

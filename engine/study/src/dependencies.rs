@@ -4,7 +4,7 @@ use super::{
     cell::{Cell, Cells, Place, Source},
     checked_sections::Sections,
     config::locate,
-    part::Resolved,
+    part::ResolvedPart,
     written::Target,
 };
 use contract::artifact::{Reference, named_in};
@@ -64,7 +64,7 @@ impl Reader<'_> {
             let shared = self.cell.parts[part].part.config.clone();
             let config = shared.whole();
             for (pointer, (kind, reference)) in named_in(&config) {
-                let place = Named {
+                let place = NamedArtifact {
                     part,
                     pointer: &pointer,
                     reference: &reference,
@@ -95,7 +95,7 @@ impl Reader<'_> {
         self.cells.other(is_before)
     }
 
-    fn cell_of(&mut self, named: &Named<'_>) -> Option<usize> {
+    fn cell_of(&mut self, named: &NamedArtifact<'_>) -> Option<usize> {
         let protocol = &self.cell.parts[2].given;
         if named.part == 2 && protocol.stretch.is_some_and(|it| it.goes_on) && named.pointer == "/go_on_from"
         {
@@ -133,7 +133,7 @@ impl Reader<'_> {
     }
 
     /// The environment that an agent was trained in: the one that is named, or that of the cell itself.
-    fn environment(&mut self, named: &Named<'_>, name: Option<&str>) -> Option<usize> {
+    fn environment(&mut self, named: &NamedArtifact<'_>, name: Option<&str>) -> Option<usize> {
         let known = &self.sections.written.environments;
         let own = match self.cell.parts[0].given.target {
             Target::Environment(index) => Some(index),
@@ -167,7 +167,7 @@ impl Reader<'_> {
         found
     }
 
-    fn only_cell(&mut self, named: &Named<'_>, environment: usize, agent: usize) -> Option<usize> {
+    fn only_cell(&mut self, named: &NamedArtifact<'_>, environment: usize, agent: usize) -> Option<usize> {
         let found = self.cells.of_pair((environment, agent));
         let written = self.sections.written;
         let (place, agent) = (
@@ -196,7 +196,7 @@ impl Reader<'_> {
     }
 
     /// A combination runs the seeds of the study; an entry of `prepare` runs those that are asked for.
-    fn has_seed(&mut self, named: &Named<'_>, cell: usize) -> bool {
+    fn has_seed(&mut self, named: &NamedArtifact<'_>, cell: usize) -> bool {
         let Some(seed) = named.reference.seed.filter(|seed| !self.seeds.contains(seed)) else {
             return true;
         };
@@ -213,7 +213,13 @@ impl Reader<'_> {
         false
     }
 
-    fn say(&mut self, named: &Named<'_>, key: &str, message: impl Into<String>, help: impl Into<String>) {
+    fn say(
+        &mut self,
+        named: &NamedArtifact<'_>,
+        key: &str,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
         let (span, at) = place(self.sections, &self.cell.parts[named.part], named.pointer, key);
         let error = self.sections.sources.error(span, &at, message);
         let help = help.into();
@@ -226,14 +232,14 @@ impl Reader<'_> {
 }
 
 /// An artifact as a config names it.
-struct Named<'a> {
+struct NamedArtifact<'a> {
     part: usize,
     pointer: &'a str,
     reference: &'a Reference,
 }
 
 /// Where a key of an artifact is written, and its dotted path.
-pub fn place(sections: &Sections<'_>, part: &Resolved, pointer: &str, key: &str) -> (Span, String) {
+pub fn place(sections: &Sections<'_>, part: &ResolvedPart, pointer: &str, key: &str) -> (Span, String) {
     let dotted = |words: &[&str]| {
         words
             .iter()
