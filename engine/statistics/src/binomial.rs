@@ -2,7 +2,7 @@
 //!
 //! The bounds of one share are those of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404): the lower
 //! one is the probability of success with which at least as many successes would occur in the share `nominal`
-//! of all samples. They hold their level whatever the truth, and mostly more than that, since counts come in
+//! of all samples. They hold their level for every truth, and mostly more than that, since counts come in
 //! steps. The difference of two independent shares has an interval whose ends are made of the exact bounds of
 //! both, their distances squared and added (Zou and Donner 2008, doi:10.1002/sim.3095). With score bounds in
 //! their place (Newcombe 1998, Statistics in Medicine 17, 873-890, method 10) it is narrower and errs more often

@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn tasks_are_strata() {
-        // Without spread inside the tasks nothing can vary, however different the tasks are.
+        // Without spread inside the tasks nothing can vary, even if the tasks differ.
         let tasks = [vec![1.0; 3], vec![100.0; 5]];
         let interval = Bootstrap::CURVE.stratified(&tasks, suite_mean).unwrap();
         assert_eq!((interval.low, interval.high), (50.5, 50.5));

@@ -6,7 +6,7 @@
 //! must be one of these to hold; one that lies among those that do not matter is alike. Where looks were planned
 //! ([`Design`]), the interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
 //! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
-//! decides is final, whatever the seeds say that other statements ask for afterwards.
+//! decides is final, even if other statements ask for further seeds.
 //!
 //! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, the one that is
 //! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until

@@ -94,13 +94,13 @@ pub(super) struct Limits {
 /// A search with the places of its keys in the study.
 #[derive(Debug, Clone)]
 pub struct LocatedSearch<'a> {
-    /// The search.
+    /// The search, as later stages read it.
     pub search: Search,
     /// Index of the environment in which settings are compared.
     pub environment: usize,
     /// Index of the agent whose setting is searched.
     pub agent: usize,
-    /// The keys.
+    /// The searched keys, in the order of the study.
     pub paths: Vec<KeyPath<'a>>,
     /// The settings that are tried: a value for each key.
     pub points: Vec<Vec<Node>>,

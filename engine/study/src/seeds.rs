@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 pub(super) const MOST_SEEDS: u64 = 1_000_000;
 /// Most seeds that a design may reach.
 const MOST_IN_DESIGN: u64 = 1000;
-/// Most looks of a design.
+/// Largest number of looks of a design.
 const MOST_LOOKS: u64 = 50;
 
 /// The section as it is written.
@@ -63,7 +63,7 @@ enum LooksText {
     ),
 }
 
-/// The seeds of a study.
+/// The seeds of a study, with their looks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeedPlan {
     /// All seeds that it may use.

@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 /// Options of a command line that change a study.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Options {
-    /// The profile to use.
+    /// Name of the profile to use; `None` for the study as it is written.
     pub profile: Option<String>,
     /// `PATH=VALUE` words, applied after the profile, in order.
     pub sets: Vec<String>,

@@ -91,11 +91,11 @@ pub(super) struct SlicedSamples {
 /// A swept key with the value it has at each point of its dimension.
 #[derive(Debug, Clone)]
 pub struct SweptKey<'a> {
-    /// The key.
+    /// The key in the study.
     pub path: KeyPath<'a>,
-    /// The path as written.
+    /// Path of the key, as it is written.
     pub text: String,
-    /// One value per point.
+    /// Values of the key, one for each point.
     pub values: Vec<Node>,
 }
 
@@ -109,7 +109,7 @@ pub struct Dimension<'a> {
 }
 
 impl Dimension<'_> {
-    /// Number of points.
+    /// Number of points of the dimension.
     #[must_use]
     pub fn n_points(&self) -> usize {
         self.keys.first().map_or(0, |key| key.values.len())

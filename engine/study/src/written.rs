@@ -10,13 +10,13 @@ use document::{
 pub struct NamedPart {
     /// Name in the study; `protocol` for the protocol.
     pub name: String,
-    /// Where the name stands.
+    /// Place of the name in the text.
     pub name_span: Span,
     /// Registered name of the plugin.
     pub plugin: String,
     /// Where the plugin's name stands.
     pub plugin_span: Span,
-    /// The keys that are given.
+    /// Keys of the config that the study gives.
     pub config: Node,
 }
 
@@ -25,11 +25,11 @@ pub struct NamedPart {
 pub struct PreparedTrial {
     /// Name of the entry.
     pub name: String,
-    /// Where the name stands.
+    /// Place of the name in the text.
     pub name_span: Span,
-    /// Its environment.
+    /// Environment of the trial.
     pub environment: PreparedPart,
-    /// Its agent.
+    /// Agent of the trial.
     pub agent: PreparedPart,
     /// Its protocol; the study's where absent.
     pub protocol: Option<NamedPart>,
@@ -59,7 +59,7 @@ impl PartKind {
     /// All of them, in the order of a trial's key.
     pub const ALL: [Self; 3] = [Self::Environment, Self::Agent, Self::Protocol];
 
-    /// The word in studies.
+    /// Name of the kind in studies.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -352,9 +352,9 @@ fn named(entry: &Entry) -> NamedPart {
 /// The environments and agents that an entry of `exclude` or `overrides` selects; `None` stands for all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Selection {
-    /// Index of the environment.
+    /// Index of the environment; `None` for all.
     pub environment: Option<usize>,
-    /// Index of the agent.
+    /// Index of the agent; `None` for all.
     pub agent: Option<usize>,
 }
 

@@ -134,7 +134,7 @@ fn a_published_share_of_few_runs_is_uncertain_too() {
             n: 300,
         },
     );
-    // Against an exact 0.667 a third of the seeds is too few, against two of three runs nothing is said.
+    // Against an exact 0.667 a third of the seeds is too few, against two of three runs it is inconclusive.
     assert_eq!(judged(3, None).verdict, Verdict::Differs);
     assert_eq!(judged(3, Some(of_3)).verdict, Verdict::Inconclusive);
     assert_eq!(judged(3, Some(of_300)).verdict, Verdict::Differs);

@@ -51,7 +51,7 @@ pub fn estimate<'t>(
     estimate
 }
 
-/// Seconds of one trial.
+/// Seconds of one missing trial, by the nearest stored one.
 fn one_s(
     search: &Search<'_>,
     combination: &Combination,

@@ -90,7 +90,7 @@ pub struct Catalogue {
 }
 
 impl Catalogue {
-    /// The number of a part.
+    /// The index of a part, which is added where it is new.
     pub fn index(&mut self, part: &Part) -> PartIndex {
         let address = part.config.address();
         let known = self.shared.get(&address).map(|(_, index)| *index);

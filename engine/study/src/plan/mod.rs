@@ -44,9 +44,9 @@ const DEVICE: &str = "cpu";
 pub struct Plan {
     /// Name of the study.
     pub study: String,
-    /// Its heading.
+    /// Heading of the study.
     pub title: String,
-    /// The trials.
+    /// The trials, in the order of the plan.
     pub trials: Vec<Arc<Trial>>,
 }
 
@@ -114,7 +114,7 @@ impl Study {
         plan
     }
 
-    /// The first of its seeds.
+    /// The first of the study's seeds.
     #[must_use]
     pub fn first_seed(&self) -> u64 {
         self.seeds.first().copied().unwrap_or_default()

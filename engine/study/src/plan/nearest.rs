@@ -30,7 +30,7 @@ pub(super) struct StoredCombination<'a> {
     combination: Combination,
     /// Key of one of its trials.
     pub(super) key: &'a TrialKey,
-    /// The seeds of all of them.
+    /// The seeds of all its trials.
     pub(super) seeds: BTreeSet<u64>,
     /// Times of those that ended well.
     pub(super) took: Took,
@@ -88,7 +88,7 @@ impl<'a> Search<'a> {
         &self.known[index]
     }
 
-    /// The parts of a key.
+    /// The combination of the parts of a key.
     pub(super) fn combination(&mut self, key: &TrialKey) -> Combination {
         self.catalogue.combination(key)
     }

@@ -16,7 +16,7 @@ use std::{
     sync::Arc,
 };
 
-/// Why trials are not done.
+/// Reason that trials are not done.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
     /// The parts are stored, with other seeds.
@@ -48,7 +48,7 @@ pub struct Novelty {
     pub environment: String,
     /// Name of the agent in the study.
     pub agent: String,
-    /// The point of the sweep.
+    /// Point of the sweep, as `key=value` words.
     pub setting: String,
     /// The seeds, in the order of the study.
     pub seeds: Vec<u64>,
