@@ -9,7 +9,7 @@ use std::{
     process::Command,
 };
 
-/// What the program is made of. Studies, results, texts and tests are no part of it.
+/// Sources of the program. Studies, results, texts and tests are no part of it.
 const SOURCES: [&str; 4] = ["Cargo.toml", "Cargo.lock", "engine", "plugins"];
 
 #[allow(
@@ -25,7 +25,7 @@ fn main() {
     }
 }
 
-/// What cargo is told about the source code in a folder.
+/// Directives to cargo for the source code in a folder.
 pub fn told(folder: &Path) -> Vec<String> {
     let commit = commit(folder);
     let changed = commit.is_some() && is_changed(folder);
@@ -76,7 +76,7 @@ fn watched(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// What git answers; `None` where it is not there or refuses.
+/// Answer of git; `None` where git is not there or refuses.
 fn git(folder: &Path, arguments: &[&str]) -> Option<String> {
     let mut command = Command::new("git");
     // The folder says which repository is meant, also where a hook of git builds; and asking must not write

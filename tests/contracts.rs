@@ -1,4 +1,4 @@
-//! What every registered plugin must do, whatever it is: these tests loop over the registry.
+//! Contract of every registered plugin: these tests loop over the registry.
 
 use contract::{
     Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space,
@@ -173,7 +173,7 @@ fn what_environments_give_out_is_what_they_say_through_whole_episodes() {
     }
 }
 
-/// What seats see and the full state lie within the ranges of their channels; of a trace, what has a value
+/// Observations of the seats and the full state lie within the ranges of their channels; of a trace, what has a value
 /// yet.
 fn assert_within_ranges(environment: &dyn Environment, observations: &[Vec<f64>], place: &str) {
     assert_eq!(

@@ -259,7 +259,7 @@ fn a_crate_has_what_the_specification_requires_and_describes_every_file() {
     holds_of_actions(&entities);
 }
 
-/// What sections 3 and 4 of the specification require of the descriptor and the root.
+/// Requirements of sections 3 and 4 of the specification on the descriptor and the root.
 fn holds_of_root(entities: &BTreeMap<&str, &Value>) {
     let descriptor = entities["ro-crate-metadata.json"];
     assert_eq!(descriptor["@type"], "CreativeWork");
@@ -276,7 +276,7 @@ fn holds_of_root(entities: &BTreeMap<&str, &Value>) {
     assert!(!root["hasPart"].as_array().unwrap().is_empty());
 }
 
-/// What the profile of process runs requires of actions.
+/// Requirements of the profile of process runs on actions.
 fn holds_of_actions(entities: &BTreeMap<&str, &Value>) {
     let actions: Vec<&&Value> = entities
         .values()

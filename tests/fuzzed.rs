@@ -1,4 +1,4 @@
-//! What strangers may hand to the program: files that once broke a reader, and the most different ones that a long
+//! Files of strangers that the program reads: files that once broke a reader, and the most different ones that a long
 //! search came upon. `tests/fuzz/README.md` says how to search on.
 
 #[path = "fuzz/targets.rs"]

@@ -228,7 +228,7 @@ fn killed_at_every_boundary_and_run_again_it_ends_as_if_nothing_had_happened() {
     }
     // Four trials of two files and four of four, each in six steps of writing.
     assert!(deaths >= 24 * 6, "{deaths} deaths");
-    // What the dead left besides trials, their leases, is found and set aside.
+    // Leases that a killed run left are found and set aside.
     bench.ok(&["fsck", "killed"]);
     let (made, whole) = (contents(&bench, "killed"), contents(&bench, "two"));
     assert_eq!(made.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>());

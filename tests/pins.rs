@@ -128,7 +128,7 @@ fn a_moved_number_and_a_raised_version_are_told_apart() {
     );
 }
 
-/// What is wrong with a pin; `None` where it holds.
+/// Difference from a pin; `None` where it holds.
 fn check(registry: &Registry, subject: &str, pin: &Pin, processor: &str) -> Option<String> {
     let raised = raised(registry, pin);
     if !raised.is_empty() {
@@ -344,7 +344,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
     let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].traits.learns;
     let mut agents = candidates("agent", acting(registry).map(|(name, _)| name).collect());
     if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
-        // What pins an environment shall not move with an algorithm.
+        // Pins of environments do not move with an algorithm.
         agents.retain(|agent| !learns(agent));
     }
     let mut best: Option<(usize, [Part; 3])> = None;

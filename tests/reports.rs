@@ -1,4 +1,4 @@
-//! What the report of a study says besides its tables.
+//! Sentences of a study's report besides its tables.
 
 use crate::program::{Bench, trial_files};
 
@@ -103,7 +103,7 @@ fn a_study_says_in_a_sentence_what_it_came_to() {
     let verdicts: serde_json::Value =
         serde_json::from_str(&read(&bench, "results/one/verdicts.json")).unwrap();
     let counts = ["judged", "decided", "differing", "exploratory"].map(|key| verdicts[key].as_u64().unwrap());
-    // What was calibrated and differs all the same is judged.
+    // A calibrated value that differs all the same is judged.
     assert_eq!(counts, [3, 3, 2, 0], "{verdicts}");
     assert_eq!(verdicts["verdicts"][0]["verdict"], "DIFFERS");
     assert!(report.contains("DIFFERS, in spite of calibration"), "{report}");

@@ -276,7 +276,7 @@ fn trials(bench: &Bench) -> Vec<(String, String, String)> {
             .unwrap()
             .to_string_lossy()
             .into_owned();
-        // What plays policies of others is no plugin.
+        // An agent that plays policies of others is no plugin.
         let plugin = |part: &str| trial["key"][part]["plugin"].as_str().unwrap_or("cast").to_owned();
         (id, plugin("environment"), plugin("agent"))
     };

@@ -281,7 +281,7 @@ fn hyperband_over_stored_trials_trains_nothing_and_chooses_among_the_best() {
     bench.write("band.yaml", &format!("{head}{HYPERBAND}"));
     let ran = bench.run(&["run", "band.yaml", "-j", "2"]);
     assert_eq!(ran.code, 0, "{}", ran.err);
-    // What the search asks for is there: only the chosen setting runs, on the seed of the study.
+    // The results that the search asks for exist: only the chosen setting runs, on the seed of the study.
     let now = bench.digests("store");
     assert_eq!(now.len(), 25, "{}", ran.err);
     assert!(stored.iter().all(|it| now.contains(it)));
@@ -304,7 +304,7 @@ fn hyperband_over_stored_trials_trains_nothing_and_chooses_among_the_best() {
     );
 }
 
-/// What is recorded while learning alone has no final value.
+/// A metric that is recorded while learning alone has no final value.
 #[test]
 fn a_search_that_finds_no_setting_fails_and_says_why() {
     let bench = Bench::new();

@@ -71,7 +71,7 @@ fn run(bench: &Bench, store: &str, more: &[&str], code: i32) -> Answer {
     answer
 }
 
-/// What the report says of the search, and the tables.
+/// Sentences of the report about the search, and the tables.
 #[derive(Debug, Clone, PartialEq)]
 struct Found {
     sentence: String,
@@ -499,7 +499,7 @@ fn a_report_of_an_unfinished_search_says_so_and_removes_no_table() {
             page.contains("its files are those of an earlier report"),
             "{page}"
         );
-        // What is not to be found in another store takes nothing away either.
+        // A trial that is not in another store takes nothing away either.
         let whole = fs::read(bench.path("results/tuned/index.html")).unwrap();
         let answer = ask(
             &bench,

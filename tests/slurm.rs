@@ -59,7 +59,7 @@ protocol: { train_evaluate: { steps: 64000, evaluate_every: 0, episodes: 0, fina
 trace_episodes: 0 } }
 ";
 
-/// What every scenario asks of Slurm: few cores, quick answers, and logs that tell the node.
+/// Options of Slurm in every scenario: few cores, quick answers, and logs that tell the node.
 const SETTINGS: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\ntrials_per_task = 2\nsetup = [\"echo on \
                         $SLURMD_NODENAME\"]\n";
 
@@ -262,7 +262,7 @@ fn a_controller_that_crashes_costs_no_trial(cluster: &Cluster, expected: &Expect
     expected.hold_for(&bench, follower);
 }
 
-/// What a local run computes.
+/// Records that a local run computes.
 struct Expected {
     digests: Vec<(String, String)>,
 }
@@ -445,7 +445,7 @@ pub(crate) fn submissions(bench: &Bench) -> Vec<String> {
         .collect()
 }
 
-/// What all workers of a bench printed.
+/// Output of all workers of a bench.
 pub(crate) fn logs(bench: &Bench) -> String {
     let files = submissions(bench)
         .into_iter()

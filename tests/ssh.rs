@@ -125,7 +125,7 @@ impl Hosts {
         self.path(name).join(".cache/regimen")
     }
 
-    /// What a run is told of them.
+    /// Options of a run for them.
     fn settings(&self, names: &[&str], more: &str) -> String {
         let command = format!("[\"ssh\", \"-F\", \"{}\"]", self.path("client").display());
         format!("executor = \"ssh\"\n[ssh]\nhosts = {names:?}\ncommand = {command}\n{more}")
@@ -240,7 +240,7 @@ fn trials_on_hosts_equal_local_ones_and_leave_nothing_there() {
         "{}",
         again.err
     );
-    // What is home is whole.
+    // The results that arrived are whole.
     assert_eq!(bench.run(&["fsck", "far"]).code, 0);
 }
 

@@ -22,7 +22,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// What `check` says of the study with one section written so.
+/// Output of `check` for the study with one section written so.
 fn check(bench: &Bench, load: &str, lines: &str) -> Answer {
     let text = format!(
         "study: small\nenvironments: {{ cells: {{ battery: {{ cells: 2, load: {load} }} }} }}\n\

@@ -1,4 +1,4 @@
-//! What is said and done where Python, the package or the server lacks, or an answer does.
+//! Messages and effects where Python, the package or the server is missing, or an answer is.
 
 use super::{Cluster, interrupted, local, spawn};
 use crate::{
@@ -39,7 +39,7 @@ fn is_refused(bench: &Bench, expected: &str) {
     assert!(record.contains("\"state\": \"refused\""), "{record}");
 }
 
-/// What is known of a submission.
+/// Record of a submission.
 fn record(bench: &Bench) -> String {
     let folder = bench.path("store/submissions").join(&submissions(bench)[0]);
     fs::read_to_string(folder.join("submission.json")).unwrap()

@@ -249,7 +249,7 @@ fn operators_that_are_not_known_are_named() {
     );
 }
 
-/// What `check` says of a study.
+/// Output of `check` for a study.
 fn refused(study: &str) -> String {
     let bench = Bench::new();
     bench.write("a.sh", "");

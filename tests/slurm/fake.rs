@@ -1,4 +1,4 @@
-//! What is said and done when Slurm is busy, says no, or is not there: the commands are small scripts here.
+//! Messages and effects when Slurm is busy, refuses, or is missing: the commands are small scripts here.
 
 use super::{STUDY, submissions, until};
 use crate::{

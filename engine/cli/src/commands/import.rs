@@ -10,7 +10,7 @@ use session::{Exit, Failure, Import};
 use std::{collections::BTreeMap, path::PathBuf};
 use study::section_yaml;
 
-/// What is imported, and how it is read.
+/// The log to import, and the way to read it.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ImportOptions {
     /// Tables as CSV, JSON, JSON lines or Parquet, and event files of TensorBoard, each also packed by gzip.

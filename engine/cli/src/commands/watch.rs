@@ -244,7 +244,7 @@ fn leaves(key: KeyEvent) -> bool {
     }
 }
 
-/// What is chosen after a key.
+/// Action that a key chooses.
 fn turned(choice: Choice, key: KeyCode) -> Choice {
     let (panel, metric, scroll) = (choice.panel, choice.metric, choice.scroll);
     match key {

@@ -1,4 +1,4 @@
-//! What a study may name, by groups. `list`, `describe` and the reference read these lists, and each of them is
+//! Names that a study may use, by groups. `list`, `describe` and the reference read these lists, and each of them is
 //! the one that `check` or the readers of a study read.
 
 use super::sections;
@@ -27,13 +27,13 @@ pub enum Group {
     Figures,
     /// Ways to make the values of a swept key.
     Samplers,
-    /// What a claim says of its two sides.
+    /// Relations between the two sides of a claim.
     Relations,
     /// How a trial's measurements become one number in a claim.
     Aggregates,
-    /// What trials leave for others, to be taken by `{ from: NAME }`.
+    /// Artifacts of trials that other trials take by `{ from: NAME }`.
     Artifacts,
-    /// What runs trials, or takes them.
+    /// Executors of trials.
     Executors,
 }
 
@@ -59,7 +59,7 @@ impl Group {
         format!("{self:?}").to_lowercase()
     }
 
-    /// What one of it is, in a heading.
+    /// Noun for one member of the group, in a heading.
     #[must_use]
     pub fn one(self) -> &'static str {
         match self {

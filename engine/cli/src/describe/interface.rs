@@ -1,4 +1,4 @@
-//! What the seats of an environment see and do, and what it traces, in few lines: channels that differ by a number
+//! Observations and actions of an environment's seats, and its trace, in few lines: channels that differ by a number
 //! alone stand together.
 
 use contract::{Channel, Interface, Seat, Space};
@@ -41,7 +41,7 @@ pub struct SpaceFacts {
 /// Options of which one is chosen.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Options {
-    /// What is chosen; empty where there is one choice alone.
+    /// Names of the choices; empty where there is one choice alone.
     pub choice: String,
     /// The names of the options.
     pub among: Vec<String>,
@@ -52,9 +52,9 @@ pub struct Options {
 pub struct SeatFacts {
     /// Their names; one empty name for the only seat of an environment.
     pub names: Vec<String>,
-    /// What each of them observes.
+    /// Channels that each of them observes.
     pub observes: SpaceFacts,
-    /// What each of them does.
+    /// Channels of each one's action.
     pub does: SpaceFacts,
 }
 

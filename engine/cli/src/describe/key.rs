@@ -13,7 +13,7 @@ const DEEPEST: usize = 8;
 pub struct Key {
     /// The key; empty for the entries of a list, and for those of a mapping whose keys are free.
     pub name: String,
-    /// What its value must be, in words.
+    /// Condition on its value, in words.
     #[serde(rename = "type")]
     pub expected: String,
     /// The range of a number in words; empty where every number is allowed.
@@ -24,10 +24,10 @@ pub struct Key {
     pub unit: String,
     /// True where a study has to write it.
     pub required: bool,
-    /// What holds where it is absent; null where that is nothing, and absent where a schema does not say.
+    /// Value that holds where the key is absent; null where there is none, and absent where a schema does not say.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub default: Option<Value>,
-    /// What it means.
+    /// Meaning of the key.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub about: String,
     /// Where its default comes from.
@@ -49,7 +49,7 @@ pub struct Key {
 pub struct Form {
     /// How it is written: a word, a mapping with its one key, or what it is in words.
     pub written: String,
-    /// What it means.
+    /// Meaning of the value.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub about: String,
     /// A use of it; empty where its keys say enough.
@@ -89,7 +89,7 @@ pub(super) fn keys(schema: &View<'_>, defaults: &Value) -> Vec<Key> {
     keys_at(schema, defaults, 0)
 }
 
-/// What a schema says of the value under a key.
+/// Condition that a schema sets on the value of a key, in words.
 pub(super) fn key(name: &str, schema: &View<'_>) -> Key {
     key_at(name, schema, schema.get("default"), false, 0)
 }
@@ -137,7 +137,7 @@ fn expected(schema: &View<'_>) -> String {
     }
 }
 
-/// What a value is made of.
+/// Type of a value, in words.
 #[derive(Default)]
 struct Inside {
     keys: Vec<Key>,

@@ -1,4 +1,4 @@
-//! What every kind of table and figure is held to: it describes itself, refuses what it does not know, and
+//! Contract of every kind of table and figure: it describes itself, refuses unknown names, and
 //! can be built.
 
 use super::Kind;

@@ -49,7 +49,7 @@ fn page(registry: &Registry, group: Group) -> Page {
     }
 }
 
-/// What a page is about, and where its names stand in a study.
+/// Topic of a page, and the place of its names in a study.
 fn introduction(group: Group) -> &'static str {
     match group {
         Group::Sections => {

@@ -1,4 +1,4 @@
-//! What a study may name, described for people, for programs and for the reference: plugins, kinds of tables and
+//! Names that a study may use, described for people, for programs and for the reference: plugins, kinds of tables and
 //! figures, sections, samplers, relations and aggregates of claims, artifacts, executors.
 //!
 //! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas that `check` holds
@@ -40,7 +40,7 @@ pub const FORMAT: u32 = 1;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("nothing is named `{name}`; {}", advice(nearest.as_deref()))]
 pub struct UnknownName {
-    /// What was asked for.
+    /// The name that was asked for.
     pub name: String,
     /// The name that was probably meant.
     pub nearest: Option<String>,
@@ -60,7 +60,7 @@ pub struct Subject {
     pub name: String,
     /// The group that it belongs to.
     pub group: Group,
-    /// What it is, in a sentence or two.
+    /// Description in a sentence or two.
     pub about: String,
     /// Raised with every change of code that changes numbers, of plugins.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -86,16 +86,16 @@ pub struct Subject {
     /// Named settings of a plugin.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub presets: Vec<Preset>,
-    /// What it records, by the names that tables, figures and claims use.
+    /// Metrics that it records, by the names that tables, figures and claims use.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<MetricFacts>,
-    /// What is known of an environment besides.
+    /// Further properties of an environment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub environment: Option<EnvironmentFacts>,
-    /// What is known of an agent besides.
+    /// Further properties of an agent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub agent: Option<AgentFacts>,
-    /// What is known of a protocol besides.
+    /// Further properties of a protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub protocol: Option<ProtocolFacts>,
 }
@@ -136,7 +136,7 @@ pub struct MetricFacts {
     pub name: String,
     /// SI unit; empty where there is none.
     pub unit: String,
-    /// What it is.
+    /// Description in a sentence or two.
     pub about: String,
     /// `less` where less is better; `more` where more is, or where nothing is said.
     pub better: &'static str,

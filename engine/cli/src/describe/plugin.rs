@@ -20,12 +20,12 @@ use document::schema_check::View;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// What is known of an environment with its defaults.
+/// Properties of an environment with its defaults.
 #[derive(Debug, Clone, Serialize)]
 pub struct EnvironmentFacts {
     /// Seats that see and do the same stand together.
     pub seats: Vec<SeatFacts>,
-    /// What a traced episode holds besides actions and rewards, for trajectory figures.
+    /// Quantities that a traced episode holds besides actions and rewards, for trajectory figures.
     pub traces: Vec<Channels>,
     /// The full state, which informed controllers and centralised critics read.
     pub state: Vec<Channels>,
@@ -38,7 +38,7 @@ pub struct EnvironmentFacts {
     pub unfit: Vec<Unfit>,
 }
 
-/// What is known of an agent with its defaults.
+/// Properties of an agent with its defaults.
 #[derive(Debug, Clone, Serialize)]
 pub struct AgentFacts {
     /// False for rules and bounds.
@@ -63,15 +63,15 @@ pub struct AgentFacts {
 pub struct Takes {
     /// The key, dotted.
     pub key: String,
-    /// What it takes.
+    /// Name of the artifact that it takes.
     #[serde(rename = "product")]
     pub artifact: String,
 }
 
-/// What is known of a protocol with its defaults.
+/// Properties of a protocol with its defaults.
 #[derive(Debug, Clone, Serialize)]
 pub struct ProtocolFacts {
-    /// What it gives to agents that learn: `decisions`, `examples`, `datasets`, `designs` or `nothing`.
+    /// Feed of agents that learn: `decisions`, `examples`, `datasets`, `designs` or `nothing`.
     pub gives: &'static str,
     /// Artifacts that a trial of it leaves besides what its agent leaves.
     pub leaves: Vec<String>,
@@ -81,7 +81,7 @@ pub(super) fn environment(registry: &Registry, name: &str, asked: Asked) -> Opti
     let about = &registry.environments.get(name)?.about;
     let example = format!("environments:\n  plant: {{ {name}: {{}} }}");
     let mut subject = of_plugin(name, Group::Environments, about, example);
-    // What refuses its own defaults has keys, and nothing else is known of it.
+    // A plugin that refuses its own defaults has keys, and nothing else is known of it.
     let Some(built) = fit::environment(registry, name) else {
         return Some(subject);
     };
@@ -162,7 +162,7 @@ fn try_everywhere(registry: &Registry, entry: &AgentEntry, asked: Asked, facts: 
     }
 }
 
-/// What the untrained agent exports; nothing of one that makes no updates, as in a trial.
+/// Artifacts that the untrained agent exports; none of an agent that makes no updates, as in a trial.
 fn leaves(agent: &dyn Agent) -> Vec<String> {
     let exported = || {
         let folder = tempfile::tempdir().ok()?;

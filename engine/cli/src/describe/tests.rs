@@ -1,4 +1,4 @@
-//! What is described of toy plugins, and that every example of a section passes `check`.
+//! Descriptions of toy plugins are complete, and every example of a section passes `check`.
 
 use super::*;
 use document::diagnostic::render;
@@ -55,7 +55,7 @@ fn study_with(example: &str) -> String {
 
 fn passes(example: &str) {
     let (text, folder) = (study_with(example), tempfile::tempdir().unwrap());
-    // What examples of imported runs name.
+    // Names that the examples of imported runs use.
     std::fs::create_dir(folder.path().join("runs")).unwrap();
     let run = "global_step,env,charts/episodic_return\n0,1,0.5\n100,2,0.7\n";
     std::fs::write(folder.path().join("runs/a.csv"), run).unwrap();
@@ -184,7 +184,7 @@ fn every_name_of_every_group_is_described_in_all_forms() {
     }
 }
 
-/// What programs may rely on.
+/// Fields of the JSON form that programs may rely on.
 #[test]
 fn the_form_for_programs_has_its_keys() {
     let corridor = json!(found("corridor"));

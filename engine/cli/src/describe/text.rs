@@ -11,7 +11,7 @@ use std::fmt::Write;
 
 const WIDTH: usize = 110;
 
-/// What can be described, by groups.
+/// All names that can be described, by groups.
 #[must_use]
 pub fn overview(registry: &Registry) -> String {
     let mut out = Lines::default();

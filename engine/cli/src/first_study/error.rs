@@ -8,7 +8,7 @@ pub enum FirstStudyError {
         "`{name}` cannot name a study: write small letters, digits, `.`, `_` and `-`, as in `first-look`"
     )]
     Name {
-        /// What was written.
+        /// The name as it was written.
         name: String,
     },
     /// There is no environment or agent of this name.
@@ -16,9 +16,9 @@ pub enum FirstStudyError {
     Unknown {
         /// `environment` or `agent`.
         what: &'static str,
-        /// What was written.
+        /// The name as it was written.
         name: String,
-        /// What there is.
+        /// The names that exist.
         advice: String,
     },
     /// The agent does not learn, and a first study shows one that does.
@@ -44,7 +44,7 @@ pub enum FirstStudyError {
         agent: String,
         /// The environment.
         environment: String,
-        /// What the agent needs.
+        /// The property that the agent needs.
         problem: String,
         /// Agents that learn and fit the environment.
         fitting: Vec<String>,
@@ -70,7 +70,7 @@ pub enum FirstStudyError {
     Nobody {
         /// The environment.
         environment: String,
-        /// What is missing.
+        /// The missing part.
         lacking: &'static str,
     },
     /// The study does not pass `check`.
@@ -80,7 +80,7 @@ pub enum FirstStudyError {
         agent: String,
         /// The environment.
         environment: String,
-        /// What is wrong with it.
+        /// The errors of `check`.
         found: String,
     },
 }

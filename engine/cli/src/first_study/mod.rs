@@ -28,7 +28,7 @@ const MOST_UNTRAINED: u64 = 1_000_000;
 /// that does.
 ///
 /// # Errors
-/// What does not exist or does not fit, with what does.
+/// A choice that does not exist or does not fit, with the choices that do.
 pub fn write(
     registry: &Registry,
     name: &str,
@@ -102,7 +102,7 @@ fn choose<'a>(
     }))
 }
 
-/// What was asked for; else all, the registry's own first.
+/// The names that were asked for; otherwise all, the registry's own first.
 fn candidates<'a>(
     asked: Option<&'a str>,
     own: Option<&'a str>,

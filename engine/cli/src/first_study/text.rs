@@ -6,7 +6,7 @@ use presentation::table::wrap;
 /// The commented file.
 const STUDY: &str = include_str!("study.yaml");
 
-/// What a first study is made of.
+/// Parts of a first study.
 pub(super) struct Pair {
     /// The environment.
     pub(super) environment: String,
@@ -14,7 +14,7 @@ pub(super) struct Pair {
     pub(super) learner: String,
     /// The agent that does not.
     pub(super) rule: String,
-    /// What their trials record.
+    /// Metrics that the trials record.
     pub(super) metrics: Vec<String>,
     /// How long they run.
     pub(super) budget: Budget,

@@ -22,7 +22,7 @@ use std::{
     sync::Arc,
 };
 
-/// What is seen at one moment.
+/// Progress of the trials of a store at one moment.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct View {
     /// When it was seen, in UTC.
@@ -52,7 +52,7 @@ pub struct StudyView {
     pub left: Left,
     /// An environment each, with the curves of all trials in it.
     pub panels: Vec<Panel>,
-    /// What could not be read.
+    /// Files that could not be read, with the reason.
     pub notes: Vec<String>,
 }
 
@@ -99,7 +99,7 @@ pub struct Panel {
     pub lines: Vec<SeedLine>,
 }
 
-/// What a trial measured while learning, so far.
+/// Metrics of a trial while it learns, so far.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SeedLine {
     /// Which agent of the panel.
@@ -116,7 +116,7 @@ pub struct SeedLine {
 /// Steps with values, by metric.
 pub type Curves = BTreeMap<String, Vec<(u64, f64)>>;
 
-/// What is shared is written as what it is.
+/// Shared values are serialized as the values themselves.
 fn whole<S: Serializer>(curves: &Arc<Curves>, serializer: S) -> Result<S::Ok, S::Error> {
     curves.as_ref().serialize(serializer)
 }

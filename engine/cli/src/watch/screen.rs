@@ -17,7 +17,7 @@ use ratatui::{
     widgets::{Axis, Chart, Dataset, GraphType, Paragraph},
 };
 
-/// What of a view is shown.
+/// The part of a view that is shown.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Choice {
     /// Which panel, counted round.
@@ -89,7 +89,7 @@ pub fn plain(view: &View, width: u16) -> String {
     text.trim_end().to_owned()
 }
 
-/// What a terminal of some size shows, line by line.
+/// The lines that a terminal of some size shows.
 fn drawn(view: &View, choice: Choice, (width, height): (u16, u16)) -> String {
     // Nothing can fail in a buffer in memory.
     let Ok(mut terminal) = Terminal::new(TestBackend::new(width, height));

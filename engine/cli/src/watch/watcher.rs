@@ -85,7 +85,7 @@ impl Watcher {
         }
     }
 
-    /// What is there now; `at` is the time that is shown.
+    /// The progress at this moment; `at` is the time that is shown.
     pub fn look(&mut self, studies: &[Watched<'_>], at: String) -> View {
         let somebody = !self.store.owners().is_empty();
         let studies: Vec<StudyView> = studies.iter().map(|study| self.study(study, somebody)).collect();
@@ -194,7 +194,7 @@ impl Watcher {
         }
     }
 
-    /// What the log of a trial holds; nothing where there is none.
+    /// Content of a trial's log; nothing where there is none.
     fn logged(&mut self, id: &str) -> Log {
         let path = self.log_path(id);
         let Ok(bytes) = fs::metadata(&path).map(|found| found.len()) else {
@@ -436,7 +436,7 @@ mod tests {
         assert_eq!(lines.len(), 2);
         assert_eq!(lines[1].curves["return"], [(0, 2.0), (200, 3.0)]);
         assert!(lines[1].open && !lines[0].open);
-        // What is appended is seen, though the rest is not read again.
+        // Appended lines are seen, though the rest is not read again.
         drop(log);
         fs::remove_file(&path).unwrap();
         let mut log = metric_log::MetricLog::create(&path, &trials[1].id).unwrap();

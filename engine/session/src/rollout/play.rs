@@ -21,7 +21,7 @@ pub enum Actions<'a> {
 /// Writes rows as CSV, and returns the number of decisions in them: all but the header and the start.
 ///
 /// # Errors
-/// What the file system says.
+/// Error of the file system.
 pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
     let failed = |source: csv::Error| match source.into_kind() {
         csv::ErrorKind::Io(source) => Error::file("write", out)(source),
@@ -43,7 +43,7 @@ pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
 /// Header and rows of a rollout, as text; numbers are written so that they read back to the same bits.
 ///
 /// # Errors
-/// What the environment reports.
+/// Error of the environment.
 pub fn rows(
     environment: &mut dyn Environment,
     mut actions: Actions<'_>,
@@ -73,7 +73,7 @@ pub fn rows(
 /// not ended after `decisions` is cut off there.
 ///
 /// # Errors
-/// What the environment reports.
+/// Error of the environment.
 pub fn episode(
     environment: &mut dyn Environment,
     agent: &mut dyn Agent,
