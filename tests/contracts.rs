@@ -1,8 +1,8 @@
 //! Contract of every registered plugin: these tests loop over the registry.
 
 use contract::{
-    Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space,
-    UseOfDatasets, random::stream, registry::AgentEntry, standard_metrics::UPDATES, trial::TrialKey,
+    Action, Agent, Channel, Environment, Error, Feed, Interface, NoKeeper, Phase, Registry, Rng, Space,
+    random::stream, registry::AgentEntry, standard_metrics::UPDATES, trial::TrialKey,
 };
 use plugins::registry;
 use rand::Rng as _;
@@ -315,13 +315,13 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
                 continue;
             };
             let updates = agent.updates();
-            assert_eq!(updates.is_some(), entry.traits.learns, "{name}");
+            assert_eq!(updates.is_some(), entry.traits.learns(), "{name}");
             assert!(
                 updates.is_none_or(|updates| updates.made == 0 && updates.first_after > 0),
                 "{name}: {updates:?}"
             );
         }
-        if entry.traits.learns {
+        if entry.traits.learns() {
             assert!(
                 learns_as_told(&registry, name),
                 "no small trial in which {name} makes an update"
@@ -333,13 +333,13 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
 /// True where some small trial of an agent ends with updates; none of them may come before the step that the
 /// agent tells.
 fn learns_as_told(registry: &Registry, name: &str) -> bool {
-    let entry = &registry.agents[name];
-    // An agent learns from examples, from what others gathered, or from its decisions.
+    let taken = &registry.agents[name].traits.learns_from[..];
     let fits = |key: &TrialKey| match key.protocol.plugin.as_str() {
-        "supervised_fit" => entry.traits.learns_from_examples,
-        "offline_fit" => entry.traits.datasets != UseOfDatasets::Never,
+        "supervised_fit" => Feed::Examples.teaches(taken),
+        "offline_fit" => Feed::Dataset.teaches(taken),
         "attribution" => false,
-        _ => !entry.traits.learns_from_examples && entry.traits.datasets != UseOfDatasets::Only,
+        "search" => Feed::Designs.teaches(taken),
+        _ => Feed::Decisions.teaches(taken),
     };
     crate::resume::keys(registry, name)
         .into_iter()

@@ -419,7 +419,7 @@ fn trained(agent: &mut dyn Agent, environment: &mut dyn Environment) -> Vec<Obse
 fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bit() {
     let registry = registry();
     let mut checked = Vec::new();
-    for (name, entry) in acting(&registry).filter(|(_, entry)| entry.traits.learns) {
+    for (name, entry) in acting(&registry).filter(|(_, entry)| entry.traits.learns()) {
         for environment in ready_made(&registry) {
             let environment = &registry.environments[environment];
             let mut environment = (environment.build)(&environment.about.defaults).unwrap();

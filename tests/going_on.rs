@@ -97,7 +97,7 @@ fn read_into(folder: &Path, at: &str, files: &mut BTreeMap<String, Vec<u8>>) {
 fn learning_that_is_cut_in_three_ends_as_learning_that_is_whole() {
     let registry = registry();
     let mut cut = Vec::new();
-    let learners = crate::contracts::acting(&registry).filter(|(_, entry)| entry.traits.learns);
+    let learners = crate::contracts::acting(&registry).filter(|(_, entry)| entry.traits.learns());
     for (name, _) in learners {
         let of_decisions = |key: &TrialKey| {
             key.protocol.plugin == "train_evaluate" && key.environment.plugin != "generator_search"

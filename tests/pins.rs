@@ -341,7 +341,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
             .map(|name| small(about(registry, of, name).unwrap(), name))
             .collect()
     };
-    let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].traits.learns;
+    let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].traits.learns();
     let mut agents = candidates("agent", acting(registry).map(|(name, _)| name).collect());
     if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
         // Pins of environments do not move with an algorithm.

@@ -63,7 +63,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
                 numerics: registry.numerics_version,
                 device: "cpu".into(),
             };
-            if !registry.agents[agent].traits.learns {
+            if !registry.agents[agent].traits.learns() {
                 let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();
                 Arc::make_mut(&mut key.protocol).config = config.into();
             }
@@ -228,7 +228,7 @@ fn run_interrupted(
 fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
     let mut met = BTreeSet::new();
-    for (name, _) in acting(&registry).filter(|(_, entry)| entry.traits.learns) {
+    for (name, _) in acting(&registry).filter(|(_, entry)| entry.traits.learns()) {
         let trials = trials(&registry, name);
         assert!(
             !trials.is_empty(),
@@ -273,7 +273,7 @@ fn killed_again_and_again(registry: &Registry, (key, place): (&TrialKey, &str), 
 #[test]
 fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace() {
     let registry = registry();
-    for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.traits.learns) {
+    for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.traits.learns()) {
         for protocol in ["train_evaluate", "supervised_fit", "offline_fit"] {
             let keys = keys(&registry, name)
                 .into_iter()

@@ -407,7 +407,7 @@ fn play_imported(key: &TrialKey, folder: &Path, out: &Path) -> bool {
     let entry = &registry.agents[part.plugin.as_str()];
     let mut networks = stream(&["other networks"]);
     let mut agent = (entry.build)(&part.config, &pack.interface(), &mut networks).unwrap();
-    let learns = entry.traits.learns;
+    let learns = entry.traits.learns();
     assert_eq!(agent.import(folder).unwrap(), learns, "{}", part.plugin);
     let actions = Actions::Agent {
         agent: &mut *agent,

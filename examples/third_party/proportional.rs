@@ -2,7 +2,7 @@
 //! (`tuner`): each episode tries a gain near the best one so far.
 
 use engine::{
-    Action, Agent, AgentTraits, Config, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Config, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use rand::Rng as _;
@@ -42,11 +42,7 @@ pub fn register(registry: &mut Registry) {
         |config, interface, _| build(config, interface, false),
     );
     let metrics = vec![Metric::new("gain", "", "the best gain so far")];
-    let learner = AgentTraits {
-        learns: true,
-        metrics,
-        ..AgentTraits::default()
-    };
+    let learner = AgentTraits::learner([Feed::Decisions], metrics);
     registry.agent(
         "tuner",
         1,

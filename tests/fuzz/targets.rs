@@ -57,7 +57,7 @@ fn read(text: &str) -> Result<Study, String> {
             .retain(|name, _| !name.starts_with("turbofan"));
         registry
             .agents
-            .retain(|name, entry| !entry.traits.learns || *name == "dirichlet_sac");
+            .retain(|name, entry| !entry.traits.learns() || *name == "dirichlet_sac");
         Mutex::new(registry)
     });
     let registry = REGISTRY.lock().expect("nobody panicked with it");

@@ -144,7 +144,7 @@ fn every_policy_that_an_agent_leaves_is_taken_away_and_acts_as_the_agent() {
     for (name, entry) in crate::contracts::acting(&registry) {
         for key in crate::resume::keys(&registry, name)
             .into_iter()
-            .filter(|_| entry.traits.learns)
+            .filter(|_| entry.traits.learns())
         {
             let is_untrained = ["attribution", "track"].contains(&key.protocol.plugin.as_str());
             if key.environment.plugin == "generator_search" || is_untrained {

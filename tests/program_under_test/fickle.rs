@@ -5,8 +5,8 @@
 //! knows of it, as of a licence server that is down.
 
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,
-    Transition, Updates,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Space, Transition, Updates,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,11 +41,10 @@ struct Fickle {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry) {
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![Metric::new("tally", "", "the number of updates")],
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner(
+        [Feed::Decisions],
+        vec![Metric::new("tally", "", "the number of updates")],
+    );
     let build = |config: Config, interface: &Interface, _: &mut Rng| -> Result<Box<dyn Agent>, Error> {
         let sizes = interface.seats.iter().map(|seat| match &seat.action {
             Space::Simplex(names) => names.len(),

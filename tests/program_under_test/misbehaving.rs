@@ -1,7 +1,7 @@
 //! An agent that misbehaves as its config says.
 
 use contract::{
-    Action, Agent, AgentTraits, Artifact, Error, Interface, Mode, Observation, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Artifact, Error, Feed, Interface, Mode, Observation, Recorder, Registry, Rng,
     Space, Transition, Updates, artifact::Policy,
 };
 use schemars::JsonSchema;
@@ -59,11 +59,7 @@ struct Misbehaving {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry) {
-    let traits = AgentTraits {
-        learns: true,
-        metrics: Vec::new(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], Vec::new());
     registry.agent("misbehaving", 1, "Misbehaves as its config says.", traits, build);
 }
 

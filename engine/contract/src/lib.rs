@@ -26,6 +26,7 @@ pub mod environment;
 pub mod episode_metrics;
 pub mod error;
 pub mod exact;
+pub mod feed;
 pub mod metrics_file;
 pub mod own_training;
 pub mod panics;
@@ -59,9 +60,10 @@ pub use environment::{
     Seat, Space, Step,
 };
 pub use error::Error;
+pub use feed::Feed;
 pub use own_training::OwnTraining;
 pub use plugin::{Config, Preset};
 pub use protocol::Protocol;
 pub use random::Rng;
 pub use recorder::{Phase, Recorder};
-pub use registry::{AgentTraits, Registry, UseOfDatasets};
+pub use registry::{AgentTraits, Registry};

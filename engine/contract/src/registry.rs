@@ -5,7 +5,7 @@
 //! naming its type.
 
 use crate::{
-    Agent, Environment, Error, Interface, Metric, Protocol, Rng,
+    Agent, Environment, Error, Feed, Interface, Metric, Protocol, Rng,
     own_training::Measured,
     part::Part,
     plugin::{About, Config, Resolve},
@@ -61,10 +61,8 @@ impl AgentEntry {
     /// Whether it learns with this config.
     #[must_use]
     pub fn learns_with(&self, config: &Value) -> bool {
-        let AgentTraits {
-            learns, by_config, ..
-        } = self.traits;
-        by_config.map_or(learns, |said| said(config).0)
+        let told = self.traits.by_config.map(|said| said(config).0);
+        told.unwrap_or_else(|| self.traits.learns())
     }
 
     /// The metrics that `learn` records with this config, and those that measurements record of its decisions.
@@ -119,34 +117,33 @@ pub struct Registry {
 /// Facts that the registration of an agent gives besides the constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
-    /// Whether the agent learns; false for rules.
-    pub learns: bool,
+    /// Things that the agent learns from; none for rules.
+    pub learns_from: Vec<Feed>,
     /// Metrics that `learn` records, and that measurements record of the agent's decisions.
     pub metrics: Vec<Metric>,
-    /// Whether `learn` reads observations and states alone, so that it can be given examples instead of decisions.
-    pub learns_from_examples: bool,
-    /// Whether the agent can learn from transitions that others gathered.
-    pub datasets: UseOfDatasets,
-    /// Whether the agent proposes whole designs, one after the other, for which a protocol must ask.
-    pub designs: bool,
     /// Whether the agent trains itself, as [`Agent::own_training`] does.
     pub trains_itself: bool,
-    /// For code that is not this program's own: reads `learns` and `metrics` from a config. `learns` is then whether
-    /// any config can learn.
+    /// For code that is not this program's own: reads from a config whether it learns, and its metrics. `learns_from` is
+    /// then of those that learn.
     pub by_config: Option<ByConfig>,
 }
 
-/// Whether an agent can learn from transitions that others gathered.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum UseOfDatasets {
-    /// It learns from its own decisions, or from more than a dataset holds, such as the full state.
-    #[default]
-    Never,
-    /// It learns from its own decisions and, where it gets them in batches, from those of others: `learn` does not
-    /// depend on who decided.
-    Also,
-    /// It is made for datasets: every call of `learn` is one batch drawn from the one that `survey` got.
-    Only,
+impl AgentTraits {
+    /// Traits of an agent that learns from one of these, and records these metrics.
+    #[must_use]
+    pub fn learner<const N: usize>(learns_from: [Feed; N], metrics: Vec<Metric>) -> Self {
+        Self {
+            learns_from: learns_from.into(),
+            metrics,
+            ..Self::default()
+        }
+    }
+
+    /// Whether the agent learns; false for rules.
+    #[must_use]
+    pub fn learns(&self) -> bool {
+        !self.learns_from.is_empty()
+    }
 }
 
 impl Default for Registry {

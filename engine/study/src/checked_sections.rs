@@ -170,7 +170,7 @@ impl Sections<'_> {
         named.is_some_and(|named| {
             let entry = self.registry.agents.get(named.plugin.as_str());
             entry.is_some_and(|entry| match entry.traits.by_config {
-                None => entry.traits.learns,
+                None => entry.traits.learns(),
                 Some(_) => entry.learns_with(&named.config.to_value()),
             })
         })

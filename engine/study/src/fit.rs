@@ -61,7 +61,7 @@ pub fn agents(registry: &Registry, interface: &Interface) -> Fitting {
     for (name, entry) in &registry.agents {
         let name = (*name).to_owned();
         match agent(entry, interface) {
-            Ok(_) if entry.traits.learns => all.learners.push(name),
+            Ok(_) if entry.traits.learns() => all.learners.push(name),
             Ok(_) => all.rules.push(name),
             Err(reason) => all.unfit.push(Unfit { name, reason }),
         }

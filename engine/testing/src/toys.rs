@@ -1,8 +1,8 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
 use contract::{
-    Action, Agent, ArtifactKind, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation,
-    Protocol, Registry, Rng, Seat, Space, Step, Updates,
+    Action, Agent, ArtifactKind, Channel, DataFile, Environment, Error, Feed, Interface, Metric, Mode,
+    Observation, Protocol, Registry, Rng, Seat, Space, Step, Updates,
     part::Part,
     plugin::{Config, Preset},
     registry::AgentTraits,
@@ -332,11 +332,10 @@ pub fn toys() -> Registry {
         AgentTraits::default(),
         |_: WalkerConfig, _, _| Ok(Box::new(Idle)),
     );
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()],
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner(
+        [Feed::Decisions],
+        vec![Metric::new("loss", "", "squared error").lower_is_better()],
+    );
     registry.agent("q_learning", 3, "Learns the value of each step.", traits, learner);
     let without_training = |config| TrainConfig { steps: 0, ..config };
     registry.protocol(

@@ -32,8 +32,8 @@ use crate::shared::{
 };
 use burn::tensor::{Tensor, activation::log_softmax};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{network::values, tensor_file::TensorFile};
 use schemars::JsonSchema;
@@ -87,13 +87,7 @@ pub struct BehaviourCloning {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression of the actions of a dataset, whatever they earned";
-    let datasets = UseOfDatasets::Only;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -40,8 +40,8 @@ use burn::{
     tensor::{Tensor, activation::softmax},
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{
     gaussian::standard_normal,
@@ -144,13 +144,7 @@ pub struct Ddpg {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "deep deterministic policy gradient with a softmax output";
     // Off-policy: the replay buffer takes decisions of any policy.
-    let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions, Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -21,8 +21,8 @@ use crate::shared::{
     seat,
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition,
-    Updates,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::dirichlet;
 use schemars::JsonSchema;
@@ -69,11 +69,7 @@ pub struct DirichletGradient {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "policy gradient of a Dirichlet policy on a bandit, estimated and exact";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -40,7 +40,7 @@ use crate::shared::{
     soft_actor_critic::{SoftActorCritic, Temperature},
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::network::{Activation, Mlp, TwinMlp, device};
@@ -191,11 +191,7 @@ pub struct E2Gan {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about =
         "E2GAN's search: soft actor-critic over designs, with a phase of exploration and one of exploitation";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: sac::metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], sac::metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -25,8 +25,8 @@ use crate::shared::{
     seat,
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition,
-    Updates,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{gauss_hermite::gauss_hermite, gaussian};
 use schemars::JsonSchema;
@@ -95,11 +95,7 @@ pub struct GaussianSoftmaxGradient {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

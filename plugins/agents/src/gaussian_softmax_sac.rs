@@ -38,8 +38,8 @@ use burn::{
     tensor::{Tensor, activation::softmax},
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{
     gaussian_head::{self, mean_and_log_sd},
@@ -162,13 +162,7 @@ pub struct GaussianSoftmaxSac {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Gaussian-softmax policy";
     // Off-policy: the replay buffer takes decisions of any policy.
-    let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions, Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -129,7 +129,7 @@ mod tests {
                     .all(|preset| (entry.about.resolve)(&preset.values).is_ok()),
                 "{name}"
             );
-            assert_eq!(entry.traits.learns, !entry.traits.metrics.is_empty(), "{name}");
+            assert_eq!(entry.traits.learns(), !entry.traits.metrics.is_empty(), "{name}");
         }
     }
 

@@ -28,8 +28,8 @@ use crate::shared::{
 };
 use burn::module::Module;
 use contract::{
-    Action, Agent, AgentTraits, Channel, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
-    Rng, Space, Transition, Updates,
+    Action, Agent, AgentTraits, Channel, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
+    Registry, Rng, Space, Transition, Updates,
 };
 use numerics::{
     network::{Activation, Mlp, device, matrix, values},
@@ -107,12 +107,7 @@ pub struct NetworkRegression {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression of what an environment knows, by a network: surrogates, supervised baselines";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        learns_from_examples: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Examples], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -20,8 +20,8 @@ use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
 use crate::tdom_ac::{self, OpponentObjective};
 use burn::tensor::Tensor;
 use contract::{
-    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
-    Rng, Transition, Updates,
+    Action, Agent, AgentTraits, Config as _, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
+    Registry, Rng, Transition, Updates,
 };
 use numerics::{optimizer::gradients, squashed::sample};
 use schemars::JsonSchema;
@@ -88,11 +88,7 @@ pub struct OpponentGradients {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about =
         "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -41,7 +41,7 @@ use crate::shared::opponent_modelling::{
     metrics as shared_metrics, others,
 };
 use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::{mean_action, sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -165,11 +165,7 @@ impl contract::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats that reasons through the others' answers to its own action";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -16,7 +16,9 @@ use crate::shared::{
     designs::{EvaluatedDesign, Options, best, random_design},
     proposer::{Method, Proposer, SearchHistory},
 };
-use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
+use contract::{
+    Agent, AgentTraits, Choice, Error, Feed, Interface, Metric, Recorder, Registry, Rng, Updates,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -58,12 +60,7 @@ pub struct State {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regularised evolution: the best of a few designs has a child, the oldest one dies";
     let metric = Metric::new("population_return", "", "mean return of the designs that live");
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![metric],
-        designs: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Designs], vec![metric]);
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -31,7 +31,7 @@ use crate::shared::opponent_modelling::{
     beside, decide, metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::{
     gaussian_head::{mean, standard_deviation},
     squashed::{candidate_of, log_density, sample},
@@ -89,11 +89,7 @@ impl contract::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats with opponent models regularised by what the others did";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -4,7 +4,7 @@
 //! departures and metrics stand with the algorithm, on which other agents are built, too.
 
 use crate::shared::soft_actor_critic::{Config, SoftActorCritic, metrics};
-use contract::{Agent, AgentTraits, Error, Interface, Registry, Rng, UseOfDatasets};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Registry, Rng};
 
 const NAME: &str = "soft_actor_critic";
 
@@ -12,13 +12,7 @@ const NAME: &str = "soft_actor_critic";
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic for one seat that acts in a box";
     // Off-policy: the replay buffer takes decisions of any policy.
-    let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions, Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

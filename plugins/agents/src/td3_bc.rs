@@ -43,8 +43,8 @@ use crate::shared::{
 };
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{
     gaussian::standard_normal,
@@ -137,13 +137,7 @@ pub struct Td3Bc {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for datasets that stays close to the actions that they show (TD3+BC)";
-    let datasets = UseOfDatasets::Only;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -36,7 +36,7 @@ use crate::shared::opponent_modelling::{
     metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::sample;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -107,11 +107,7 @@ impl contract::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats whose opponent models follow the others' improvement";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

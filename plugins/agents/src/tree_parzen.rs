@@ -19,7 +19,9 @@ use crate::shared::{
     designs::{EvaluatedDesign, random_design},
     proposer::{Method, Proposer, SearchHistory},
 };
-use contract::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
+use contract::{
+    Agent, AgentTraits, Choice, Error, Feed, Interface, Metric, Recorder, Registry, Rng, Updates,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -78,12 +80,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
         "",
         "log ratio of the densities of good designs and of others",
     );
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![metric],
-        designs: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Designs], vec![metric]);
     registry.agent(NAME, version, about, traits, build);
 }
 

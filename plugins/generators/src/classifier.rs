@@ -11,8 +11,8 @@ use burn::{
     tensor::{Tensor, TensorData, activation::log_softmax},
 };
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,
-    Transition, Updates,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Space, Transition, Updates,
 };
 use numerics::{
     network::{device, matrix, values},
@@ -66,12 +66,7 @@ pub(crate) fn register(registry: &mut Registry) {
         "nat",
         "minus the mean log probability of the right class",
     );
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![metric.lower_is_better()],
-        learns_from_examples: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Examples], vec![metric.lower_is_better()]);
     registry.agent(NAME, 1, about, traits, build);
 }
 

@@ -8,6 +8,7 @@
 //! content of sources, lock file and inputs, and the environment's values. Machine, folder and interpreter are
 //! not part of it.
 
+use contract::{AgentTraits, Feed};
 mod agent;
 mod checks;
 mod config;
@@ -38,10 +39,10 @@ pub fn register(registry: &mut contract::Registry) {
         "program",
         1,
         "a program of your own, in any language, that trains and measures itself",
-        contract::AgentTraits {
-            learns: true,
+        AgentTraits {
+            learns_from: vec![Feed::Decisions],
             trains_itself: true,
-            ..contract::AgentTraits::default()
+            ..AgentTraits::default()
         },
         agent::build,
     );

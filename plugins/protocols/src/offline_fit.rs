@@ -6,7 +6,7 @@
 //! under `train_evaluate`.
 
 use contract::{
-    Artifact, Config, Error, Interface, Metric, Phase, Protocol, Registry, Rng,
+    Artifact, Config, Error, Feed, Interface, Metric, Phase, Protocol, Registry, Rng,
     agent::Transition,
     artifact,
     dataset::Dataset,
@@ -109,8 +109,8 @@ impl Protocol for OfflineFit {
         protocol::measurement_metrics()
     }
 
-    fn gives_datasets(&self) -> bool {
-        true
+    fn feed(&self) -> Feed {
+        Feed::Dataset
     }
 
     fn accepts(&self, interface: &Interface, _: &[Metric]) -> Result<(), Error> {

@@ -2,9 +2,8 @@
 //! when it leaves them.
 
 use contract::{
-    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode,
-    NoKeeper, Observation, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Feed, Interface, Keeper, Metric,
+    Mode, NoKeeper, Observation, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
     artifact::{ArtifactKind, Taken, named_in},
     cast::Actors,
     dataset::{Dataset, DatasetWriter, Episode},
@@ -186,11 +185,7 @@ fn registry() -> Registry {
         AgentTraits::default(),
         |_: NoConfig, _: &Interface, _| Ok(Box::new(WalkingAgent::default())),
     );
-    let traits = AgentTraits {
-        learns: true,
-        datasets: UseOfDatasets::Only,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Dataset], Vec::new());
     registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| {
         Ok(Box::new(WalkingAgent {
             learns: true,
@@ -205,7 +200,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
     let mut config = (entry.about.resolve)(&protocol.1).unwrap();
-    if !registry.agents[agent].traits.learns {
+    if !registry.agents[agent].traits.learns() {
         config = (entry.without_training)(&config).unwrap();
     }
     let mut protocol = Part::new(protocol.0, 1, config);

@@ -4,7 +4,7 @@
 //! is drawn anew; measurements have examples of their own.
 
 use contract::{
-    Config, End, Environment, Error, Metric, Phase, Protocol, Registry, Rng,
+    Config, End, Environment, Error, Feed, Metric, Phase, Protocol, Registry, Rng,
     agent::Transition,
     protocol::{self, Blocks, Measurement, Position, Run, measure, measure_alone, observe, restored},
 };
@@ -84,8 +84,8 @@ impl Protocol for SupervisedFit {
         protocol::measurement_metrics()
     }
 
-    fn gives_examples(&self) -> bool {
-        true
+    fn feed(&self) -> Feed {
+        Feed::Examples
     }
 
     fn total_steps(&self) -> u64 {

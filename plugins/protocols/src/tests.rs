@@ -1,8 +1,8 @@
 //! Measurements of trials, on dice: an episode shows the number that it began with, whichever agent acts.
 
 use contract::{
-    Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode,
-    NoKeeper, Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
+    Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Feed, Interface, Metric,
+    Mode, NoKeeper, Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
     Updates, cast::Actors, data_file::hash_of, part::Part, standard_metrics::UPDATES, trial::TrialKey,
 };
 use rand::Rng as _;
@@ -123,8 +123,11 @@ fn registry() -> Registry {
     super::register(&mut registry);
     registry.environment("dice", 1, "One throw.", dice);
     let traits = |learns| AgentTraits {
-        learns,
-        learns_from_examples: learns,
+        learns_from: if learns {
+            vec![Feed::Decisions, Feed::Examples]
+        } else {
+            Vec::new()
+        },
         ..AgentTraits::default()
     };
     registry.agent(
@@ -161,7 +164,7 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
     let registry = registry();
     let entry = &registry.protocols[protocol.0];
     let mut protocol_config = (entry.about.resolve)(&protocol.1).unwrap();
-    if !registry.agents[agent.0].traits.learns {
+    if !registry.agents[agent.0].traits.learns() {
         protocol_config = (entry.without_training)(&protocol_config).unwrap();
     }
     TrialKey {

@@ -9,6 +9,7 @@
 //! with which the installed packages are compared whenever Python starts. The interpreter's location is not
 //! part of the id.
 
+use contract::{AgentTraits, Feed};
 mod agent;
 mod agent_config;
 mod config;
@@ -47,11 +48,10 @@ pub fn register(registry: &mut contract::Registry) {
         "python",
         1,
         "a rule or a learner of your own, written in Python",
-        contract::AgentTraits {
-            learns: true,
-            datasets: contract::UseOfDatasets::Also,
+        AgentTraits {
+            learns_from: vec![Feed::Decisions, Feed::Dataset],
             by_config: Some(agent_config::said_of),
-            ..contract::AgentTraits::default()
+            ..AgentTraits::default()
         },
         agent::build,
     );

@@ -10,9 +10,8 @@ use super::{
 };
 
 use contract::{
-    Agent, ArtifactKind, Metric, Protocol, Registry, cast,
+    Agent, ArtifactKind, Feed, Metric, Protocol, Registry, cast,
     plugin::About,
-    protocol::given_to_learn,
     registry::{AgentEntry, ProtocolEntry},
     standard_metrics::{time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric},
 };
@@ -113,7 +112,7 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Sub
     let mut subject = of_plugin(name, Group::Agents, &entry.about, example);
     let of_learners = entry
         .traits
-        .learns
+        .learns()
         .then(|| [updates_metric(), time_per_update_metric()]);
     let metrics: Vec<Metric> = entry
         .traits
@@ -124,7 +123,7 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Sub
         .collect();
     subject.metrics = facts(&metrics);
     let mut facts = AgentFacts {
-        learns: entry.traits.learns,
+        learns: entry.traits.learns(),
         protocols: protocols(registry, entry),
         reads_state: false,
         takes: subject.keys.iter().flat_map(|key| takes(key, "")).collect(),
@@ -184,7 +183,7 @@ fn protocols(registry: &Registry, entry: &AgentEntry) -> Vec<String> {
     let all = registry
         .protocols
         .iter()
-        .filter(|(_, protocol)| entry.traits.learns && suits(protocol));
+        .filter(|(_, protocol)| entry.traits.learns() && suits(protocol));
     all.map(|(name, _)| (*name).to_owned()).collect()
 }
 
@@ -237,7 +236,11 @@ fn with_artifacts(entry: &ProtocolEntry) -> Option<(Box<dyn Protocol>, Value)> {
 
 fn facts_of_protocol(protocol: &dyn Protocol) -> ProtocolFacts {
     ProtocolFacts {
-        gives: given_to_learn(protocol),
+        gives: if protocol.experience() == 0 {
+            "nothing"
+        } else {
+            protocol.feed().name()
+        },
         leaves: protocol
             .leaves()
             .into_iter()

@@ -161,7 +161,7 @@ impl<'a> Place<'a> {
     }
 
     fn learns_here(&self, agent: &str, entry: &AgentEntry) -> Result<(), FirstStudyError> {
-        if !entry.traits.learns {
+        if !entry.traits.learns() {
             return Err(FirstStudyError::DoesNotLearn {
                 agent: agent.into(),
                 fitting: self.fitting.learners.clone(),

@@ -9,8 +9,8 @@ mod going_on;
 mod position;
 
 use crate::{
-    Agent, ArtifactKind, Environment, Error, Interface, Keeper, Metric, Phase, Recorder, drawing::Image,
-    own_training::Assignment, random::Streams, standard_metrics::UPDATES,
+    Agent, ArtifactKind, Environment, Error, Feed, Interface, Keeper, Metric, Phase, Recorder,
+    drawing::Image, own_training::Assignment, random::Streams, standard_metrics::UPDATES,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
@@ -126,17 +126,6 @@ fn misfit(source: serde_json::Error) -> Error {
     }
 }
 
-/// The name of the things that a protocol gives to learning agents.
-pub fn given_to_learn(protocol: &dyn Protocol) -> &'static str {
-    match protocol {
-        _ if protocol.experience() == 0 => "nothing",
-        _ if protocol.asks_for_designs() => "designs",
-        _ if protocol.gives_examples() => "examples",
-        _ if protocol.gives_datasets() => "datasets",
-        _ => "decisions",
-    }
-}
-
 /// How one trial runs, from the first step to the final measurement.
 pub trait Protocol: Send + Sync {
     /// Metrics that the protocol records besides those of the environment and the agent.
@@ -161,20 +150,9 @@ pub trait Protocol: Send + Sync {
         }
     }
 
-    /// Whether the protocol asks the agent for one whole design after the other, and tells it the value of each.
-    fn asks_for_designs(&self) -> bool {
-        false
-    }
-
-    /// Whether agents get examples to learn from, without actions and rewards.
-    fn gives_examples(&self) -> bool {
-        false
-    }
-
-    /// Whether agents get transitions of datasets that others gathered, in batches, after [`Agent::survey`] got all of
-    /// them.
-    fn gives_datasets(&self) -> bool {
-        false
+    /// Things that it gives to agents that learn.
+    fn feed(&self) -> Feed {
+        Feed::Decisions
     }
 
     /// Whether an agent that learned nothing is the baseline of others.

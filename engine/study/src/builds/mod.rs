@@ -15,7 +15,7 @@ use crate::{
     written::{NamedPart, Target},
 };
 use contract::{
-    Agent, Error, Interface, Metric, Protocol, UseOfDatasets,
+    Agent, Error, Feed, Interface, Metric, Protocol,
     own_training::{Assignment, MEASURED, Measured},
     panics, protocol, random,
     recorder::MOST_METRICS,
@@ -45,9 +45,7 @@ const FROM_THE_FIRST_STEP: u64 = 1;
 struct ProtocolMetrics {
     metrics: Vec<Metric>,
     of_environment: bool,
-    gives_examples: bool,
-    gives_datasets: bool,
-    asks_for_designs: bool,
+    feed: Feed,
     experience: u64,
     steps: u64,
     protocol: Box<dyn Protocol>,
@@ -58,47 +56,22 @@ impl ProtocolMetrics {
         Self {
             metrics: protocol.metrics(),
             of_environment: protocol.records_environment_metrics(),
-            gives_examples: protocol.gives_examples(),
-            gives_datasets: protocol.gives_datasets(),
-            asks_for_designs: protocol.asks_for_designs(),
+            feed: protocol.feed(),
             experience: protocol.experience(),
             steps: protocol.total_steps(),
             protocol,
         }
     }
 
-    /// The name of the things that a protocol gives where the agent cannot learn from them; `None` where it can learn
-    /// from them, or does not learn.
-    fn gives_another(&self, entry: &AgentEntry, learns: bool) -> Option<LearningInput> {
-        match entry.traits.datasets {
-            _ if entry.traits.designs && !self.asks_for_designs && self.experience > 0 => {
-                Some(LearningInput::NoDemand)
-            }
-            _ if !learns => None,
-            _ if self.gives_examples && !entry.traits.learns_from_examples => Some(LearningInput::Examples),
-            _ if self.experience == 0 => None,
-            UseOfDatasets::Never if self.gives_datasets => Some(LearningInput::DecisionsOfOthers),
-            UseOfDatasets::Only if !self.gives_datasets => Some(LearningInput::NoDataset),
-            _ => None,
-        }
+    /// Whether it gives an agent that learns anything that it learns from, or nothing at all.
+    fn teaches(&self, entry: &AgentEntry) -> bool {
+        self.experience == 0 || self.feed.teaches(&entry.traits.learns_from)
     }
 }
 
 /// Whether an agent can learn from the things that a protocol gives, or need not.
 pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
-    ProtocolMetrics::of(protocol)
-        .gives_another(entry, entry.traits.learns)
-        .is_none()
-}
-
-/// Name of the things that a protocol gives to an agent that cannot learn from them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum LearningInput {
-    Examples,
-    DecisionsOfOthers,
-    NoDataset,
-    NoDemand,
-    Training,
+    !entry.traits.learns() || ProtocolMetrics::of(protocol).teaches(entry)
 }
 
 /// Builds the cells' parts.
@@ -298,12 +271,13 @@ impl<'a> Builder<'a> {
         let lets_train = self.sections.registry.protocols[protocol.part.plugin.as_str()]
             .own_training
             .is_some();
-        let given = |entry: &AgentEntry| match entry.traits.trains_itself {
-            true => (!lets_train).then_some(LearningInput::Training),
-            false => measures.gives_another(entry, entry.learns_with(&agent.part.config)),
+        let learns = |entry: &AgentEntry| match entry.traits.trains_itself {
+            true => lets_train,
+            false => !entry.learns_with(&agent.part.config) || measures.teaches(entry),
         };
-        if let Some(why) = self.entry(cell).and_then(given) {
-            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
+        if let Some(entry) = self.entry(cell).filter(|entry| !learns(entry)) {
+            let given = (&*protocol.part.plugin, measures.feed);
+            return Err(Box::new(self.learns_otherwise(agent, entry, given)));
         }
         if self.accepted.insert(ids(cell)) {
             let accepts = measures.protocol.accepts(&facts.interface, &facts.metrics);
@@ -551,30 +525,41 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    fn learns_otherwise(&self, agent: &ResolvedPart, protocol: &str, given: LearningInput) -> Diagnostic {
+    /// The error of an agent that learns from things which its protocol does not give.
+    fn learns_otherwise(
+        &self,
+        agent: &ResolvedPart,
+        entry: &AgentEntry,
+        (protocol, given): (&str, Feed),
+    ) -> Diagnostic {
         let (sections, target) = (self.sections, agent.given.target);
         let (at, span) = sections
             .plugin(target)
             .map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         let named = sections.written.part(target).map_or("", |named| &named.name);
-        let (why, help) = match given {
-            LearningInput::Examples => (
-                format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
-                self.decisions_or("examples", &|entry| entry.traits.learns_from_examples),
-            ),
-            LearningInput::DecisionsOfOthers => (
-                format!("from its own decisions; `{protocol}` gives those of others"),
-                self.decisions_or("datasets", &|entry| entry.traits.datasets != UseOfDatasets::Never),
-            ),
-            LearningInput::NoDataset => (
-                format!("from datasets; `{protocol}` gives none"),
-                "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
-            ),
-            LearningInput::Training => (
+        let taken = entry.traits.learns_from.first().copied();
+        let (why, help) = match (taken.unwrap_or(Feed::Decisions), given) {
+            _ if entry.traits.trains_itself => (
                 format!("by itself; `{protocol}` trains agents, or measures them"),
                 "the protocol `train_evaluate` lets it train, and takes in what it measures".into(),
             ),
-            LearningInput::NoDemand => (
+            (Feed::Decisions, Feed::Examples) => (
+                format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
+                self.decisions_or(given),
+            ),
+            (Feed::Decisions, _) => (
+                format!("from its own decisions; `{protocol}` gives those of others"),
+                self.decisions_or(given),
+            ),
+            (Feed::Examples, _) => (
+                format!("from examples; `{protocol}` gives {}", given.name()),
+                "the protocol `supervised_fit` gives it examples".into(),
+            ),
+            (Feed::Dataset, _) => (
+                format!("from datasets; `{protocol}` gives none"),
+                "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
+            ),
+            (Feed::Designs, _) => (
                 format!("from whole designs that it proposes; `{protocol}` asks for none"),
                 "the protocol `search` asks for one design after the other".into(),
             ),
@@ -585,19 +570,19 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    /// Advice for an agent that learns from its own decisions, and the agents to use instead.
-    fn decisions_or(&self, given: &str, learns_from_it: &dyn Fn(&AgentEntry) -> bool) -> String {
+    /// Advice for an agent that learns from its own decisions, and the agents that learn from `given` instead.
+    fn decisions_or(&self, given: Feed) -> String {
         let others = self
             .sections
             .registry
             .agents
             .iter()
-            .filter(|(_, entry)| entry.traits.learns && learns_from_it(entry));
+            .filter(|(_, entry)| entry.traits.learns_from.contains(&given));
         let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
         let instead = if others.is_empty() {
             String::new()
         } else {
-            format!("; agents that learn from {given}: {}", others.join(", "))
+            format!("; agents that learn from {}: {}", given.name(), others.join(", "))
         };
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }

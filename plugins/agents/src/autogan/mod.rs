@@ -35,7 +35,7 @@ use crate::shared::{
     designs::{EvaluatedDesign, Options, PartialDesign, choices},
 };
 use contract::{
-    Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Preset, Recorder,
+    Action, Agent, AgentTraits, Choice, Error, Feed, Interface, Metric, Mode, Observation, Preset, Recorder,
     Registry, Rng, Transition, Updates, choice,
 };
 use controller::Controller;
@@ -167,12 +167,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
         Metric::new("controller_entropy", "nat", "entropy of the options of a cell"),
         Metric::new("baseline", "", "moving mean of what designs of the stage earned"),
     ];
-    let traits = AgentTraits {
-        learns: true,
-        metrics,
-        designs: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Designs], metrics);
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -50,8 +50,8 @@ use crate::shared::{
 use asset_network::AssetChannels;
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use networks::{Critics, PolicyNetwork, Shape};
 use numerics::{
@@ -99,13 +99,7 @@ struct PolicyMeans {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Dirichlet policy";
     // Off-policy: the replay buffer takes decisions of any policy.
-    let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions, Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
     registry.policy_form("equivariant", policy_graph::portable);
 }

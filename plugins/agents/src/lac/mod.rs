@@ -60,7 +60,7 @@ use crate::shared::{
 };
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use exploration::Disturbance;
@@ -137,11 +137,7 @@ pub(crate) fn register_constrained(registry: &mut Registry, version: u32) {
 
 /// Traits of both algorithms. They take no datasets, whose transitions lack the observation before.
 fn traits() -> AgentTraits {
-    AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    }
+    AgentTraits::learner([Feed::Decisions], metrics())
 }
 
 /// Builds the agent for one seat that observes a box and acts in a box with limits -1 and 1.

@@ -52,7 +52,7 @@ use crate::shared::{
 };
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
@@ -99,11 +99,7 @@ struct Counters {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -62,8 +62,8 @@ use crate::shared::{
 };
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::{
     network::{Mlp, matrix, values},
@@ -111,12 +111,7 @@ struct Team {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "QMIX, value-decomposition networks and independent Q-learning, for seats with choices";
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets: UseOfDatasets::Also,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions, Feed::Dataset], metrics());
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -26,8 +26,8 @@ mod tests;
 
 use candidates::{Candidate, Candidates, DesignReplay, PlaceholderAgent};
 use contract::{
-    ArtifactKind, Config, End, Environment, Error, Interface, Metric, Mode, Observation, Phase, Protocol,
-    Registry, Rng, Transition,
+    ArtifactKind, Config, End, Environment, Error, Feed, Interface, Metric, Mode, Observation, Phase,
+    Protocol, Registry, Rng, Transition,
     dataset::{Dataset, DatasetWriter, Episode},
     design::Designs,
     episode_metrics::EpisodeMetrics,
@@ -121,8 +121,8 @@ impl Protocol for Search {
         of.iter().cloned().chain(of.iter().map(candidate)).collect()
     }
 
-    fn asks_for_designs(&self) -> bool {
-        true
+    fn feed(&self) -> Feed {
+        Feed::Designs
     }
 
     fn accepts(&self, interface: &Interface, metrics: &[Metric]) -> Result<(), Error> {

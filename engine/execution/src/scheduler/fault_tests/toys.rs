@@ -3,7 +3,7 @@
 use super::ledger::Ledger;
 use crate::world::{fs, process};
 use contract::{
-    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Metric, Mode,
+    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Feed, Interface, Metric, Mode,
     Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, artifact,
 };
 use rand::Rng as _;
@@ -199,11 +199,7 @@ pub fn registry() -> Registry {
             start: 0.0,
         }))
     });
-    let traits = AgentTraits {
-        learns: true,
-        metrics: vec![Metric::new("loss", "", "the count")],
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Decisions], vec![Metric::new("loss", "", "the count")]);
     registry.agent(
         "tally",
         1,

@@ -15,7 +15,7 @@ use crate::shared::{
 };
 use burn::{module::Module, tensor::Tensor};
 use contract::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
@@ -98,12 +98,7 @@ pub struct SimplexRegression<H> {
 
 /// Registers the agent with a head.
 pub fn register<H: SimplexHead>(registry: &mut Registry, version: u32, about: &'static str) {
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        learns_from_examples: true,
-        ..AgentTraits::default()
-    };
+    let traits = AgentTraits::learner([Feed::Examples], metrics());
     registry.agent(H::NAME, version, about, traits, build::<H>);
 }
 
