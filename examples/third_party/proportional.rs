@@ -2,8 +2,8 @@
 //! (`tuner`): each episode tries a gain near the best one so far.
 
 use engine::{
-    Action, Agent, AgentTraits, Config, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates,
+    Action, Agent, AgentTraits, Config, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
+    Registry, Rng, Transition, Updates,
 };
 use rand::Rng as _;
 use schemars::JsonSchema;

@@ -13,7 +13,10 @@ use crate::{
     resources::{NEEDS, Needs},
 };
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::{
+    any::{Any, TypeId},
+    collections::{BTreeMap, HashMap},
+};
 
 /// As [`Resolve`], for an agent that trains itself, by how it is measured.
 pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
@@ -112,6 +115,7 @@ pub struct Registry {
     pub first_study: Option<(&'static str, &'static str)>,
     /// Begins the study that `new --from` writes.
     pub draft: Option<crate::draft::BeginDraft>,
+    extensions: HashMap<TypeId, Vec<Box<dyn Any + Send + Sync>>>,
 }
 
 /// Facts that the registration of an agent gives besides the constructor.
@@ -159,6 +163,7 @@ impl Default for Registry {
             build: None,
             first_study: None,
             draft: None,
+            extensions: HashMap::new(),
         }
     }
 }
@@ -184,6 +189,18 @@ impl Registry {
     /// that raising any of them gives trials another id.
     pub fn shares(&mut self, version: u32) {
         self.numerics_version += version;
+    }
+
+    /// Registers an entry of a type that the crates above the contract know, as a kind of figures.
+    pub fn extend<T: Any + Send + Sync>(&mut self, entry: T) {
+        let all = self.extensions.entry(TypeId::of::<T>()).or_default();
+        all.push(Box::new(entry));
+    }
+
+    /// The registered entries of such a type, in the order of their registration.
+    pub fn extensions<T: Any>(&self) -> impl Iterator<Item = &T> {
+        let all = self.extensions.get(&TypeId::of::<T>());
+        all.into_iter().flatten().filter_map(|entry| entry.downcast_ref())
     }
 
     /// Registers an environment.

@@ -59,11 +59,12 @@ impl Machines {
     }
 
     /// The machines of the executor that the settings name; `None` for hosts, which are not reached yet.
-    pub(crate) fn of(settings: &Settings) -> Result<Option<Self>, Failure> {
+    pub(crate) fn of(registry: &Registry, settings: &Settings) -> Result<Option<Self>, Failure> {
         if settings.executor == LOCAL {
             return Ok(Some(Self::here(settings, settings.workers)));
         }
-        let kind = executor::find(&settings.executor).filter(|kind| !matches!(kind.way, Way::Hosts(_)));
+        let kind =
+            executor::find(registry, &settings.executor).filter(|kind| !matches!(kind.way, Way::Hosts(_)));
         let Some(kind) = kind else { return Ok(None) };
         let executor = settings.executor(&kind, None)?;
         Ok(Some(Self::tasks(&*executor, kind.name)))

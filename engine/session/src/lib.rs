@@ -110,7 +110,7 @@ impl<'a> Session<'a> {
         Ok(Self {
             registry,
             selection,
-            settings: Settings::read(&machine)?,
+            settings: Settings::read(registry, &machine)?,
             machine,
             observer,
             store: OnceCell::new(),

@@ -187,7 +187,7 @@ impl Session<'_> {
     /// # Errors
     /// The first agent whose trials fit none.
     pub fn check_fit(&self, studies: &[Checked]) -> Result<(), Failure> {
-        let Some(machines) = Machines::of(&self.settings)? else {
+        let Some(machines) = Machines::of(self.registry, &self.settings)? else {
             return Ok(());
         };
         studies.iter().try_for_each(|(_, study)| {

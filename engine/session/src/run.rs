@@ -111,7 +111,10 @@ impl Session<'_> {
 /// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.
 fn place(how: &mut Compute<'_>, planned: &[Planned], options: &RunOptions) -> Result<Option<Kind>, Failure> {
     let settings = &how.session.settings;
-    let mut kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    let mut kind = elsewhere(
+        how.session.registry,
+        options.executor.as_deref().unwrap_or(&settings.executor),
+    );
     let on_hosts = kind.take_if(|kind| matches!(kind.way, Way::Hosts(_)));
     if kind.is_none() && options.detach {
         return Err(Failure::refusal(
@@ -128,8 +131,8 @@ fn place(how: &mut Compute<'_>, planned: &[Planned], options: &RunOptions) -> Re
 }
 
 /// The executor of a name that starts workers on other machines.
-fn elsewhere(name: &str) -> Option<Kind> {
-    executor::find(name).filter(|kind| kind.options().is_some())
+fn elsewhere(registry: &Registry, name: &str) -> Option<Kind> {
+    executor::find(registry, name).filter(|kind| kind.options().is_some())
 }
 
 /// Whether a further look may follow what was computed: what is missing now would be missing then too.

@@ -84,7 +84,7 @@ struct Table {
     checkpoint_every_s: Option<f64>,
     lease_expiry_s: Option<f64>,
     limits: Option<Limits>,
-    executor: Option<Name>,
+    executor: Option<Spanned<String>>,
 }
 
 /// Graphics cards for trials.
@@ -137,31 +137,23 @@ impl Cards {
     }
 }
 
-/// The name of an executor that runs trials.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(try_from = "String")]
-struct Name(String);
-
-impl TryFrom<String> for Name {
-    type Error = String;
-
-    fn try_from(name: String) -> Result<Self, String> {
-        let all = executor::all();
-        let names: Vec<&str> = all
-            .iter()
-            .filter(|kind| kind.runs())
-            .map(|kind| kind.name)
-            .collect();
-        if names.contains(&name.as_str()) {
-            return Ok(Self(name));
-        }
-        let known = names
-            .iter()
-            .map(|name| format!("`{name}`"))
-            .collect::<Vec<_>>()
-            .join(" or ");
-        Err(format!("`{name}` runs no trials, expected {known}"))
+/// Refuses the name of an executor that runs no trials.
+fn refuse_idle(executor: &Spanned<String>, kinds: &[Kind], text: &str) -> Result<(), Failure> {
+    let names: Vec<&str> = kinds
+        .iter()
+        .filter(|kind| kind.runs())
+        .map(|kind| kind.name)
+        .collect();
+    let name = executor.get_ref();
+    if names.contains(&name.as_str()) {
+        return Ok(());
     }
+    let line = 1 + text[..executor.span().start].matches('\n').count();
+    let known = names.iter().map(|name| format!("`{name}`"));
+    let known = known.collect::<Vec<_>>().join(" or ");
+    Err(wrong(&format!(
+        "executor (line {line}): `{name}` runs no trials, expected {known}"
+    )))
 }
 
 /// One level of the file: the top, or a profile.
@@ -177,17 +169,18 @@ impl Settings {
     ///
     /// # Errors
     /// A mistake in the file.
-    pub fn read(machine: &MachineOptions) -> Result<Self, Failure> {
+    pub fn read(registry: &Registry, machine: &MachineOptions) -> Result<Self, Failure> {
         let here = std::env::current_dir().unwrap_or_default();
+        let kinds = executor::all(registry);
         let mut folder = PathBuf::new();
         for _ in here.ancestors() {
             match fs::read_to_string(folder.join(FILE)) {
-                Ok(text) => return combine(&text, &folder, machine),
+                Ok(text) => return combine(&text, &folder, machine, &kinds),
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => folder.push(".."),
                 Err(error) => return Err(wrong(&format!("{}: {error}", folder.display()))),
             }
         }
-        combine("", Path::new(""), machine)
+        combine("", Path::new(""), machine, &kinds)
     }
 
     /// The store, with the bucket by which it is shared.
@@ -220,8 +213,8 @@ impl Settings {
     }
 }
 
-fn combine(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settings, Failure> {
-    let (top, mut profiles) = levels(text).map_err(|error| unreadable(error, text))?;
+fn combine(text: &str, folder: &Path, machine: &MachineOptions, kinds: &[Kind]) -> Result<Settings, Failure> {
+    let (top, mut profiles) = levels(text, kinds).map_err(|error| unreadable(error, text, kinds))?;
     let profile = match &machine.machine {
         None => Level::default(),
         Some(name) => profiles.remove(name).ok_or_else(|| {
@@ -242,6 +235,10 @@ fn combine(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settin
             .check()
             .map_err(|error| wrong(&format!("[limits] {error}")))?;
     }
+    let executor = profile.executor.or(top.executor);
+    executor
+        .iter()
+        .try_for_each(|name| refuse_idle(name, kinds, text))?;
     let settings = Settings {
         store: machine
             .store
@@ -254,10 +251,7 @@ fn combine(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settin
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: some_time("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
-        executor: profile
-            .executor
-            .or(top.executor)
-            .map_or_else(|| LOCAL.into(), |name| name.0),
+        executor: executor.map_or_else(|| LOCAL.into(), Spanned::into_inner),
         executors,
     };
     // Worker processes are told where it is, in JSON.
@@ -268,19 +262,19 @@ fn combine(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settin
         )));
     }
     // Options that an executor cannot use are refused now, also where another one runs the trials.
-    for kind in executor::all().iter().filter(|kind| kind.options().is_some()) {
+    for kind in kinds.iter().filter(|kind| kind.options().is_some()) {
         settings.executor(kind, None)?;
     }
     Ok(settings)
 }
 
 /// The failure for a text that is none of settings.
-fn unreadable(mut error: toml::de::Error, text: &str) -> Failure {
+fn unreadable(mut error: toml::de::Error, text: &str, kinds: &[Kind]) -> Failure {
     error.set_input(Some(text));
     let tables = if error.message().starts_with("unknown field `trusted`") {
         TRUSTED.to_owned()
     } else if error.message().starts_with("unknown field") {
-        known_tables()
+        known_tables(kinds)
     } else {
         String::new()
     };
@@ -292,9 +286,8 @@ const TRUSTED: &str = "a project cannot say that its own programs are trusted: `
                        own file, `regimen/regimen.toml` in $XDG_CONFIG_HOME or ~/.config\n";
 
 /// The tables that a file may have besides its keys.
-fn known_tables() -> String {
-    let all = executor::all();
-    let names = all
+fn known_tables(kinds: &[Kind]) -> String {
+    let names = kinds
         .iter()
         .filter(|kind| kind.options().is_some())
         .map(|kind| kind.name);
@@ -308,7 +301,7 @@ fn known_tables() -> String {
 }
 
 /// The top of the file, and its profiles by name.
-fn levels(text: &str) -> Result<(Level, BTreeMap<String, Level>), toml::de::Error> {
+fn levels(text: &str, kinds: &[Kind]) -> Result<(Level, BTreeMap<String, Level>), toml::de::Error> {
     let mut top = DeTable::parse(text)?;
     let profiles = top.get_mut().remove("profile");
     let mut named = BTreeMap::new();
@@ -316,10 +309,10 @@ fn levels(text: &str) -> Result<(Level, BTreeMap<String, Level>), toml::de::Erro
         let span = profile.span();
         named.insert(
             name.into_inner().into_owned(),
-            level(Spanned::new(span, table(profile)?))?,
+            level(Spanned::new(span, table(profile)?), kinds)?,
         );
     }
-    Ok((level(top)?, named))
+    Ok((level(top, kinds)?, named))
 }
 
 /// A table that stands under a key.
@@ -334,9 +327,9 @@ fn table(value: Spanned<DeValue<'_>>) -> Result<DeTable<'_>, toml::de::Error> {
 }
 
 /// Reads the tables of executors, each as its executor says, and then what is left.
-fn level(mut keys: Spanned<DeTable<'_>>) -> Result<Level, toml::de::Error> {
+fn level(mut keys: Spanned<DeTable<'_>>, kinds: &[Kind]) -> Result<Level, toml::de::Error> {
     let mut executors = Tables::new();
-    for kind in executor::all() {
+    for kind in kinds {
         if let Some((options, table)) = kind.options().zip(keys.get_mut().remove(kind.name)) {
             executors.insert(kind.name, options.read(ValueDeserializer::from(table))?);
         }
@@ -399,6 +392,10 @@ mod tests {
     use super::*;
     use crate::Exit;
 
+    fn settings(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settings, Failure> {
+        combine(text, folder, machine, &executor::all(&Registry::default()))
+    }
+
     fn machine(machine: Option<&str>) -> MachineOptions {
         MachineOptions {
             machine: machine.map(Into::into),
@@ -410,7 +407,7 @@ mod tests {
     fn a_profile_overrides_the_top() {
         let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits \
                     = { memory_mb = 5 }\n";
-        let settings = combine(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
+        let settings = settings(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
         assert_eq!((settings.store, settings.workers), (PathBuf::from("a"), 16));
         assert_eq!(
             settings.limits,
@@ -436,7 +433,7 @@ mod tests {
         assert_eq!(of(Some("gpus = 2"), None), names(&["0", "1"]));
         assert_eq!(of(Some("gpus = 2"), Some("7")), names(&["7"]));
         assert_eq!(of(Some("gpus = [\"0\", \"7\"]"), Some("7,8")), names(&["7"]));
-        let wrong = combine("gpus = \"all\"", Path::new(""), &machine(None))
+        let wrong = settings("gpus = \"all\"", Path::new(""), &machine(None))
             .err()
             .unwrap()
             .text;
@@ -447,10 +444,10 @@ mod tests {
     fn an_executors_table_is_laid_over_key_by_key() {
         let text = "executor = \"slurm\"\n[slurm]\npartition = \"short\"\nmemory_mb = 2000\n\
                     [profile.big.slurm]\npartition = \"long\"\nmax_tasks = 8\n[kubernetes]\nimage = \"a\"\n";
-        let settings = combine(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
+        let settings = settings(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
         assert_eq!(settings.executor, "slurm");
         let slurm = |settings: &Settings, tasks| {
-            let kind = executor::find("slurm").unwrap();
+            let kind = executor::find(&Registry::default(), "slurm").unwrap();
             let options = settings
                 .executor(&kind, tasks)
                 .ok()
@@ -467,16 +464,16 @@ mod tests {
         assert_eq!(slurm(&settings, Some(3))[2], 3);
         assert_eq!(settings.executors["kubernetes"]["image"], "a");
         assert_eq!(
-            slurm(&combine(text, Path::new(""), &machine(None)).ok().unwrap(), None)[0],
+            slurm(&settings(text, Path::new(""), &machine(None)).ok().unwrap(), None)[0],
             "short"
         );
     }
 
     #[test]
     fn the_most_tasks_at_a_time_can_be_given_where_no_table_is() {
-        let settings = combine("", Path::new(""), &machine(None)).ok().unwrap();
+        let settings = settings("", Path::new(""), &machine(None)).ok().unwrap();
         let slurm = settings
-            .executor(&executor::find("slurm").unwrap(), Some(3))
+            .executor(&executor::find(&Registry::default(), "slurm").unwrap(), Some(3))
             .ok()
             .unwrap();
         assert_eq!(slurm.queue().unwrap().max_tasks(), 3);
@@ -484,7 +481,7 @@ mod tests {
 
     #[test]
     fn mistakes_in_an_executors_table_name_file_and_key() {
-        let text = |text: &str| combine(text, Path::new(""), &machine(None)).err().unwrap().text;
+        let text = |text: &str| settings(text, Path::new(""), &machine(None)).err().unwrap().text;
         let unknown = text("[slurm]\npartion = \"long\"\n");
         assert!(
             unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"),
@@ -520,13 +517,13 @@ mod tests {
                 (format!("[limits]\n{key} = {value}\n"), None),
                 (format!("[profile.big.limits]\n{key} = {value}\n"), Some("big")),
             ] {
-                let told = combine(&text, Path::new(""), &machine(name)).err().unwrap();
+                let told = settings(&text, Path::new(""), &machine(name)).err().unwrap();
                 let expected = format!("regimen.toml: [limits] `{key}` is ");
                 assert!(told.text.contains(&expected), "{}", told.text);
                 assert_eq!(told.exit, Exit::BadStudy);
             }
         }
-        let told = combine("lease_expiry_s = 0\n", Path::new(""), &machine(None))
+        let told = settings("lease_expiry_s = 0\n", Path::new(""), &machine(None))
             .err()
             .unwrap();
         assert!(
@@ -538,28 +535,28 @@ mod tests {
     #[test]
     fn unknown_keys_profiles_and_times_are_refused() {
         assert!(
-            combine("wrokers = 2\n", Path::new(""), &machine(None))
+            settings("wrokers = 2\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("wrokers")
         );
         assert!(
-            combine("", Path::new(""), &machine(Some("big")))
+            settings("", Path::new(""), &machine(Some("big")))
                 .err()
                 .unwrap()
                 .text
                 .contains("[profile.big]")
         );
         assert!(
-            combine("checkpoint_every_s = -1\n", Path::new(""), &machine(None))
+            settings("checkpoint_every_s = -1\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("checkpoint_every_s")
         );
         assert!(
-            combine("[limits]\nwall_time = 1\n", Path::new(""), &machine(None))
+            settings("[limits]\nwall_time = 1\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text

@@ -100,6 +100,7 @@ impl Session<'_> {
         set_aside_damaged(self, &store)?;
         let mut say = |text: &str| self.notice(text);
         Ok(executor::cancel(
+            self.registry,
             &store,
             &ids(planned),
             &Stop::default(),
@@ -113,8 +114,8 @@ impl Session<'_> {
     /// A queue that cannot be asked.
     pub fn holdings(&self) -> Result<Vec<Holding>, Failure> {
         let store = absolute(&self.settings.store)?;
-        let holdings =
-            set_aside_damaged(self, &store).and_then(|()| executor::holdings(&store, &Stop::default()));
+        let holdings = set_aside_damaged(self, &store)
+            .and_then(|()| executor::holdings(self.registry, &store, &Stop::default()));
         holdings.map_err(|error| Failure {
             exit: Exit::Incomplete,
             text: format!("warning: nobody can be asked about this store's submissions: {error}"),
@@ -180,13 +181,14 @@ impl Submitting<'_> {
         )
     }
 
-    fn dispatch<'e>(&self, executor: &'e dyn Executor, stop: Stop) -> Result<Dispatch<'e>, Failure> {
+    fn dispatch<'e>(&'e self, executor: &'e dyn Executor, stop: Stop) -> Result<Dispatch<'e>, Failure> {
         let name = self.kind.name;
         let none = || Failure::refusal(format!("`{name}` takes no submissions"));
         let queue = executor.queue().ok_or_else(none)?;
         let (store, work) = self.work(executor)?;
         let trials_per_task = executor.trials_per_task();
         Ok(Dispatch {
+            registry: self.how.session.registry,
             store,
             work,
             queue,

@@ -8,6 +8,7 @@ use document::{
     diagnostic::{Diagnostic, Sources, Span},
     schema_check::{At, Checker, NAME, View},
 };
+use presentation::kinds::{self, Kinds};
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 
@@ -15,13 +16,20 @@ use serde_json::{Map, Value, json};
 /// are named.
 #[must_use]
 pub fn json_schema(registry: &Registry) -> Value {
-    let mut schema = SchemaGenerator::default()
-        .into_root_schema_for::<Sections>()
-        .to_value();
+    let mut generator = SchemaGenerator::default();
+    let kinds = Kinds::of(registry);
+    let tables = kinds::properties(&kinds.of_tables(), &mut generator);
+    let figures = kinds::properties(&kinds.of_figures(), &mut generator);
+    let mut schema = generator.into_root_schema_for::<Sections>().to_value();
     let mut definitions = match schema["$defs"].take() {
         Value::Object(definitions) => definitions,
         _ => Map::new(),
     };
+    for (spec, kinds) in [("TableSpec", tables), ("FigureSpec", figures)] {
+        for (name, kind) in kinds {
+            definitions[spec]["properties"][name] = kind;
+        }
+    }
     let environments = registry
         .environments
         .iter()

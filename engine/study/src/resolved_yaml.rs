@@ -68,7 +68,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let figures = study
         .figures
         .iter()
-        .map(|(name, spec)| (name.clone(), given(json!(files_from(spec, folder)))))
+        .map(|(name, spec)| (name.clone(), given(figure_from(spec, folder))))
         .collect();
     sections.extend([
         ("tables".to_string(), Section::Named(tables)),
@@ -114,12 +114,12 @@ fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
 }
 
 /// The same figure with the files of its published curves named relative to `folder`.
-fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
-    let mut spec = spec.clone();
-    spec.published_curves_mut()
-        .iter_mut()
-        .for_each(|curve| curve.file = name_written_out(folder, &curve.file));
-    spec
+fn figure_from(spec: &FigureSpec, folder: &Path) -> Value {
+    let mut value = json!(spec);
+    if let Some(published) = value[spec.kind.name].get_mut("published") {
+        *published = relocate(published.take(), "", Path::new(""), folder);
+    }
+    value
 }
 
 /// Names data files relative to `folder`, whichever folder they are named from now.

@@ -3,7 +3,7 @@
 use super::{Options, Study, json_schema, load, load_text, resolved_yaml};
 use contract::trial::Trial;
 use document::diagnostic::Diagnostic;
-use presentation::figure::FigureKind;
+use presentation::figure::LearningCurve;
 use serde_json::json;
 use std::{
     collections::BTreeSet,
@@ -701,9 +701,7 @@ fn published_curves_are_found_from_the_study_and_from_its_results() {
     );
     std::fs::write(&path, resolved).unwrap();
     for study in [study, load(&path, &toys(), &Options::default()).unwrap()] {
-        let FigureKind::LearningCurve(kind) = &study.figures[0].1.kind else {
-            panic!("{:?}", study.figures)
-        };
+        let kind = study.figures[0].1.kind.downcast::<LearningCurve>().unwrap();
         let curve = &kind.published[0];
         assert_eq!(curve.runs().unwrap()[0].points, [(10, 1.0), (20, 3.0)]);
     }

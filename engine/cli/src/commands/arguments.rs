@@ -99,7 +99,7 @@ pub(super) struct RunArgs {
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = one_or_more)]
     pub(super) jobs: Option<usize>,
     /// Executor that runs the trials; `executor` in regimen.toml, else this machine.
-    #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
+    #[arg(long, value_name = "NAME")]
     pub(super) executor: Option<String>,
     /// With a queue: leave after the submission; a later `run` follows it.
     #[arg(long)]

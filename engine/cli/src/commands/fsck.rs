@@ -1,6 +1,7 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
 use super::{Common, Format, say};
+use contract::Registry;
 use document::count::{count, either};
 use execution::{
     executor,
@@ -10,10 +11,15 @@ use session::{Exit, Failure, Settings};
 use std::{collections::BTreeSet, path::PathBuf};
 
 /// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.
-pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> Result<Exit, Failure> {
+pub(super) fn fsck(
+    registry: &Registry,
+    folder: Option<PathBuf>,
+    dry_run: bool,
+    common: &Common,
+) -> Result<Exit, Failure> {
     let root = match folder {
         Some(folder) => folder,
-        None => Settings::read(&common.machine())?.store,
+        None => Settings::read(registry, &common.machine())?.store,
     };
     if let Some(problem) = store::no_store(&root)? {
         return Err(Failure::refusal(problem));

@@ -2,6 +2,7 @@
 
 use super::{Common, Format, Person, say};
 use clap::Args;
+use contract::Registry;
 use document::count::{count, either};
 use execution::store::{Difference, Fate, Finding, Fingerprint, Merged, Side};
 use serde_json::json;
@@ -23,8 +24,8 @@ pub(super) struct MergeOptions {
 }
 
 /// Takes the stores, says what happened to trials that were not simply taken, and how many there are of each fate.
-pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<Exit, Failure> {
-    let settings = Settings::read(&common.machine())?;
+pub(super) fn merge(registry: &Registry, options: &MergeOptions, common: &Common) -> Result<Exit, Failure> {
+    let settings = Settings::read(registry, &common.machine())?;
     let MergeOptions {
         sources,
         into,

@@ -32,7 +32,11 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Person, complain, say};
 use contract::{Registry, panics};
 use document::input_file;
-use execution::{patience, scheduler::hosts::Relay};
+use execution::{
+    executor::{self, Kind},
+    patience,
+    scheduler::hosts::Relay,
+};
 use session::{Exit, Failure};
 use std::{
     path::{Path, PathBuf},
@@ -207,11 +211,21 @@ fn failed(failure: &Failure) -> ExitCode {
     ExitCode::from(failure.exit.code())
 }
 
+/// The command line with the names of the registered executors.
+fn command(registry: &Registry) -> clap::Command {
+    let kinds = executor::all(registry);
+    let named = |of: &'static str, which: fn(&Kind) -> bool| {
+        let values = submit::values(&kinds, which);
+        move |command: clap::Command| command.mut_arg(of, |argument| argument.value_parser(values))
+    };
+    <Command as CommandFactory>::command()
+        .mut_subcommand("run", named("executor", Kind::runs))
+        .mut_subcommand("submit", named("executor", Kind::takes))
+}
+
 fn parse(registry: &Registry) -> Command {
     let version = contract::build::version(registry.build.as_ref());
-    let matches = <Command as CommandFactory>::command()
-        .version(version)
-        .get_matches();
+    let matches = command(registry).version(version).get_matches();
     Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
@@ -245,9 +259,9 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<Exit, Fail
             None => report::report(registry, &studies, &report, common),
         },
         Verb::Overview(options) => overview::overview(&options, common),
-        Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
-        Verb::Pack(options) => pack::pack(&options, common),
-        Verb::Merge(options) => merge::merge(&options, common),
+        Verb::Fsck { folder, dry_run } => fsck::fsck(registry, folder, dry_run, common),
+        Verb::Pack(options) => pack::pack(registry, &options, common),
+        Verb::Merge(options) => merge::merge(registry, &options, common),
         Verb::Compare { .. } => Err(Failure::refusal("`compare A B` is `report B --against A`")),
         Verb::Export(options) => export::export(registry, &options, common),
         Verb::Import(options) => import::import(&options, common),
@@ -266,8 +280,8 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<Exit, Fail
         Verb::Describe { name, why, .. } => describe::describe(registry, name.as_deref(), why, common),
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
-        Verb::Completions { shell } => shell::completions(shell),
-        Verb::Man => shell::manual(),
+        Verb::Completions { shell } => shell::completions(registry, shell),
+        Verb::Man => shell::manual(registry),
         Verb::Relay {
             folder,
             lease_expiry_s,

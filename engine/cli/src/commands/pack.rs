@@ -2,6 +2,7 @@
 
 use super::{Common, Format, say};
 use clap::Args;
+use contract::Registry;
 use document::count::{count, either};
 use execution::store::{self, Leases, Packing, Store};
 use session::{Exit, Failure, Settings};
@@ -20,8 +21,8 @@ pub(super) struct PackOptions {
 }
 
 /// Always 0: what cannot be packed stays as it is.
-pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<Exit, Failure> {
-    let settings = Settings::read(&common.machine())?;
+pub(super) fn pack(registry: &Registry, options: &PackOptions, common: &Common) -> Result<Exit, Failure> {
+    let settings = Settings::read(registry, &common.machine())?;
     let root = options.folder.clone().unwrap_or(settings.store);
     if let Some(problem) = store::no_store(&root)? {
         return Err(Failure::refusal(problem));

@@ -14,18 +14,9 @@ use serde_json::json;
 use session::{Exit, Failure, Session};
 use std::path::PathBuf;
 
-/// The executors that the program can run trials with, as values of an option.
-pub(super) fn that_run() -> PossibleValuesParser {
-    values(Kind::runs)
-}
-
-/// The executors that missing trials can be handed to.
-fn that_take() -> PossibleValuesParser {
-    values(Kind::takes)
-}
-
-fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
-    let kinds = executor::all().into_iter().filter(which);
+/// The names of executors, as values of an option.
+pub(super) fn values(kinds: &[Kind], which: fn(&Kind) -> bool) -> PossibleValuesParser {
+    let kinds = kinds.iter().filter(|kind| which(kind));
     kinds
         .map(|kind| PossibleValue::new(kind.name).help(kind.about))
         .collect::<Vec<_>>()
@@ -35,7 +26,7 @@ fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
 #[derive(Debug, Clone, Args)]
 pub(super) struct SubmitOptions {
     /// Executor that they are handed to.
-    #[arg(long, value_name = "NAME", value_parser = that_take())]
+    #[arg(long, value_name = "NAME")]
     executor: String,
     /// Print the script or manifest and submit nothing.
     #[arg(long, short = 'n')]
@@ -60,7 +51,7 @@ pub(super) fn submit(
         options.consent.ask(&session, &planned)?;
     }
     // The command line takes names of the list alone.
-    let Some(kind) = executor::find(&options.executor) else {
+    let Some(kind) = executor::find(registry, &options.executor) else {
         return Ok(Exit::BadStudy);
     };
     if !options.dry_run {
@@ -106,7 +97,8 @@ pub(super) fn show(session: &Session<'_>, format: Format) {
         return say(&json!({"submissions": rows.collect::<Vec<_>>()}).to_string());
     }
     for holding in live {
-        let title = executor::find(&holding.submission.executor).map_or("", |kind| kind.title);
+        let title =
+            executor::find(session.registry, &holding.submission.executor).map_or("", |kind| kind.title);
         say(&format!(
             "  {title}: {}: {}",
             describe(&holding.submission),

@@ -13,7 +13,6 @@ use execution::{
     store::{self, write_durably},
     world::{clock, fs},
 };
-use presentation::figure::FigureKind;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use session::{Exit, Failure, Planned, Session};
 use std::{
@@ -133,10 +132,7 @@ fn metrics(one: &Planned) -> Vec<String> {
         .study
         .figures
         .iter()
-        .filter_map(|(_, figure)| match &figure.kind {
-            FigureKind::LearningCurve(curve) => Some(curve.metric.clone()),
-            _ => None,
-        });
+        .filter_map(|(_, figure)| figure.kind.followed_metric().map(str::to_owned));
     let searches = one.study.searches.iter().map(|(search, _)| search.metric.clone());
     let tables = one.study.tables.iter();
     let tables = tables.filter_map(|(_, table)| table.kind.metric_of_unit().map(str::to_owned));

@@ -6,7 +6,7 @@ use analysis::claim::{Aggregate, forms};
 use clap::ValueEnum;
 use contract::{ArtifactKind, Registry, cast};
 use execution::executor;
-use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
+use presentation::kinds::{Kind, Kinds};
 use serde::Serialize;
 
 /// A group of names.
@@ -81,7 +81,7 @@ impl Group {
     #[must_use]
     pub fn entries(self, registry: &Registry) -> Vec<(String, String)> {
         let own = |name: &str, about: &str| (name.to_owned(), about.to_owned());
-        let kinds = |kinds: &[Kind]| kinds.iter().map(|kind| own(kind.name, kind.about)).collect();
+        let kinds = |kinds: Vec<Kind>| kinds.iter().map(|kind| own(kind.name, kind.about)).collect();
         match self {
             Self::Sections => sections::entries(registry),
             Self::Environments => {
@@ -95,8 +95,8 @@ impl Group {
                 let all = registry.protocols.iter();
                 all.map(|(name, entry)| own(name, entry.about.about)).collect()
             }
-            Self::Tables => kinds(TableKind::ALL),
-            Self::Figures => kinds(FigureKind::ALL),
+            Self::Tables => kinds(Kinds::of(registry).of_tables()),
+            Self::Figures => kinds(Kinds::of(registry).of_figures()),
             Self::Samplers => sections::samplers()
                 .into_iter()
                 .map(|(name, form)| (name, form.about))
@@ -104,7 +104,7 @@ impl Group {
             Self::Relations => forms::RELATIONS.map(|form| own(form.written, form.about)).into(),
             Self::Aggregates => Aggregate::ALL.map(|it| own(it.name(), it.about())).into(),
             Self::Artifacts => ArtifactKind::ALL.map(|it| own(it.name(), it.about())).into(),
-            Self::Executors => executor::all()
+            Self::Executors => executor::all(registry)
                 .iter()
                 .map(|kind| own(kind.name, kind.about))
                 .collect(),

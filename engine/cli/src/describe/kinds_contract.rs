@@ -1,7 +1,6 @@
 //! Contract of every kind of table and figure: it describes itself, refuses unknown names, and
 //! can be built.
 
-use super::Kind;
 use crate::describe::{Asked, find, text};
 use analysis::{
     results::{Results, SearchResult},
@@ -15,8 +14,9 @@ use contract::{
 };
 use document::{diagnostic::Diagnostic, schema_check::View};
 use presentation::{
-    figure::{self, Context, FigureKind},
-    table::{self, TableKind},
+    figure::{self, Context},
+    kinds::{Kind, Kinds},
+    table,
 };
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
@@ -40,9 +40,10 @@ const SEARCH: &str = "tune: { learner_rates: { over: { learner.discount: { unifo
                       environment: short, settings: 12 } }\n";
 
 /// Every kind with the section that it belongs to.
-fn all() -> impl Iterator<Item = (&'static str, &'static Kind)> {
-    let tables = TableKind::ALL.iter().map(|kind| ("tables", kind));
-    tables.chain(FigureKind::ALL.iter().map(|kind| ("figures", kind)))
+fn all() -> impl Iterator<Item = (&'static str, Kind)> {
+    let kinds = Kinds::default();
+    let tables = kinds.of_tables().into_iter().map(|kind| ("tables", kind));
+    tables.chain(kinds.of_figures().into_iter().map(|kind| ("figures", kind)))
 }
 
 fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnostic>> {

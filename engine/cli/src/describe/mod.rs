@@ -26,7 +26,7 @@ use analysis::claim::{Aggregate, forms};
 use contract::{ArtifactKind, Better, Metric, PerEpisode, Preset, Registry};
 use document::{diagnostic, schema_check::View};
 use execution::executor::{self, Kind as ExecutorKind, Way};
-use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
+use presentation::kinds::{Kind, Kinds};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -209,8 +209,8 @@ pub fn subject(registry: &Registry, group: Group, name: &str, asked: Asked) -> O
         Group::Environments => plugin::environment(registry, name, asked),
         Group::Agents => plugin::agent(registry, name, asked),
         Group::Protocols => plugin::protocol(registry, name),
-        Group::Tables => of_kind(TableKind::ALL, "tables", Group::Tables, name),
-        Group::Figures => of_kind(FigureKind::ALL, "figures", Group::Figures, name),
+        Group::Tables => of_kind(&Kinds::of(registry).of_tables(), "tables", group, name),
+        Group::Figures => of_kind(&Kinds::of(registry).of_figures(), "figures", group, name),
         Group::Samplers => {
             let (name, form) = sections::samplers()
                 .into_iter()
@@ -220,7 +220,7 @@ pub fn subject(registry: &Registry, group: Group, name: &str, asked: Asked) -> O
         Group::Relations => relation(name),
         Group::Aggregates => aggregate(name),
         Group::Artifacts => artifact(name),
-        Group::Executors => executor(&executor::find(name)?),
+        Group::Executors => executor(&executor::find(registry, name)?),
     }
 }
 

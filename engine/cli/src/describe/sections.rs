@@ -14,7 +14,6 @@ use analysis::claim::{
 };
 use contract::Registry;
 use document::schema_check::View;
-use presentation::{figure::FigureKind, kinds::Kind, table::TableKind};
 
 /// One use of a section.
 pub(super) struct Example {
@@ -314,7 +313,6 @@ pub(super) fn subject(registry: &Registry, name: &str) -> Option<Subject> {
 
 /// The names that may stand in a section for what is described under them.
 fn choice(registry: &Registry, section: &str) -> Vec<String> {
-    let kinds = |kinds: &[Kind]| kinds.iter().map(|kind| kind.name.to_owned()).collect();
     let group = |group: Group| {
         group
             .entries(registry)
@@ -326,8 +324,8 @@ fn choice(registry: &Registry, section: &str) -> Vec<String> {
         "environments" => group(Group::Environments),
         "agents" => group(Group::Agents),
         "protocol" => group(Group::Protocols),
-        "tables" => kinds(TableKind::ALL),
-        "figures" => kinds(FigureKind::ALL),
+        "tables" => group(Group::Tables),
+        "figures" => group(Group::Figures),
         _ => Vec::new(),
     }
 }

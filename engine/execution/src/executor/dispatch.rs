@@ -10,6 +10,7 @@ use super::{
     Array, Error, Executor, Queue, State, Stop, Submission, Task, Wait, Way, Work, find, lock, tasks_for,
 };
 use crate::store::write_durably;
+use contract::Registry;
 use std::{
     collections::{BTreeMap, BTreeSet},
     num::NonZeroUsize,
@@ -19,6 +20,8 @@ use std::{
 
 /// One run that computes its trials through a queue.
 pub struct Dispatch<'a> {
+    /// The registry, which knows the executors that took earlier submissions.
+    pub registry: &'a Registry,
     /// Folder of the store, under a path that all machines see.
     pub store: PathBuf,
     /// The command that a worker runs.
@@ -77,12 +80,17 @@ impl View {
 ///
 /// # Errors
 /// [`Error::Engine`] where a record cannot be read, and the errors of queues.
-pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
-    holdings_with(store, None, stop)
+pub fn holdings(registry: &Registry, store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
+    holdings_with(registry, store, None, stop)
 }
 
 /// As [`holdings`]; `own` is asked for the submissions that it took itself.
-fn holdings_with(store: &Path, own: Option<&dyn Queue>, stop: &Stop) -> Result<Vec<Holding>, Error> {
+fn holdings_with(
+    registry: &Registry,
+    store: &Path,
+    own: Option<&dyn Queue>,
+    stop: &Stop,
+) -> Result<Vec<Holding>, Error> {
     let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
     for submission in open(store)? {
         by_executor
@@ -94,7 +102,7 @@ fn holdings_with(store: &Path, own: Option<&dyn Queue>, stop: &Stop) -> Result<V
     for (executor, submissions) in by_executor {
         let tasks = match own.filter(|queue| queue.name() == executor) {
             Some(queue) => queue.tasks(&submissions, stop)?,
-            None => asked(&submissions[0], |queue| queue.tasks(&submissions, stop))?,
+            None => asked(registry, &submissions[0], |queue| queue.tasks(&submissions, stop))?,
         };
         all.extend(submissions.into_iter().map(|submission| held(submission, &tasks)));
     }
@@ -111,8 +119,12 @@ fn held(submission: Submission, tasks: &[Task]) -> Holding {
 }
 
 /// Asks the queue that took a submission.
-fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error>) -> Result<T, Error> {
-    let Some(Way::Queue(options)) = find(&submission.executor).map(|kind| kind.way) else {
+fn asked<T>(
+    registry: &Registry,
+    submission: &Submission,
+    ask: impl Fn(&dyn Queue) -> Result<T, Error>,
+) -> Result<T, Error> {
+    let Some(Way::Queue(options)) = find(registry, &submission.executor).map(|kind| kind.way) else {
         let (id, executor) = (submission.id.clone(), submission.executor.clone());
         return Err(Error::Unknown { id, executor });
     };
@@ -145,6 +157,7 @@ const LONGEST_WAIT: Duration = Duration::from_secs(600);
 /// # Errors
 /// The errors of queues; the submission stays open then.
 pub fn cancel(
+    registry: &Registry,
     store: &Path,
     trials: &BTreeSet<String>,
     stop: &Stop,
@@ -155,7 +168,7 @@ pub fn cancel(
     let mut cancelled = Vec::new();
     for mut submission in open(store)? {
         if !submission.trials.is_disjoint(trials) {
-            asked(&submission, |queue| {
+            asked(registry, &submission, |queue| {
                 queue.cancel(&submission.job_name(), false, stop)
             })?;
             submission.close(State::Cancelled)?;
@@ -171,9 +184,10 @@ impl Dispatch<'_> {
     /// # Errors
     /// As [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
-        let (live, dead): (Vec<_>, Vec<_>) = holdings_with(&self.store, Some(self.queue), &self.stop)?
-            .into_iter()
-            .partition(|holding| holding.alive() > 0);
+        let (live, dead): (Vec<_>, Vec<_>) =
+            holdings_with(self.registry, &self.store, Some(self.queue), &self.stop)?
+                .into_iter()
+                .partition(|holding| holding.alive() > 0);
         let live: Vec<Holding> = live
             .into_iter()
             .filter(|holding| holding.covers(missing))

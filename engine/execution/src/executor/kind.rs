@@ -1,6 +1,7 @@
 //! The list of executors: the name and description of each, and the form of its table in `regimen.toml`.
 
 use super::{Error, Executor, hyperqueue, kubernetes, slurm, ssh};
+use contract::Registry;
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -45,28 +46,53 @@ pub struct Options {
 type OptionsParser = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
 type ExecutorFactory = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
 
-/// All executors, in the order in which they are shown.
+/// Registration of executors.
+pub trait RegisterExecutor {
+    /// Registers an executor by the function that makes its entry.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    fn executor(&mut self, kind: fn() -> Kind);
+}
+
+/// An executor of another crate.
+struct Registered(fn() -> Kind);
+
+impl RegisterExecutor for Registry {
+    fn executor(&mut self, kind: fn() -> Kind) {
+        let name = kind().name;
+        assert!(
+            find(self, name).is_none(),
+            "the executor `{name}` is registered twice"
+        );
+        self.extend(Registered(kind));
+    }
+}
+
+/// All executors, in the order in which they are shown: those of the engine, and those that other crates registered.
 #[must_use]
-pub fn all() -> Vec<Kind> {
+pub fn all(registry: &Registry) -> Vec<Kind> {
     let here = Kind {
         name: LOCAL,
         title: "this machine",
         about: "worker processes on this machine",
         way: Way::Here,
     };
-    vec![
+    let own = [
         here,
         ssh::kind(),
         slurm::kind(),
         hyperqueue::kind(),
         kubernetes::kind(),
-    ]
+    ];
+    let others = registry.extensions::<Registered>().map(|it| (it.0)());
+    own.into_iter().chain(others).collect()
 }
 
 /// The executor of a name.
 #[must_use]
-pub fn find(name: &str) -> Option<Kind> {
-    all().into_iter().find(|kind| kind.name == name)
+pub fn find(registry: &Registry, name: &str) -> Option<Kind> {
+    all(registry).into_iter().find(|kind| kind.name == name)
 }
 
 impl Kind {
@@ -150,7 +176,7 @@ mod tests {
 
     #[test]
     fn every_executor_is_listed_with_a_sentence_and_the_keys_of_its_table() {
-        let all = all();
+        let all = all(&Registry::default());
         let names: Vec<&str> = all.iter().map(|kind| kind.name).collect();
         assert_eq!(names, ["local", "ssh", "slurm", "hyperqueue", "kubernetes"]);
         for kind in all.iter().filter_map(|kind| Some((kind, kind.options()?))) {
@@ -173,7 +199,7 @@ mod tests {
 
     #[test]
     fn options_of_another_executor_are_refused() {
-        let slurm = find("slurm").unwrap();
+        let slurm = find(&Registry::default(), "slurm").unwrap();
         let options = slurm.options().unwrap();
         assert!(options.build(&Value::Null).is_ok());
         let wrong = options

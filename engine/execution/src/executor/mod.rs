@@ -8,7 +8,7 @@
 //! - An [`Executor`] defines a task and writes the text that is handed over for it.
 //! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
 //!   waits.
-//! - [`all`] is the list of executors; [`slurm`] and [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
+//! - [`all`] is the list of executors, to which other crates add theirs by [`RegisterExecutor`]; [`slurm`] and [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
 //!   starts nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
 //!
 //! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again
@@ -32,7 +32,7 @@ pub use answer::Stop;
 pub(crate) use answer::tell;
 pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
 pub use follow::{Outcome, Patience, Watch, describe};
-pub use kind::{Kind, LOCAL, Options, Way, all, find};
+pub use kind::{Kind, LOCAL, Options, RegisterExecutor, Way, all, find};
 pub use lock::{Wait, lock};
 pub use queue::{Queue, Task, counts, summary};
 pub use ssh::Access;

@@ -24,6 +24,14 @@ pub struct Bars {
 }
 
 impl Figure for Bars {
+    fn name() -> &'static str {
+        "bars"
+    }
+
+    fn about() -> &'static str {
+        "One metric by groups of bars, with intervals over seeds."
+    }
+
     fn example() -> &'static str {
         "{ of: { rows: environment, value: return, agents: [learner, rule] } }"
     }

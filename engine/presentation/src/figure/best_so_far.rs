@@ -29,6 +29,14 @@ pub struct BestSoFar {
 }
 
 impl Figure for BestSoFar {
+    fn name() -> &'static str {
+        "best_so_far"
+    }
+
+    fn about() -> &'static str {
+        "The value of each setting that a search tried, in their order, and the best one so far."
+    }
+
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }

@@ -27,7 +27,7 @@ pub struct Context<'a> {
 /// # Errors
 /// [`Error::Render`] where the results lack the values that the figure shows.
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-    let mut chart = spec.kind.it().build(spec, context)?;
+    let mut chart = spec.kind.build(spec, context)?;
     for panel in &mut chart.panels {
         panel.x.label = spec
             .x_label

@@ -31,6 +31,15 @@ pub struct Contour {
 }
 
 impl Figure for Contour {
+    fn name() -> &'static str {
+        "contour"
+    }
+
+    fn about() -> &'static str {
+        "A surface traced as x, y, z, as filled contours, with what was measured during learning as \
+             points over it."
+    }
+
     fn example() -> &'static str {
         "{ surface: [height_1, height_2, height_1], path: [return, length], agents: [learner] }"
     }

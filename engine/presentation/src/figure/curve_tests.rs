@@ -2,7 +2,7 @@
 
 use super::{
     Band, Chart, Context, CurveSource, FigureSpec, LearningCurve, Line, SeedLines, Shape, build,
-    tests::{chart, curve_of, learning_curve},
+    tests::{chart, learning_curve, with_options},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES};
@@ -147,10 +147,9 @@ fn curves(chart: &Chart) -> Vec<&super::Curve> {
 #[test]
 fn smoothed_lines_stay_in_their_bands() {
     let spec = |band, line| {
-        let mut spec = learning_curve(band);
-        let kind = curve_of(&mut spec);
-        (kind.smooth, kind.line) = (0.95, line);
-        spec
+        with_options(&learning_curve(band), |curve: &mut LearningCurve| {
+            (curve.smooth, curve.line) = (0.95, line);
+        })
     };
     for (band, line) in [
         (Band::Interval, Line::Mean),

@@ -1,7 +1,7 @@
 //! Figures of artifacts: their data by snapshot, their drawing by properties.
 
 use super::{
-    Chart, Context, FigureKind, FigureSpec, GraphFigure, Images, build,
+    Chart, Context, FigureSpec, GraphFigure, Images, build,
     graph_drawing::tests::{branched, cell, generator},
     is_wide, layout,
     paint::Mark,
@@ -114,12 +114,9 @@ fn images_are_shown_with_what_is_missing() {
     let csv = all.csv().unwrap();
     assert_eq!(csv.lines().count(), 1 + 2 * 36);
     insta::assert_snapshot!("images", csv.lines().step_by(12).collect::<Vec<_>>().join("\n"));
-    let FigureKind::Images(kind) = &mut spec.kind else {
-        panic!()
-    };
-    (kind.rows, kind.columns) = (9, 5);
+    let larger = with_options(&spec, |kind: &mut Images| (kind.rows, kind.columns) = (9, 5));
     assert_eq!(
-        chart(&spec, &results).notes[0],
+        chart(&larger, &results).notes[0],
         "All images of seed 3 in eight_cells."
     );
 }

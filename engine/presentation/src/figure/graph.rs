@@ -28,6 +28,14 @@ pub struct GraphFigure {
 }
 
 impl Figure for GraphFigure {
+    fn name() -> &'static str {
+        "graph"
+    }
+
+    fn about() -> &'static str {
+        "The graph of a design that a trial left, as boxes and arrows, one drawing per agent."
+    }
+
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, seed: 1 }"
     }

@@ -36,6 +36,14 @@ pub struct GroupedLines {
 }
 
 impl Figure for GroupedLines {
+    fn name() -> &'static str {
+        "grouped_lines"
+    }
+
+    fn about() -> &'static str {
+        "A metric against a swept key, one line per group."
+    }
+
     fn example() -> &'static str {
         "{ metric: return, x: discount, agents: [learner, rule] }"
     }

@@ -31,6 +31,14 @@ pub struct HeatMap {
 }
 
 impl Figure for HeatMap {
+    fn name() -> &'static str {
+        "heat_map"
+    }
+
+    fn about() -> &'static str {
+        "A comparison as coloured cells, as over two swept keys."
+    }
+
     fn example() -> &'static str {
         "{ of: { rows: agent, columns: environment, value: return, agents: [learner, rule] } }"
     }

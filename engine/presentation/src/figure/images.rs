@@ -46,6 +46,14 @@ impl Default for Images {
 }
 
 impl Figure for Images {
+    fn name() -> &'static str {
+        "images"
+    }
+
+    fn about() -> &'static str {
+        "Samples that trials left as images, a grid of them per agent."
+    }
+
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, rows: 2, columns: 3 }"
     }

@@ -35,6 +35,14 @@ fn twenty() -> usize {
 const LITTLE: f64 = 0.2;
 
 impl Figure for ImportanceFigure {
+    fn name() -> &'static str {
+        "importance"
+    }
+
+    fn about() -> &'static str {
+        "How much each key of a search matters: what a forest's forecast loses without it."
+    }
+
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }

@@ -18,6 +18,7 @@ use contract::{Error, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::{Summary, common_steps};
+use std::path::Path;
 
 /// A metric against training steps: as it was measured while agents learned, or as they recorded it themselves, such as
 /// a loss.
@@ -115,8 +116,26 @@ pub enum Automatic {
 }
 
 impl Figure for LearningCurve {
+    fn name() -> &'static str {
+        "learning_curve"
+    }
+
+    fn about() -> &'static str {
+        "A metric against training steps, one line per agent with its seeds or a band over them."
+    }
+
     fn example() -> &'static str {
         "{ metric: return, agents: [learner] }"
+    }
+
+    fn seek_from(&mut self, folder: &Path) {
+        self.published
+            .iter_mut()
+            .for_each(|curve| curve.seek_from(folder));
+    }
+
+    fn followed_metric(&self) -> Option<&str> {
+        Some(&self.metric)
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {

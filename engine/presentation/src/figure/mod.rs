@@ -70,60 +70,49 @@ pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
-    kinds::{Contradiction, kinds},
+    kinds::{Chosen, Contradiction, Options, Readable, of_figure},
     names::{Names, Place},
 };
-use analysis::published_curve::PublishedCurve;
 use contract::{ArtifactKind, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
-kinds! {
-    /// Kind of a figure, with its options.
-    FigureKind: Figure {
-        "learning_curve" => LearningCurve(LearningCurve),
-            "A metric against training steps, one line per agent with its seeds or a band over them.";
-        "trajectory" => Trajectory(Trajectory),
-            "Step-by-step values of one recorded episode, one panel per agent.";
-        "bars" => Bars(Bars),
-            "One metric by groups of bars, with intervals over seeds.";
-        "grouped_lines" => GroupedLines(GroupedLines),
-            "A metric against a swept key, one line per group.";
-        "heat_map" => HeatMap(HeatMap),
-            "A comparison as coloured cells, as over two swept keys.";
-        "scatter" => Scatter(Scatter),
-            "One metric against another, a point per seed.";
-        "contour" => Contour(Contour),
-            "A surface traced as x, y, z, as filled contours, with what was measured during learning as \
-             points over it.";
-        "interval_estimates" => IntervalEstimates(IntervalEstimates),
-            "Median, interquartile mean, mean and optimality gap of normalised scores over several environments, \
-             with intervals, a row per agent.";
-        "performance_profile" => PerformanceProfile(PerformanceProfile),
-            "The share of runs above a normalised score, one line per agent over all environments.";
-        "probability_of_improvement" => ProbabilityOfImprovement(ProbabilityOfImprovement),
-            "How often a run of one agent scores above one of another, averaged over environments, a row per \
-             pair.";
-        "sample_efficiency" => SampleEfficiency(SampleEfficiency),
-            "The interquartile mean of normalised scores over several environments against environment steps, \
-             one line per agent.";
-        "importance" => Importance(ImportanceFigure),
-            "How much each key of a search matters: what a forest's forecast loses without it.";
-        "best_so_far" => BestSoFar(BestSoFar),
-            "The value of each setting that a search tried, in their order, and the best one so far.";
-        "parallel_coordinates" => ParallelCoordinates(ParallelCoordinates),
-            "The settings that a search tried, a line each over its keys and its metric, with values on every axis.";
-        "images" => Images(Images),
-            "Samples that trials left as images, a grid of them per agent.";
-        "graph" => GraphFigure(GraphFigure),
-            "The graph of a design that a trial left, as boxes and arrows, one drawing per agent.";
-    }
+/// The kinds of figures of the engine, in the order in which they are listed.
+pub(crate) fn kinds() -> Vec<Readable<dyn Figure>> {
+    vec![
+        of_figure::<LearningCurve>(),
+        of_figure::<Trajectory>(),
+        of_figure::<Bars>(),
+        of_figure::<GroupedLines>(),
+        of_figure::<HeatMap>(),
+        of_figure::<Scatter>(),
+        of_figure::<Contour>(),
+        of_figure::<IntervalEstimates>(),
+        of_figure::<PerformanceProfile>(),
+        of_figure::<ProbabilityOfImprovement>(),
+        of_figure::<SampleEfficiency>(),
+        of_figure::<ImportanceFigure>(),
+        of_figure::<BestSoFar>(),
+        of_figure::<ParallelCoordinates>(),
+        of_figure::<Images>(),
+        of_figure::<GraphFigure>(),
+    ]
 }
 
 /// Interface of every kind of figure.
-pub(crate) trait Figure {
+pub trait Figure: Options {
+    /// Key of the kind in a study.
+    fn name() -> &'static str
+    where
+        Self: Sized;
+
+    /// Description in a sentence or two, for `describe`.
+    fn about() -> &'static str
+    where
+        Self: Sized;
+
     /// A use of the kind in YAML, for `describe` and for tests.
     fn example() -> &'static str
     where
@@ -139,6 +128,14 @@ pub(crate) trait Figure {
 
     /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
+
+    /// Resolves the files that it names against the folder of the study.
+    fn seek_from(&mut self, _folder: &Path) {}
+
+    /// The metric whose course `watch` shows for it; `None` where it shows something else.
+    fn followed_metric(&self) -> Option<&str> {
+        None
+    }
 
     /// Kind of artifact that it shows; `None` where it shows recorded metrics.
     fn shows(&self) -> Option<ArtifactKind> {
@@ -166,8 +163,9 @@ pub struct FigureSpec {
     #[serde(default)]
     pub caption: String,
     /// Kind of the figure: exactly one.
-    #[serde(flatten)]
-    pub kind: FigureKind,
+    #[serde(flatten, skip_deserializing, default = "unread")]
+    #[schemars(skip)]
+    pub kind: Chosen<dyn Figure>,
     /// Names to print instead of the study's own.
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
@@ -190,13 +188,18 @@ pub struct FigureSpec {
     pub font_pt: Option<f64>,
 }
 
+/// The kind of a figure whose options are not read yet; its reader puts them in.
+fn unread() -> Chosen<dyn Figure> {
+    Chosen::of(LearningCurve::name(), Arc::new(LearningCurve::default()))
+}
+
 impl FigureSpec {
     /// A figure of this kind, without caption, labels and notes.
     #[must_use]
-    pub fn of(kind: impl Into<FigureKind>) -> Self {
+    pub fn of<K: Figure>(kind: K) -> Self {
         Self {
             caption: String::new(),
-            kind: kind.into(),
+            kind: Chosen::of(K::name(), Arc::new(kind)),
             labels: BTreeMap::new(),
             x_label: None,
             y_label: None,
@@ -204,41 +207,6 @@ impl FigureSpec {
             width_mm: None,
             font_pt: None,
         }
-    }
-
-    /// Resolves the files of its published curves against `folder`.
-    pub fn seek_from(&mut self, folder: &Path) {
-        self.published_curves_mut()
-            .iter_mut()
-            .for_each(|curve| curve.seek_from(folder));
-    }
-
-    /// The published curves in it.
-    pub fn published_curves_mut(&mut self) -> &mut [PublishedCurve] {
-        if let FigureKind::LearningCurve(curve) = &mut self.kind {
-            &mut curve.published
-        } else {
-            &mut []
-        }
-    }
-}
-
-impl FigureKind {
-    /// Checks every name in it.
-    pub(crate) fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        self.it().check(names, at);
-    }
-
-    /// Kind of artifact that it shows; `None` where it shows recorded metrics.
-    #[must_use]
-    pub fn shows(&self) -> Option<ArtifactKind> {
-        self.it().shows()
-    }
-
-    /// Whether the record in a folder of results holds all its values.
-    #[must_use]
-    pub fn is_recorded(&self) -> bool {
-        self.it().is_recorded()
     }
 }
 

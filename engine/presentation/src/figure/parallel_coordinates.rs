@@ -33,6 +33,14 @@ pub struct ParallelCoordinates {
 }
 
 impl Figure for ParallelCoordinates {
+    fn name() -> &'static str {
+        "parallel_coordinates"
+    }
+
+    fn about() -> &'static str {
+        "The settings that a search tried, a line each over its keys and its metric, with values on every axis."
+    }
+
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }

@@ -28,6 +28,14 @@ pub struct Scatter {
 }
 
 impl Figure for Scatter {
+    fn name() -> &'static str {
+        "scatter"
+    }
+
+    fn about() -> &'static str {
+        "One metric against another, a point per seed."
+    }
+
     fn example() -> &'static str {
         "{ x: return, y: length, agents: [learner, rule] }"
     }

@@ -1,8 +1,8 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by properties.
 
 use super::{
-    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, HeatMap, LearningCurve,
-    Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
+    Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, HeatMap, LearningCurve, Scatter, Shape,
+    Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::table::{Axis, Comparison, TableAxis};
 use analysis::results::Results;
@@ -49,11 +49,14 @@ pub(super) fn learning_curve(band: Band) -> FigureSpec {
     }
 }
 
-pub(super) fn curve_of(spec: &mut FigureSpec) -> &mut LearningCurve {
-    let FigureKind::LearningCurve(curve) = &mut spec.kind else {
-        panic!("no learning curve")
-    };
-    curve
+/// The same figure with other options of its kind.
+pub(super) fn with_options<K: Figure + Clone>(spec: &FigureSpec, change: impl FnOnce(&mut K)) -> FigureSpec {
+    let mut options = spec.kind.downcast::<K>().unwrap().clone();
+    change(&mut options);
+    FigureSpec {
+        kind: FigureSpec::of(options).kind,
+        ..spec.clone()
+    }
 }
 
 fn trajectory() -> FigureSpec {
@@ -486,7 +489,7 @@ fn nothing_to_draw_is_said() {
 
 #[test]
 fn measurements_before_a_step_are_left_out_of_line_and_average() {
-    let mut spec = learning_curve(Band::Sd);
+    let spec = learning_curve(Band::Sd);
     let of = |spec: &FigureSpec| {
         let series = chart(spec, &study()).panels[0].series.clone();
         let line = series.into_iter().find_map(|series| match series.shape {
@@ -497,15 +500,15 @@ fn measurements_before_a_step_are_left_out_of_line_and_average() {
     };
     let whole = of(&spec);
     let from = whole[2].x;
-    let kind = curve_of(&mut spec);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step")]
     let step = from as u64;
-    (kind.from_step, kind.smooth) = (step, 0.9);
-    let late = of(&spec);
+    let late = of(&with_options(&spec, |curve: &mut LearningCurve| {
+        (curve.from_step, curve.smooth) = (step, 0.9);
+    }));
     assert_eq!((late.len() + 2, &late[0]), (whole.len(), &whole[2]));
     assert_ne!(late[1], whole[3]);
-    curve_of(&mut spec).from_step = u64::MAX;
-    assert!(of(&spec).is_empty());
+    let after_the_end = with_options(&spec, |curve: &mut LearningCurve| curve.from_step = u64::MAX);
+    assert!(of(&after_the_end).is_empty());
 }
 
 #[test]

@@ -41,6 +41,14 @@ pub struct Trajectory {
 }
 
 impl Figure for Trajectory {
+    fn name() -> &'static str {
+        "trajectory"
+    }
+
+    fn about() -> &'static str {
+        "Step-by-step values of one recorded episode, one panel per agent."
+    }
+
     fn example() -> &'static str {
         "{ channels: [height], agents: [learner, rule], environment: short }"
     }

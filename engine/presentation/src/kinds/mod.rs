@@ -1,10 +1,17 @@
-//! Kinds of tables and of figures: one list of each, for listing, description, checks and construction.
+//! Kinds of tables and of figures, for listing, description, checks and construction.
 //!
-//! A kind is a type that can be read from a study, with the trait of its list ([`crate::table::TableKind`] or
-//! [`crate::figure::FigureKind`] names them). Adding one is a file with that type and a line in the list.
+//! A kind is a type that can be read from a study and implements [`Table`] or [`Figure`]. The list of the kinds in this
+//! crate has a line for each; other crates register theirs by [`RegisterKinds`].
 
-use schemars::{Schema, SchemaGenerator, json_schema};
+use crate::{
+    figure::{self, Figure},
+    table::{self, Table},
+};
+use contract::Registry;
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::{Serialize, Serializer, de::DeserializeOwned};
 use serde_json::{Map, Value, json};
+use std::{any::Any, fmt, ops::Deref, path::Path, sync::Arc};
 
 /// Facts on a kind that hold without a study.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +28,231 @@ pub struct Kind {
     /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test
     /// checks a study with it.
     pub example: fn() -> &'static str,
+}
+
+/// A kind with its reader of options; `T` is `dyn Table` or `dyn Figure`.
+pub struct Readable<T: ?Sized> {
+    /// Facts on the kind.
+    pub kind: Kind,
+    read: fn(Value, &Path) -> serde_json::Result<Arc<T>>,
+}
+
+impl<T: ?Sized> Clone for Readable<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T: ?Sized> Copy for Readable<T> {}
+
+impl<T: ?Sized> Readable<T> {
+    /// Reads the options under the key of the kind; paths of files are relative to `folder`.
+    ///
+    /// # Errors
+    /// Where an option is missing or has another type.
+    pub fn read(&self, options: Value, folder: &Path) -> serde_json::Result<Chosen<T>> {
+        Ok(Chosen {
+            name: self.kind.name,
+            options: (self.read)(options, folder)?,
+        })
+    }
+}
+
+/// The kinds of tables and figures that a study may use.
+pub struct Kinds {
+    /// Kinds of tables, those of the engine first.
+    pub tables: Vec<Readable<dyn Table>>,
+    /// Kinds of figures, those of the engine first.
+    pub figures: Vec<Readable<dyn Figure>>,
+}
+
+impl Default for Kinds {
+    /// The kinds of the engine.
+    fn default() -> Self {
+        Self {
+            tables: table::kinds(),
+            figures: figure::kinds(),
+        }
+    }
+}
+
+impl Kinds {
+    /// The kinds of the engine and those that other crates registered.
+    #[must_use]
+    pub fn of(registry: &Registry) -> Self {
+        let mut all = Self::default();
+        all.tables.extend(registry.extensions::<Readable<dyn Table>>());
+        all.figures.extend(registry.extensions::<Readable<dyn Figure>>());
+        all
+    }
+
+    /// Facts on the kinds of tables.
+    #[must_use]
+    pub fn of_tables(&self) -> Vec<Kind> {
+        self.tables.iter().map(|it| it.kind).collect()
+    }
+
+    /// Facts on the kinds of figures.
+    #[must_use]
+    pub fn of_figures(&self) -> Vec<Kind> {
+        self.figures.iter().map(|it| it.kind).collect()
+    }
+}
+
+impl fmt::Debug for Kinds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kinds = self.of_tables().into_iter().chain(self.of_figures());
+        f.debug_set().entries(kinds.map(|kind| kind.name)).finish()
+    }
+}
+
+/// Registration of kinds of tables and figures.
+pub trait RegisterKinds {
+    /// Registers a kind of tables.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self);
+
+    /// Registers a kind of figures.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self);
+}
+
+impl RegisterKinds for Registry {
+    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self) {
+        let taken = Kinds::of(self).of_tables();
+        assert!(
+            taken.iter().all(|kind| kind.name != T::name()),
+            "the kind of tables `{}` is registered twice",
+            T::name()
+        );
+        self.extend(of_table::<T>());
+    }
+
+    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self) {
+        let taken = Kinds::of(self).of_figures();
+        assert!(
+            taken.iter().all(|kind| kind.name != F::name()),
+            "the kind of figures `{}` is registered twice",
+            F::name()
+        );
+        self.extend(of_figure::<F>());
+    }
+}
+
+/// The entry of a kind of tables.
+pub(crate) fn of_table<T: Table + DeserializeOwned + JsonSchema>() -> Readable<dyn Table> {
+    Readable {
+        kind: Kind {
+            name: T::name(),
+            about: T::about(),
+            schema: |generator| generator.subschema_for::<T>(),
+            contradiction: T::contradiction,
+            example: T::example,
+        },
+        read: |options, _| Ok(Arc::new(serde_json::from_value::<T>(options)?)),
+    }
+}
+
+/// The entry of a kind of figures.
+pub(crate) fn of_figure<F: Figure + DeserializeOwned + JsonSchema>() -> Readable<dyn Figure> {
+    Readable {
+        kind: Kind {
+            name: F::name(),
+            about: F::about(),
+            schema: |generator| generator.subschema_for::<F>(),
+            contradiction: F::contradiction,
+            example: F::example,
+        },
+        read: |options, folder| {
+            let mut read: F = serde_json::from_value(options)?;
+            read.seek_from(folder);
+            Ok(Arc::new(read))
+        },
+    }
+}
+
+/// Options of a kind: they can be written as a study has them, and told by their type.
+pub trait Options: Any + fmt::Debug + Send + Sync {
+    /// The value under the key of the kind.
+    ///
+    /// # Errors
+    /// Where it has no form in JSON.
+    fn to_value(&self) -> serde_json::Result<Value>;
+
+    /// The options as a type that can be asked for.
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<T: Any + fmt::Debug + Serialize + Send + Sync> Options for T {
+    fn to_value(&self) -> serde_json::Result<Value> {
+        serde_json::to_value(self)
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+/// The kind of one table or figure, with its options. A study has it as a mapping with the kind's name as its one key.
+pub struct Chosen<T: ?Sized> {
+    /// Key of the kind in a study.
+    pub name: &'static str,
+    options: Arc<T>,
+}
+
+impl<T: ?Sized> Chosen<T> {
+    pub(crate) const fn of(name: &'static str, options: Arc<T>) -> Self {
+        Self { name, options }
+    }
+}
+
+impl<T: Options + ?Sized> Chosen<T> {
+    /// The options, where they are of this type.
+    #[must_use]
+    pub fn downcast<K: Any>(&self) -> Option<&K> {
+        (*self.options).as_any().downcast_ref()
+    }
+}
+
+impl<T: ?Sized> Deref for Chosen<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.options
+    }
+}
+
+impl<T: ?Sized> Clone for Chosen<T> {
+    fn clone(&self) -> Self {
+        Self {
+            name: self.name,
+            options: Arc::clone(&self.options),
+        }
+    }
+}
+
+impl<T: fmt::Debug + ?Sized> fmt::Debug for Chosen<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {:?}", self.name, &*self.options)
+    }
+}
+
+impl<T: Options + ?Sized> PartialEq for Chosen<T> {
+    fn eq(&self, other: &Self) -> bool {
+        let value = |it: &Self| (*it.options).to_value().ok();
+        self.name == other.name && value(self) == value(other)
+    }
+}
+
+impl<T: Options + ?Sized> Serialize for Chosen<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let value = (*self.options).to_value().map_err(serde::ser::Error::custom)?;
+        serializer.collect_map([(self.name, value)])
+    }
 }
 
 /// An option that others exclude.
@@ -47,9 +279,10 @@ impl Contradiction {
 /// Marker of a key in a schema whose own keys are described under their name and not at its place.
 pub const ELSEWHERE: &str = "x-described-by-name";
 
-/// The schema of an entry that gives exactly one of the kinds: a key for each. A key without a value counts
-/// as not given.
-pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema {
+/// The keys of the kinds in the schema of an entry that gives exactly one of them. A key without a value counts as not
+/// given.
+#[must_use]
+pub fn properties(kinds: &[Kind], generator: &mut SchemaGenerator) -> Map<String, Value> {
     let property = |kind: &Kind| {
         let value = (kind.schema)(generator);
         (
@@ -57,53 +290,5 @@ pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema 
             json!({ "description": kind.about, "anyOf": [value, { "type": "null" }], ELSEWHERE: true }),
         )
     };
-    let properties: Map<String, Value> = kinds.iter().map(property).collect();
-    json_schema!({ "type": "object", "properties": properties })
+    kinds.iter().map(property).collect()
 }
-
-/// A list of kinds: an enum of their types, which is written as a mapping with the kind's name as its one
-/// key.
-macro_rules! kinds {
-    ($(#[$doc:meta])* $Any:ident: $Trait:ident { $($name:literal => $Variant:ident($Spec:ty),
-        $about:literal;)+ }) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-        pub enum $Any {
-            $(#[doc = $about] #[serde(rename = $name)] $Variant($Spec),)+
-        }
-
-        impl $Any {
-            /// All kinds, in the order in which they are listed.
-            pub const ALL: &'static [$crate::kinds::Kind] = &[$($crate::kinds::Kind {
-                name: $name,
-                about: $about,
-                schema: |generator| generator.subschema_for::<$Spec>(),
-                contradiction: <$Spec as $Trait>::contradiction,
-                example: <$Spec as $Trait>::example,
-            },)+];
-
-            fn it(&self) -> &dyn $Trait {
-                match self { $(Self::$Variant(it) => it,)+ }
-            }
-        }
-
-        $(impl From<$Spec> for $Any {
-            fn from(it: $Spec) -> Self {
-                Self::$Variant(it)
-            }
-        })+
-
-        impl schemars::JsonSchema for $Any {
-            fn inline_schema() -> bool {
-                true
-            }
-            fn schema_name() -> std::borrow::Cow<'static, str> {
-                stringify!($Any).into()
-            }
-            fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-                $crate::kinds::schema(Self::ALL, generator)
-            }
-        }
-    };
-}
-pub(crate) use kinds;

@@ -1,7 +1,7 @@
 //! Figures against the names that trials record and trace.
 
 use crate::{
-    figure::{FigureKind, FigureSpec},
+    figure::FigureSpec,
     names::{Names, Place},
 };
 use document::{Entry, diagnostic::suggest};
@@ -11,10 +11,11 @@ impl Names<'_> {
     /// Reads a figure and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
     pub(super) fn figure(&mut self, entry: &Entry, folder: &Path) -> Option<FigureSpec> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
-        let (mut spec, kind) =
-            self.kind::<FigureSpec>(&format!("the figure `{}`", entry.key), &place, FigureKind::ALL)?;
-        spec.seek_from(folder);
-        spec.kind.check(self, &place.below(kind.name)?);
+        let kinds = &self.vocabulary.kinds.figures;
+        let what = format!("the figure `{}`", entry.key);
+        let (mut spec, kind) = self.kind::<FigureSpec, _>((&what, &place), kinds, folder)?;
+        spec.kind = kind;
+        spec.kind.check(self, &place.below(spec.kind.name)?);
         self.figure_labels(&place);
         Some(spec)
     }

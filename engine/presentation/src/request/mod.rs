@@ -11,7 +11,7 @@ use crate::{
     answers::Answer,
     claim_spec::{ClaimSpec, Relevance},
     figure::FigureSpec,
-    kinds,
+    kinds::{Chosen, Kind, Readable},
     names::{Names, Place, quoted},
     summary::Summary,
     table::TableSpec,
@@ -19,7 +19,7 @@ use crate::{
 };
 use contract::{Metric, standard_metrics::SUCCESS, trial_result::Success};
 use document::{
-    Kind, Node,
+    Kind as NodeKind, Node,
     diagnostic::{Diagnostic, Sources, suggest},
 };
 use schemars::{JsonSchema, schema_for};
@@ -171,68 +171,63 @@ fn unreasoned(root: &Node, sources: &Sources) -> Option<Diagnostic> {
 
 fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
     // A list would be read as the fields in their order.
-    matches!(node.kind, Kind::Mapping(_))
+    matches!(node.kind, NodeKind::Mapping(_))
         .then(|| serde_json::from_value(node.to_value()).ok())
         .flatten()
 }
 
 impl Names<'_> {
-    /// The one kind of a table or figure, and the value under its key. Of options that exclude each other all but one
-    /// are removed, so that further mistakes are found too.
-    fn kind<Spec: DeserializeOwned + JsonSchema>(
+    /// Reads the one kind of a table or figure with its options, and the rest of it. Of options that exclude each other
+    /// all but one are removed, so that further mistakes are found too.
+    fn kind<Spec: DeserializeOwned + JsonSchema, T: ?Sized>(
         &mut self,
-        what: &str,
-        place: &Place<'_>,
-        kinds: &'static [kinds::Kind],
-    ) -> Option<(Spec, &'static kinds::Kind)> {
+        (what, place): (&str, &Place<'_>),
+        kinds: &[Readable<T>],
+        folder: &Path,
+    ) -> Option<(Spec, Chosen<T>)> {
         let mut value = place.node.to_value();
         // A key without a value counts as not given.
-        value
-            .as_object_mut()?
-            .retain(|key, value| !value.is_null() || kinds.iter().all(|kind| kind.name != key));
-        let given: Vec<&kinds::Kind> = kinds
+        let options = value.as_object_mut()?;
+        options.retain(|key, value| !value.is_null() || kinds.iter().all(|it| it.kind.name != key));
+        let given: Vec<_> = kinds
             .iter()
-            .filter(|kind| value.get(kind.name).is_some())
+            .filter(|it| options.contains_key(it.kind.name))
             .collect();
-        let [kind] = given.as_slice() else {
-            self.not_one_kind::<Spec>(what, place, &given, kinds);
+        let [it] = given.as_slice() else {
+            let name = |it: &Readable<T>| it.kind.name.to_owned();
+            let given: Vec<String> = given.into_iter().map(name).collect();
+            let known: Vec<String> = kinds.iter().map(name).collect();
+            self.not_one_kind::<Spec>((what, place), &given, &known);
             return None;
         };
-        self.contradictions(kind, &place.below(kind.name)?, &mut value[kind.name]);
-        serde_json::from_value(value).ok().map(|spec| (spec, *kind))
+        let mut own = options.remove(it.kind.name)?;
+        self.contradictions(&it.kind, &place.below(it.kind.name)?, &mut own);
+        let chosen = it.read(own, folder).ok()?;
+        serde_json::from_value(value).ok().map(|spec| (spec, chosen))
     }
 
     /// Says that a table or figure gives no kind, or several. An unknown key may have been meant as the kind and has
     /// its own diagnostic.
     fn not_one_kind<Spec: JsonSchema>(
         &mut self,
-        what: &str,
-        place: &Place<'_>,
-        given: &[&kinds::Kind],
-        kinds: &[kinds::Kind],
+        (what, place): (&str, &Place<'_>),
+        given: &[String],
+        kinds: &[String],
     ) {
         let message = match given {
-            [first, second, ..] => format!("{what} shows both `{}` and `{}`", first.name, second.name),
+            [first, second, ..] => format!("{what} shows both `{first}` and `{second}`"),
             _ => format!("{what} does not say what it shows"),
         };
         let schema = schema_for!(Spec).to_value();
-        if place
-            .node
-            .entries()
-            .iter()
-            .all(|entry| schema["properties"].get(&entry.key).is_some())
-        {
-            let known: Vec<String> = kinds.iter().map(|kind| kind.name.to_owned()).collect();
-            self.say(
-                (place.key, place.at.clone()),
-                message,
-                format!("give exactly one of {}", quoted(&known)),
-            );
+        let is_known = |key: &String| kinds.contains(key) || schema["properties"].get(key).is_some();
+        if place.node.entries().iter().all(|entry| is_known(&entry.key)) {
+            let help = format!("give exactly one of {}", quoted(kinds));
+            self.say((place.key, place.at.clone()), message, help);
         }
     }
 
     /// Says which options exclude each other, and removes all but one.
-    fn contradictions(&mut self, kind: &kinds::Kind, place: &Place<'_>, value: &mut Value) {
+    fn contradictions(&mut self, kind: &Kind, place: &Place<'_>, value: &mut Value) {
         while let Some(contradiction) = (kind.contradiction)(value) {
             let Some((key, outer)) = contradiction.at.split_last() else {
                 return;

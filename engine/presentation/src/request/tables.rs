@@ -2,7 +2,7 @@
 
 use crate::{
     names::{Names, Place},
-    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, TableSpec},
 };
 use document::{
     Entry,
@@ -15,12 +15,14 @@ impl Names<'_> {
     pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
         self.shown.entry(entry.key.clone()).or_default();
-        let (mut spec, kind) =
-            self.kind::<TableSpec>(&format!("the table `{}`", entry.key), &place, TableKind::ALL)?;
+        let kinds = &self.vocabulary.kinds.tables;
+        let what = format!("the table `{}`", entry.key);
+        let (mut spec, kind) = self.kind::<TableSpec, _>((&what, &place), kinds, folder)?;
+        spec.kind = kind;
         spec.published_curves
             .iter_mut()
             .for_each(|curve| curve.seek_from(folder));
-        let inner = place.below(kind.name)?;
+        let inner = place.below(spec.kind.name)?;
         let (rows, columns) = spec.kind.check(self, &inner, place.below("published").as_ref());
         self.margin(&spec, &place);
         self.compared_curves(&spec, &place);

@@ -37,6 +37,14 @@ fn five() -> usize {
 }
 
 impl Table for BestSettings {
+    fn name() -> &'static str {
+        "best_settings"
+    }
+
+    fn about() -> &'static str {
+        "The settings that a search tried, the best ones first."
+    }
+
     fn example() -> &'static str {
         "{ search: learner_rates, best: 3 }"
     }

@@ -54,6 +54,15 @@ impl Default for CrossPlayTable {
 }
 
 impl Table for CrossPlayTable {
+    fn name() -> &'static str {
+        "cross_play"
+    }
+
+    fn about() -> &'static str {
+        "A metric of a play, by who plays one role along the rows and who another along the columns, \
+             with both means."
+    }
+
     fn example() -> &'static str {
         "{ play: tag, rows: chaser, columns: runner, value: return, normalise: false }"
     }

@@ -35,6 +35,14 @@ pub struct Metrics {
 }
 
 impl Table for Metrics {
+    fn name() -> &'static str {
+        "metrics"
+    }
+
+    fn about() -> &'static str {
+        "Several metrics of agents in one environment, one row each, and how agents rank them."
+    }
+
     fn example() -> &'static str {
         "{ values: [return, length], environment: short, agents: [rule, learner], ranked_against: rule }"
     }

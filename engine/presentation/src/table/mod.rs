@@ -47,7 +47,7 @@ pub use terminal::align;
 pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
-    kinds::{Contradiction, kinds},
+    kinds::{Chosen, Contradiction, Options, Readable, of_table},
     names::{Names, Place},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
@@ -56,32 +56,33 @@ use published::JudgingRules;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
-kinds! {
-    /// Kind of a table, with its options.
-    TableKind: Table {
-        "improvement" => Improvement(Improvement),
-            "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
-             otherwise.";
-        "comparison" => Comparison(Comparison),
-            "A metric of agents and environments side by side.";
-        "cross_play" => CrossPlay(CrossPlayTable),
-            "A metric of a play, by who plays one role along the rows and who another along the columns, \
-             with both means.";
-        "aggregate" => Aggregate(Aggregate),
-            "Aggregates of normalised scores over several environments, one row per agent.";
-        "rank_correlation" => RankCorrelation(RankCorrelation),
-            "How well environments rank agents and settings as one of them (`against`) does, by a metric.";
-        "metrics" => Metrics(Metrics),
-            "Several metrics of agents in one environment, one row each, and how agents rank them.";
-        "best_settings" => BestSettings(BestSettings),
-            "The settings that a search tried, the best ones first.";
-    }
+/// The kinds of tables of the engine, in the order in which they are listed.
+pub(crate) fn kinds() -> Vec<Readable<dyn Table>> {
+    vec![
+        of_table::<Improvement>(),
+        of_table::<Comparison>(),
+        of_table::<CrossPlayTable>(),
+        of_table::<Aggregate>(),
+        of_table::<RankCorrelation>(),
+        of_table::<Metrics>(),
+        of_table::<BestSettings>(),
+    ]
 }
 
 /// Interface of every kind of table.
-pub(crate) trait Table {
+pub trait Table: Options {
+    /// Key of the kind in a study.
+    fn name() -> &'static str
+    where
+        Self: Sized;
+
+    /// Description in a sentence or two, for `describe`.
+    fn about() -> &'static str
+    where
+        Self: Sized;
+
     /// A use of the kind in YAML, for `describe` and for tests.
     fn example() -> &'static str
     where
@@ -150,8 +151,9 @@ pub struct TableSpec {
     #[serde(default)]
     pub caption: String,
     /// Kind of the table: exactly one.
-    #[serde(flatten)]
-    pub kind: TableKind,
+    #[serde(flatten, skip_deserializing, default = "unread")]
+    #[schemars(skip)]
+    pub kind: Chosen<dyn Table>,
     /// Published values by row, or by row and column.
     #[serde(default)]
     pub published: BTreeMap<String, PublishedRow>,
@@ -186,13 +188,18 @@ pub struct TableSpec {
     pub latex: Option<LatexLayout>,
 }
 
+/// The kind of a table whose options are not read yet; its reader puts them in.
+fn unread() -> Chosen<dyn Table> {
+    Chosen::of(Comparison::name(), Arc::new(Comparison::default()))
+}
+
 impl TableSpec {
     /// A table of this kind, without published values, caption and notes.
     #[must_use]
-    pub fn of(kind: impl Into<TableKind>) -> Self {
+    pub fn of<K: Table>(kind: K) -> Self {
         Self {
             caption: String::new(),
-            kind: kind.into(),
+            kind: Chosen::of(K::name(), Arc::new(kind)),
             published: BTreeMap::new(),
             published_curves: Vec::new(),
             margin: None,
@@ -212,54 +219,12 @@ impl TableSpec {
     }
 }
 
-impl TableKind {
-    /// Checks every name in it; returns the names of its rows and columns.
-    pub(crate) fn check(
-        &self,
-        names: &mut Names<'_>,
-        at: &Place<'_>,
-        published: Option<&Place<'_>>,
-    ) -> (Vec<String>, Vec<String>) {
-        self.it().check(names, at, published)
-    }
-
-    /// Better direction of a column; `None` where the kind does not determine it.
-    #[must_use]
-    pub fn better(&self, column: &str) -> Option<Direction> {
-        self.it().better(column)
-    }
-
-    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
-    #[must_use]
-    pub fn metric_of_unit(&self) -> Option<&str> {
-        self.it().metric_of_unit()
-    }
-
-    /// Phrase for values that are no means over seeds; `None` for means.
-    pub(crate) fn no_means(&self) -> Option<&'static str> {
-        self.it().no_means()
-    }
-
-    /// Whether the values are shares of seeds with success.
-    #[must_use]
-    pub fn shows_shares(&self) -> bool {
-        self.it().shows_shares()
-    }
-
-    /// Number of measurements up to each column over which published curves are compared; `None` where they cannot
-    /// be.
-    #[must_use]
-    pub fn measurements_by_step(&self) -> Option<u64> {
-        self.it().measurements_by_step()
-    }
-}
-
 /// Computes a table. Missing seeds are counted in their cells, never left out in silence.
 ///
 /// # Errors
 /// [`Error::Render`] where the spec names an agent that the results do not know, or the results lack its values.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
-    let kind = spec.kind.it();
+    let kind = &spec.kind;
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
     grid.caption.clone_from(&spec.caption);
     grid.notes.extend(spec.notes.iter().cloned());

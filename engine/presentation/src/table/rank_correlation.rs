@@ -39,6 +39,14 @@ pub struct RankCorrelation {
 }
 
 impl Table for RankCorrelation {
+    fn name() -> &'static str {
+        "rank_correlation"
+    }
+
+    fn about() -> &'static str {
+        "How well environments rank agents and settings as one of them (`against`) does, by a metric."
+    }
+
     fn example() -> &'static str {
         "{ value: return, against: long, environments: [short], agents: [rule, other, learner] }"
     }

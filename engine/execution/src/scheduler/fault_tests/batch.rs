@@ -252,7 +252,9 @@ impl Site {
             arguments: vec!["worker".into()],
             folder: "/".into(),
         };
+        let registry = Registry::default();
         let dispatch = Dispatch {
+            registry: &registry,
             store: "/store".into(),
             work,
             queue: &self.batch,

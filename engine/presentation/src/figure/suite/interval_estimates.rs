@@ -41,6 +41,15 @@ pub struct IntervalEstimates {
 asked!(IntervalEstimates);
 
 impl Figure for IntervalEstimates {
+    fn name() -> &'static str {
+        "interval_estimates"
+    }
+
+    fn about() -> &'static str {
+        "Median, interquartile mean, mean and optimality gap of normalised scores over several environments, \
+             with intervals, a row per agent."
+    }
+
     fn example() -> &'static str {
         EXAMPLE
     }

@@ -54,6 +54,14 @@ fn default_points() -> usize {
 asked!(PerformanceProfile);
 
 impl Figure for PerformanceProfile {
+    fn name() -> &'static str {
+        "performance_profile"
+    }
+
+    fn about() -> &'static str {
+        "The share of runs above a normalised score, one line per agent over all environments."
+    }
+
     fn example() -> &'static str {
         EXAMPLE
     }

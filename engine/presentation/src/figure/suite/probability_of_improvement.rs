@@ -71,6 +71,15 @@ impl ProbabilityOfImprovement {
 }
 
 impl Figure for ProbabilityOfImprovement {
+    fn name() -> &'static str {
+        "probability_of_improvement"
+    }
+
+    fn about() -> &'static str {
+        "How often a run of one agent scores above one of another, averaged over environments, a row per \
+             pair."
+    }
+
     fn example() -> &'static str {
         "{ metric: return, normalise: { short: [0, 5], long: [0, 20] }, agents: [learner, rule], \
          environments: [short, long] }"

@@ -41,6 +41,15 @@ pub struct SampleEfficiency {
 asked!(SampleEfficiency);
 
 impl Figure for SampleEfficiency {
+    fn name() -> &'static str {
+        "sample_efficiency"
+    }
+
+    fn about() -> &'static str {
+        "The interquartile mean of normalised scores over several environments against environment steps, \
+             one line per agent."
+    }
+
     fn example() -> &'static str {
         EXAMPLE
     }

@@ -1,7 +1,7 @@
 //! Figures of a suite of synthetic results: their data by snapshot, and their notes on missing scores.
 
 use super::*;
-use crate::figure::{Chart, FigureKind, FigureSpec, Series, Shape, tests::chart};
+use crate::figure::{Chart, FigureSpec, Series, Shape, tests::chart};
 use analysis::results::Results;
 use contract::Phase;
 use serde_json::{Value, json};
@@ -16,10 +16,12 @@ fn spec(kind: &str, options: Value) -> FigureSpec {
     });
     let own = options.as_object().cloned().unwrap_or_default();
     all.as_object_mut().unwrap().extend(own);
-    let kind: FigureKind = serde_json::from_value(json!({ kind: all })).unwrap();
+    let kinds = Kinds::default().figures;
+    let kind = kinds.iter().find(|it| it.kind.name == kind).unwrap();
     FigureSpec {
+        kind: kind.read(all, Path::new("")).unwrap(),
         labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
-        ..FigureSpec::of(kind)
+        ..FigureSpec::of(LearningCurve::default())
     }
 }
 

@@ -81,6 +81,14 @@ impl Aggregate {
 }
 
 impl Table for Aggregate {
+    fn name() -> &'static str {
+        "aggregate"
+    }
+
+    fn about() -> &'static str {
+        "Aggregates of normalised scores over several environments, one row per agent."
+    }
+
     fn example() -> &'static str {
         "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"

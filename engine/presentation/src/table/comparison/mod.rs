@@ -125,6 +125,14 @@ impl Comparison {
 }
 
 impl Table for Comparison {
+    fn name() -> &'static str {
+        "comparison"
+    }
+
+    fn about() -> &'static str {
+        "A metric of agents and environments side by side."
+    }
+
     fn example() -> &'static str {
         "{ rows: agent, value: return, agents: [learner, rule], environments: [short] }"
     }
@@ -181,6 +189,15 @@ impl Table for Comparison {
 pub struct Improvement(pub Comparison);
 
 impl Table for Improvement {
+    fn name() -> &'static str {
+        "improvement"
+    }
+
+    fn about() -> &'static str {
+        "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
+             otherwise."
+    }
+
     fn example() -> &'static str {
         "{ rows: environment, value: return, relative_to: rule, agents: [learner, rule] }"
     }
