@@ -75,7 +75,17 @@ const ARROWS: [(&str, &[&str]); 24] = [
             "study",
         ],
     ),
-    ("engine", &["cli", "contract", "session"]),
+    (
+        "engine",
+        &[
+            "analysis",
+            "cli",
+            "contract",
+            "execution",
+            "presentation",
+            "session",
+        ],
+    ),
     // Tests alone stand on it.
     ("engine/testing", &["analysis", "contract"]),
     ("plugins/arithmetic", &[]),

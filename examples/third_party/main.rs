@@ -1,4 +1,5 @@
-//! A program of somebody else: its own environment, agents and protocol beside the engine's.
+//! A program of somebody else: its own environment, agents, protocol, kinds of tables and
+//! figures and executor beside the engine's.
 //!
 //! With arguments it does everything that `regimen` does with studies; without any it runs its own study, from the
 //! folder in which that lies.
@@ -15,7 +16,9 @@
 )]
 
 mod episodes;
+mod lsf;
 mod proportional;
+mod spread;
 mod thermostat;
 
 use engine::{
@@ -67,5 +70,7 @@ fn registry() -> Registry {
     thermostat::register(&mut registry);
     proportional::register(&mut registry);
     episodes::register(&mut registry);
+    spread::register(&mut registry);
+    lsf::register(&mut registry);
     registry
 }

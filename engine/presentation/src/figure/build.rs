@@ -69,7 +69,8 @@ fn beyond_the_axes(chart: &Chart) -> Option<String> {
 
 impl Context<'_> {
     /// The look of an agent, the same in all figures of the study.
-    pub(super) fn style(&self, agent: &str) -> Style {
+    #[must_use]
+    pub fn style(&self, agent: &str) -> Style {
         let position = self.agents.iter().position(|name| name == agent);
         let all = Scope {
             trials: self.results.trials.iter().collect(),
@@ -98,7 +99,8 @@ impl Context<'_> {
     }
 
     /// Label of an axis that shows a metric: its name with spaces, and its unit.
-    pub(super) fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
+    #[must_use]
+    pub fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
         let name = spec.labels.get(metric).cloned().unwrap_or_else(|| spaced(metric));
         // A word that stands for numbered channels has the unit of the first of them.
         let unit = self
