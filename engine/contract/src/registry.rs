@@ -115,8 +115,13 @@ pub struct Registry {
     pub first_study: Option<(&'static str, &'static str)>,
     /// Begins the study that `new --from` writes.
     pub draft: Option<crate::draft::BeginDraft>,
-    extensions: HashMap<TypeId, Vec<Box<dyn Any + Send + Sync>>>,
+    /// Entries of the crates above the contract.
+    pub extensions: Extensions,
 }
+
+/// Entries whose types the contract does not know, by type: kinds of tables and figures, and executors.
+#[derive(Default)]
+pub struct Extensions(HashMap<TypeId, Vec<Box<dyn Any + Send + Sync>>>);
 
 /// Facts that the registration of an agent gives besides the constructor.
 #[derive(Debug, Clone, Default)]
@@ -163,7 +168,7 @@ impl Default for Registry {
             build: None,
             first_study: None,
             draft: None,
-            extensions: HashMap::new(),
+            extensions: Extensions::default(),
         }
     }
 }
@@ -193,13 +198,13 @@ impl Registry {
 
     /// Registers an entry of a type that the crates above the contract know, as a kind of figures.
     pub fn extend<T: Any + Send + Sync>(&mut self, entry: T) {
-        let all = self.extensions.entry(TypeId::of::<T>()).or_default();
+        let all = self.extensions.0.entry(TypeId::of::<T>()).or_default();
         all.push(Box::new(entry));
     }
 
     /// The registered entries of such a type, in the order of their registration.
     pub fn extensions<T: Any>(&self) -> impl Iterator<Item = &T> {
-        let all = self.extensions.get(&TypeId::of::<T>());
+        let all = self.extensions.0.get(&TypeId::of::<T>());
         all.into_iter().flatten().filter_map(|entry| entry.downcast_ref())
     }
 

@@ -4,6 +4,7 @@ use crate::{
     Exit, Failure, Planned, RunOptions, Session, WorkerOptions, compute::Compute, hosts, rehearse, searches,
     seen, submit::Submitting,
 };
+use contract::Registry;
 use execution::executor::{self, Kind, Way};
 
 /// The outcome of a run.

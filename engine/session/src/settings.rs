@@ -25,6 +25,7 @@
 //! ```
 
 use crate::{Failure, MachineOptions};
+use contract::Registry;
 use document::reach;
 use execution::{
     executor::{self, Executor, Kind, LOCAL},
@@ -392,7 +393,7 @@ mod tests {
     use super::*;
     use crate::Exit;
 
-    fn settings(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settings, Failure> {
+    fn settings_of(text: &str, folder: &Path, machine: &MachineOptions) -> Result<Settings, Failure> {
         combine(text, folder, machine, &executor::all(&Registry::default()))
     }
 
@@ -407,7 +408,9 @@ mod tests {
     fn a_profile_overrides_the_top() {
         let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits \
                     = { memory_mb = 5 }\n";
-        let settings = settings(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
+        let settings = settings_of(text, Path::new(""), &machine(Some("big")))
+            .ok()
+            .unwrap();
         assert_eq!((settings.store, settings.workers), (PathBuf::from("a"), 16));
         assert_eq!(
             settings.limits,
@@ -433,7 +436,7 @@ mod tests {
         assert_eq!(of(Some("gpus = 2"), None), names(&["0", "1"]));
         assert_eq!(of(Some("gpus = 2"), Some("7")), names(&["7"]));
         assert_eq!(of(Some("gpus = [\"0\", \"7\"]"), Some("7,8")), names(&["7"]));
-        let wrong = settings("gpus = \"all\"", Path::new(""), &machine(None))
+        let wrong = settings_of("gpus = \"all\"", Path::new(""), &machine(None))
             .err()
             .unwrap()
             .text;
@@ -444,7 +447,9 @@ mod tests {
     fn an_executors_table_is_laid_over_key_by_key() {
         let text = "executor = \"slurm\"\n[slurm]\npartition = \"short\"\nmemory_mb = 2000\n\
                     [profile.big.slurm]\npartition = \"long\"\nmax_tasks = 8\n[kubernetes]\nimage = \"a\"\n";
-        let settings = settings(text, Path::new(""), &machine(Some("big"))).ok().unwrap();
+        let settings = settings_of(text, Path::new(""), &machine(Some("big")))
+            .ok()
+            .unwrap();
         assert_eq!(settings.executor, "slurm");
         let slurm = |settings: &Settings, tasks| {
             let kind = executor::find(&Registry::default(), "slurm").unwrap();
@@ -464,14 +469,17 @@ mod tests {
         assert_eq!(slurm(&settings, Some(3))[2], 3);
         assert_eq!(settings.executors["kubernetes"]["image"], "a");
         assert_eq!(
-            slurm(&settings(text, Path::new(""), &machine(None)).ok().unwrap(), None)[0],
+            slurm(
+                &settings_of(text, Path::new(""), &machine(None)).ok().unwrap(),
+                None
+            )[0],
             "short"
         );
     }
 
     #[test]
     fn the_most_tasks_at_a_time_can_be_given_where_no_table_is() {
-        let settings = settings("", Path::new(""), &machine(None)).ok().unwrap();
+        let settings = settings_of("", Path::new(""), &machine(None)).ok().unwrap();
         let slurm = settings
             .executor(&executor::find(&Registry::default(), "slurm").unwrap(), Some(3))
             .ok()
@@ -481,7 +489,12 @@ mod tests {
 
     #[test]
     fn mistakes_in_an_executors_table_name_file_and_key() {
-        let text = |text: &str| settings(text, Path::new(""), &machine(None)).err().unwrap().text;
+        let text = |text: &str| {
+            settings_of(text, Path::new(""), &machine(None))
+                .err()
+                .unwrap()
+                .text
+        };
         let unknown = text("[slurm]\npartion = \"long\"\n");
         assert!(
             unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"),
@@ -517,13 +530,13 @@ mod tests {
                 (format!("[limits]\n{key} = {value}\n"), None),
                 (format!("[profile.big.limits]\n{key} = {value}\n"), Some("big")),
             ] {
-                let told = settings(&text, Path::new(""), &machine(name)).err().unwrap();
+                let told = settings_of(&text, Path::new(""), &machine(name)).err().unwrap();
                 let expected = format!("regimen.toml: [limits] `{key}` is ");
                 assert!(told.text.contains(&expected), "{}", told.text);
                 assert_eq!(told.exit, Exit::BadStudy);
             }
         }
-        let told = settings("lease_expiry_s = 0\n", Path::new(""), &machine(None))
+        let told = settings_of("lease_expiry_s = 0\n", Path::new(""), &machine(None))
             .err()
             .unwrap();
         assert!(
@@ -535,28 +548,28 @@ mod tests {
     #[test]
     fn unknown_keys_profiles_and_times_are_refused() {
         assert!(
-            settings("wrokers = 2\n", Path::new(""), &machine(None))
+            settings_of("wrokers = 2\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("wrokers")
         );
         assert!(
-            settings("", Path::new(""), &machine(Some("big")))
+            settings_of("", Path::new(""), &machine(Some("big")))
                 .err()
                 .unwrap()
                 .text
                 .contains("[profile.big]")
         );
         assert!(
-            settings("checkpoint_every_s = -1\n", Path::new(""), &machine(None))
+            settings_of("checkpoint_every_s = -1\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("checkpoint_every_s")
         );
         assert!(
-            settings("[limits]\nwall_time = 1\n", Path::new(""), &machine(None))
+            settings_of("[limits]\nwall_time = 1\n", Path::new(""), &machine(None))
                 .err()
                 .unwrap()
                 .text

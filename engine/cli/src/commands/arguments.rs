@@ -1,6 +1,6 @@
 //! Options that several commands take, and what they come to.
 
-use super::{Person, consent::Consent, submit, summaries::Summaries};
+use super::{Person, consent::Consent, summaries::Summaries};
 use clap::{Args, ValueEnum};
 use contract::{Registry, trial_end::EndState};
 use execution::limits::Limits;

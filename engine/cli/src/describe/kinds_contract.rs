@@ -170,8 +170,8 @@ fn every_kind_is_described_with_the_keys_of_its_schema() {
 fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
     for (section, kind) in all() {
         let unknown_key = (kind.example)().replacen('{', "{ nonsense: 1,", 1);
-        let metric = with_unknown(kind, &["return", "height"]);
-        let agent = with_unknown(kind, &["learner", "runner"]);
+        let metric = with_unknown(&kind, &["return", "height"]);
+        let agent = with_unknown(&kind, &["learner", "runner"]);
         assert!(agent.is_some(), "{} names no agent", kind.name);
         assert_eq!(
             metric.is_none(),
@@ -180,7 +180,7 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
             kind.name
         );
         for options in [Some(unknown_key), metric, agent].into_iter().flatten() {
-            let Err(found) = load(section, kind, &options) else {
+            let Err(found) = load(section, &kind, &options) else {
                 panic!("{}: {options} passes", kind.name)
             };
             let is_place = |it: &Diagnostic| {
@@ -196,7 +196,7 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
 #[test]
 fn every_kind_builds_what_its_example_asks_for() {
     for (section, kind) in all() {
-        let study = load(section, kind, (kind.example)());
+        let study = load(section, &kind, (kind.example)());
         let study = study.unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)));
         let trials = study.plan().trials;
         let drawings = trials.iter().map(|trial| (trial.id.clone(), drawn())).collect();

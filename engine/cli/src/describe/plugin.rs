@@ -10,7 +10,7 @@ use super::{
 };
 
 use contract::{
-    Agent, ArtifactKind, Feed, Metric, Protocol, Registry, cast,
+    Agent, ArtifactKind, Metric, Protocol, Registry, cast,
     plugin::About,
     registry::{AgentEntry, ProtocolEntry},
     standard_metrics::{time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric},

@@ -6,7 +6,7 @@ use super::{
     is_wide, layout,
     paint::Mark,
     png, svg,
-    tests::{chart, names},
+    tests::{chart, names, with_options},
 };
 use analysis::results::Results;
 use contract::drawing::{Drawings, Image};
@@ -98,7 +98,7 @@ fn graph(agents: &[&str]) -> FigureSpec {
 
 #[test]
 fn images_are_shown_with_what_is_missing() {
-    let mut spec = images();
+    let spec = images();
     let results = with_drawings();
     let all = chart(&spec, &results);
     assert_eq!((all.panels.len(), all.columns), (2, 2));

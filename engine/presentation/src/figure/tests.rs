@@ -1,8 +1,8 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by properties.
 
 use super::{
-    Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, HeatMap, LearningCurve, Scatter, Shape,
-    Trajectory, build, curve_tests, drawn_tests, png, svg,
+    Band, Bars, Chart, Context, Contour, Figure, FigureSpec, GroupedLines, HeatMap, LearningCurve, Scatter,
+    Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::table::{Axis, Comparison, TableAxis};
 use analysis::results::Results;

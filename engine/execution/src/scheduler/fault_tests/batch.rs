@@ -252,7 +252,7 @@ impl Site {
             arguments: vec!["worker".into()],
             folder: "/".into(),
         };
-        let registry = Registry::default();
+        let registry = contract::Registry::default();
         let dispatch = Dispatch {
             registry: &registry,
             store: "/store".into(),

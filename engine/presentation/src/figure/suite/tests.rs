@@ -1,11 +1,14 @@
 //! Figures of a suite of synthetic results: their data by snapshot, and their notes on missing scores.
 
 use super::*;
-use crate::figure::{Chart, FigureSpec, Series, Shape, tests::chart};
+use crate::{
+    figure::{Chart, FigureSpec, LearningCurve, Series, Shape, tests::chart},
+    kinds::Kinds,
+};
 use analysis::results::Results;
 use contract::Phase;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 use testing::synthetic::study;
 use testing::synthetic::{AGENTS, noise, trial};
 
