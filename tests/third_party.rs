@@ -45,6 +45,13 @@ fn a_study_of_another_program_is_run_to_its_report() {
         report.contains("tuned.return > fixed.return") && report.contains("SUPPORTED"),
         "{report}"
     );
+    // Its own kinds of tables and figures stand beside those of the engine.
+    let spread = std::fs::read_to_string(bench.path("results/thermostat/tables/spread.csv")).unwrap();
+    assert!(
+        spread.contains("lowest") && spread.lines().count() == 5,
+        "{spread}"
+    );
+    assert!(bench.path("results/thermostat/figures/seeds.svg").is_file());
     let listed = answer(
         &bench
             .built("third-party", &["list", "protocols"])
@@ -55,5 +62,41 @@ fn a_study_of_another_program_is_run_to_its_report() {
         listed.out.contains("episodes") && listed.out.contains("train_evaluate"),
         "{}",
         listed.out
+    );
+}
+
+#[test]
+fn an_executor_of_another_program_writes_its_script_with_its_own_options() {
+    let bench = Bench::new();
+    let study = repository().join("examples/third_party/study.yaml");
+    bench.write("regimen.toml", "[lsf]\nqueue = \"short\"\ntrials_per_task = 3\n");
+    let submit = [
+        "submit",
+        &study.to_string_lossy(),
+        "--executor",
+        "lsf",
+        "--dry-run",
+    ];
+    let written = answer(&bench.built("third-party", &submit).output().unwrap());
+    assert_eq!(written.code, 0, "{}", written.err);
+    assert!(
+        written.out.contains("#BSUB -J regimen[1-4]%100\n") && written.out.contains("#BSUB -q short\n"),
+        "{}",
+        written.out
+    );
+    bench.write("regimen.toml", "[lsf]\nqeue = \"short\"\n");
+    let refused = answer(&bench.built("third-party", &submit).output().unwrap());
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(refused.err.contains("unknown field `qeue`"), "{}", refused.err);
+    let unknown = answer(
+        &bench
+            .built("third-party", &["describe", "spread"])
+            .output()
+            .unwrap(),
+    );
+    assert!(
+        unknown.out.contains("lowest and the highest seed"),
+        "{}",
+        unknown.out
     );
 }

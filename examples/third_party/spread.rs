@@ -5,8 +5,8 @@ use engine::{
     analysis::results::Results,
     presentation::{
         figure::{Chart, Context, Figure, FigureSpec, Panel, Point, Scale, Series, Shape},
-        kinds::RegisterKinds as _,
         names::{Names, Place},
+        request::RegisterKinds as _,
         table::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table},
     },
 };

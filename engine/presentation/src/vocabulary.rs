@@ -1,6 +1,5 @@
 //! The names that the tables, figures and claims of a study may use.
 
-use crate::kinds::Kinds;
 use contract::{ArtifactKind, Metric, part::Part};
 use document::{Node, diagnostic::Diagnostic};
 use schemars::JsonSchema;
@@ -14,8 +13,6 @@ use std::{
 /// Names of a study's environments, agents and settings, and of the metrics, artifacts and channels of its trials.
 #[derive(Debug, Default)]
 pub struct Vocabulary {
-    /// Kinds of tables and figures.
-    pub kinds: Kinds,
     /// Names of the environments.
     pub environments: Vec<String>,
     /// Names of the agents.

@@ -8,7 +8,7 @@ use document::{
     diagnostic::{Diagnostic, Sources, Span},
     schema_check::{At, Checker, NAME, View},
 };
-use presentation::kinds::{self, Kinds};
+use presentation::{kinds, request::Kinds};
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 

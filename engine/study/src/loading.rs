@@ -24,7 +24,7 @@ use document::{
     input_file,
 };
 use execution::limits::{LimitError, Limits};
-use presentation::request::{self, Request};
+use presentation::request::{self, Kinds, Request};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -221,7 +221,8 @@ fn make(
         found.extend(errors);
         root.clone()
     });
-    let request = Request::read(root, &vocabulary, sources, sections.folder);
+    let kinds = Kinds::of(sections.registry);
+    let request = Request::read(root, &vocabulary, &kinds, sources, sections.folder);
     found.extend(
         about_success
             .into_iter()

@@ -6,7 +6,7 @@ use analysis::claim::{Aggregate, forms};
 use clap::ValueEnum;
 use contract::{ArtifactKind, Registry, cast};
 use execution::executor;
-use presentation::kinds::{Kind, Kinds};
+use presentation::{kinds::Kind, request::Kinds};
 use serde::Serialize;
 
 /// A group of names.

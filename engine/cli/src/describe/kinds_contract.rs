@@ -15,7 +15,8 @@ use contract::{
 use document::{diagnostic::Diagnostic, schema_check::View};
 use presentation::{
     figure::{self, Context},
-    kinds::{Kind, Kinds},
+    kinds::Kind,
+    request::Kinds,
     table,
 };
 use serde_json::json;

@@ -26,7 +26,7 @@ use analysis::claim::{Aggregate, forms};
 use contract::{ArtifactKind, Better, Metric, PerEpisode, Preset, Registry};
 use document::{diagnostic, schema_check::View};
 use execution::executor::{self, Kind as ExecutorKind, Way};
-use presentation::kinds::{Kind, Kinds};
+use presentation::{kinds::Kind, request::Kinds};
 use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::{Map, Value};

@@ -70,34 +70,34 @@ pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
-    kinds::{Chosen, Contradiction, Options, Readable, of_figure},
+    kinds::{Chosen, Contradiction, Kind, Options, Readable},
     names::{Names, Place},
 };
 use contract::{ArtifactKind, Error};
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// The kinds of figures of the engine, in the order in which they are listed.
 pub(crate) fn kinds() -> Vec<Readable<dyn Figure>> {
     vec![
-        of_figure::<LearningCurve>(),
-        of_figure::<Trajectory>(),
-        of_figure::<Bars>(),
-        of_figure::<GroupedLines>(),
-        of_figure::<HeatMap>(),
-        of_figure::<Scatter>(),
-        of_figure::<Contour>(),
-        of_figure::<IntervalEstimates>(),
-        of_figure::<PerformanceProfile>(),
-        of_figure::<ProbabilityOfImprovement>(),
-        of_figure::<SampleEfficiency>(),
-        of_figure::<ImportanceFigure>(),
-        of_figure::<BestSoFar>(),
-        of_figure::<ParallelCoordinates>(),
-        of_figure::<Images>(),
-        of_figure::<GraphFigure>(),
+        kind::<LearningCurve>(),
+        kind::<Trajectory>(),
+        kind::<Bars>(),
+        kind::<GroupedLines>(),
+        kind::<HeatMap>(),
+        kind::<Scatter>(),
+        kind::<Contour>(),
+        kind::<IntervalEstimates>(),
+        kind::<PerformanceProfile>(),
+        kind::<ProbabilityOfImprovement>(),
+        kind::<SampleEfficiency>(),
+        kind::<ImportanceFigure>(),
+        kind::<BestSoFar>(),
+        kind::<ParallelCoordinates>(),
+        kind::<Images>(),
+        kind::<GraphFigure>(),
     ]
 }
 
@@ -207,6 +207,24 @@ impl FigureSpec {
             width_mm: None,
             font_pt: None,
         }
+    }
+}
+
+/// The entry of a kind of figures.
+pub(crate) fn kind<F: Figure + DeserializeOwned + JsonSchema>() -> Readable<dyn Figure> {
+    Readable {
+        kind: Kind {
+            name: F::name(),
+            about: F::about(),
+            schema: |generator| generator.subschema_for::<F>(),
+            contradiction: F::contradiction,
+            example: F::example,
+        },
+        read: |options, folder| {
+            let mut read: F = serde_json::from_value(options)?;
+            read.seek_from(folder);
+            Ok(Arc::new(read))
+        },
     }
 }
 

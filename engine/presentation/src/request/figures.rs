@@ -1,7 +1,8 @@
 //! Figures against the names that trials record and trace.
 
 use crate::{
-    figure::FigureSpec,
+    figure::{Figure, FigureSpec},
+    kinds::Readable,
     names::{Names, Place},
 };
 use document::{Entry, diagnostic::suggest};
@@ -9,9 +10,13 @@ use std::path::Path;
 
 impl Names<'_> {
     /// Reads a figure and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
-    pub(super) fn figure(&mut self, entry: &Entry, folder: &Path) -> Option<FigureSpec> {
+    pub(super) fn figure(
+        &mut self,
+        entry: &Entry,
+        kinds: &[Readable<dyn Figure>],
+        folder: &Path,
+    ) -> Option<FigureSpec> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
-        let kinds = &self.vocabulary.kinds.figures;
         let what = format!("the figure `{}`", entry.key);
         let (mut spec, kind) = self.kind::<FigureSpec, _>((&what, &place), kinds, folder)?;
         spec.kind = kind;

@@ -3,9 +3,12 @@
 
 mod claims;
 mod figures;
+mod kinds;
 mod searches;
 mod summary;
 mod tables;
+
+pub use kinds::{Kinds, RegisterKinds};
 
 use crate::{
     answers::Answer,
@@ -48,18 +51,28 @@ impl Request {
     /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; paths of files are relative to
     /// `folder`. Entries that the check against the schema refused are passed over.
     #[must_use]
-    pub fn read(root: &Node, vocabulary: &Vocabulary, sources: &Sources, folder: &Path) -> Self {
+    pub fn read(
+        root: &Node,
+        vocabulary: &Vocabulary,
+        kinds: &Kinds,
+        sources: &Sources,
+        folder: &Path,
+    ) -> Self {
         let mut request = Self::default();
         let mut names = Names::new(vocabulary, sources);
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            request
-                .tables
-                .extend(names.table(entry, folder).map(|spec| (entry.key.clone(), spec)));
+            request.tables.extend(
+                names
+                    .table(entry, &kinds.tables, folder)
+                    .map(|spec| (entry.key.clone(), spec)),
+            );
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            request
-                .figures
-                .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
+            request.figures.extend(
+                names
+                    .figure(entry, &kinds.figures, folder)
+                    .map(|spec| (entry.key.clone(), spec)),
+            );
         }
         for (search, _) in &vocabulary.searches {
             request.show_search(search);

@@ -1,8 +1,9 @@
 //! Tables against the names that trials record: their parts, published values, margins.
 
 use crate::{
+    kinds::Readable,
     names::{Names, Place},
-    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, TableSpec},
+    table::{Cause, Margin, PublishedCell, PublishedRow, PublishedValue, StatedMargin, Table, TableSpec},
 };
 use document::{
     Entry,
@@ -12,10 +13,14 @@ use std::path::Path;
 
 impl Names<'_> {
     /// Reads a table and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
-    pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
+    pub(super) fn table(
+        &mut self,
+        entry: &Entry,
+        kinds: &[Readable<dyn Table>],
+        folder: &Path,
+    ) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
         self.shown.entry(entry.key.clone()).or_default();
-        let kinds = &self.vocabulary.kinds.tables;
         let what = format!("the table `{}`", entry.key);
         let (mut spec, kind) = self.kind::<TableSpec, _>((&what, &place), kinds, folder)?;
         spec.kind = kind;

@@ -47,27 +47,27 @@ pub use terminal::align;
 pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
-    kinds::{Chosen, Contradiction, Options, Readable, of_table},
+    kinds::{Chosen, Contradiction, Kind, Options, Readable},
     names::{Names, Place},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;
 use published::JudgingRules;
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The kinds of tables of the engine, in the order in which they are listed.
 pub(crate) fn kinds() -> Vec<Readable<dyn Table>> {
     vec![
-        of_table::<Improvement>(),
-        of_table::<Comparison>(),
-        of_table::<CrossPlayTable>(),
-        of_table::<Aggregate>(),
-        of_table::<RankCorrelation>(),
-        of_table::<Metrics>(),
-        of_table::<BestSettings>(),
+        kind::<Improvement>(),
+        kind::<Comparison>(),
+        kind::<CrossPlayTable>(),
+        kind::<Aggregate>(),
+        kind::<RankCorrelation>(),
+        kind::<Metrics>(),
+        kind::<BestSettings>(),
     ]
 }
 
@@ -216,6 +216,20 @@ impl TableSpec {
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         self.calibrated_on.is_some() || self.published.values().any(PublishedRow::is_calibrated)
+    }
+}
+
+/// The entry of a kind of tables.
+pub(crate) fn kind<T: Table + DeserializeOwned + JsonSchema>() -> Readable<dyn Table> {
+    Readable {
+        kind: Kind {
+            name: T::name(),
+            about: T::about(),
+            schema: |generator| generator.subschema_for::<T>(),
+            contradiction: T::contradiction,
+            example: T::example,
+        },
+        read: |options, _| Ok(Arc::new(serde_json::from_value::<T>(options)?)),
     }
 }
 

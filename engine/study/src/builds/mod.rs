@@ -28,7 +28,7 @@ use contract::{
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
 use facts::Facts;
-use presentation::{kinds::Kinds, vocabulary::Vocabulary};
+use presentation::vocabulary::Vocabulary;
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -81,7 +81,6 @@ pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
 pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vocabulary, Vec<Diagnostic>> {
     let names = |list: &[NamedPart]| list.iter().map(|named| named.name.clone()).collect();
     let mut vocabulary = Vocabulary {
-        kinds: Kinds::of(sections.registry),
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
         seeds: seeds.to_vec(),

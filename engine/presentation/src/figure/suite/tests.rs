@@ -1,10 +1,7 @@
 //! Figures of a suite of synthetic results: their data by snapshot, and their notes on missing scores.
 
 use super::*;
-use crate::{
-    figure::{Chart, FigureSpec, LearningCurve, Series, Shape, tests::chart},
-    kinds::Kinds,
-};
+use crate::figure::{Chart, FigureSpec, LearningCurve, Series, Shape, tests::chart};
 use analysis::results::Results;
 use contract::Phase;
 use serde_json::{Value, json};
@@ -19,7 +16,7 @@ fn spec(kind: &str, options: Value) -> FigureSpec {
     });
     let own = options.as_object().cloned().unwrap_or_default();
     all.as_object_mut().unwrap().extend(own);
-    let kinds = Kinds::default().figures;
+    let kinds = crate::figure::kinds();
     let kind = kinds.iter().find(|it| it.kind.name == kind).unwrap();
     FigureSpec {
         kind: kind.read(all, Path::new("")).unwrap(),

@@ -1,15 +1,11 @@
 //! Kinds of tables and of figures, for listing, description, checks and construction.
 //!
-//! A kind is a type that can be read from a study and implements [`Table`] or [`Figure`]. The list of the kinds in this
-//! crate has a line for each; other crates register theirs by [`RegisterKinds`].
+//! A kind is a type that can be read from a study and implements [`Table`](crate::table::Table) or
+//! [`Figure`](crate::figure::Figure). The lists of the kinds in this crate have a line for each; other crates register
+//! theirs by [`RegisterKinds`](crate::request::RegisterKinds).
 
-use crate::{
-    figure::{self, Figure},
-    table::{self, Table},
-};
-use contract::Registry;
-use schemars::{JsonSchema, Schema, SchemaGenerator};
-use serde::{Serialize, Serializer, de::DeserializeOwned};
+use schemars::{Schema, SchemaGenerator};
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use std::{any::Any, fmt, ops::Deref, path::Path, sync::Arc};
 
@@ -34,7 +30,7 @@ pub struct Kind {
 pub struct Readable<T: ?Sized> {
     /// Facts on the kind.
     pub kind: Kind,
-    read: fn(Value, &Path) -> serde_json::Result<Arc<T>>,
+    pub(crate) read: fn(Value, &Path) -> serde_json::Result<Arc<T>>,
 }
 
 impl<T: ?Sized> Clone for Readable<T> {
@@ -55,123 +51,6 @@ impl<T: ?Sized> Readable<T> {
             name: self.kind.name,
             options: (self.read)(options, folder)?,
         })
-    }
-}
-
-/// The kinds of tables and figures that a study may use.
-pub struct Kinds {
-    /// Kinds of tables, those of the engine first.
-    pub tables: Vec<Readable<dyn Table>>,
-    /// Kinds of figures, those of the engine first.
-    pub figures: Vec<Readable<dyn Figure>>,
-}
-
-impl Default for Kinds {
-    /// The kinds of the engine.
-    fn default() -> Self {
-        Self {
-            tables: table::kinds(),
-            figures: figure::kinds(),
-        }
-    }
-}
-
-impl Kinds {
-    /// The kinds of the engine and those that other crates registered.
-    #[must_use]
-    pub fn of(registry: &Registry) -> Self {
-        let mut all = Self::default();
-        all.tables.extend(registry.extensions::<Readable<dyn Table>>());
-        all.figures.extend(registry.extensions::<Readable<dyn Figure>>());
-        all
-    }
-
-    /// Facts on the kinds of tables.
-    #[must_use]
-    pub fn of_tables(&self) -> Vec<Kind> {
-        self.tables.iter().map(|it| it.kind).collect()
-    }
-
-    /// Facts on the kinds of figures.
-    #[must_use]
-    pub fn of_figures(&self) -> Vec<Kind> {
-        self.figures.iter().map(|it| it.kind).collect()
-    }
-}
-
-impl fmt::Debug for Kinds {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let kinds = self.of_tables().into_iter().chain(self.of_figures());
-        f.debug_set().entries(kinds.map(|kind| kind.name)).finish()
-    }
-}
-
-/// Registration of kinds of tables and figures.
-pub trait RegisterKinds {
-    /// Registers a kind of tables.
-    ///
-    /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
-    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self);
-
-    /// Registers a kind of figures.
-    ///
-    /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
-    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self);
-}
-
-impl RegisterKinds for Registry {
-    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self) {
-        let taken = Kinds::of(self).of_tables();
-        assert!(
-            taken.iter().all(|kind| kind.name != T::name()),
-            "the kind of tables `{}` is registered twice",
-            T::name()
-        );
-        self.extend(of_table::<T>());
-    }
-
-    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self) {
-        let taken = Kinds::of(self).of_figures();
-        assert!(
-            taken.iter().all(|kind| kind.name != F::name()),
-            "the kind of figures `{}` is registered twice",
-            F::name()
-        );
-        self.extend(of_figure::<F>());
-    }
-}
-
-/// The entry of a kind of tables.
-pub(crate) fn of_table<T: Table + DeserializeOwned + JsonSchema>() -> Readable<dyn Table> {
-    Readable {
-        kind: Kind {
-            name: T::name(),
-            about: T::about(),
-            schema: |generator| generator.subschema_for::<T>(),
-            contradiction: T::contradiction,
-            example: T::example,
-        },
-        read: |options, _| Ok(Arc::new(serde_json::from_value::<T>(options)?)),
-    }
-}
-
-/// The entry of a kind of figures.
-pub(crate) fn of_figure<F: Figure + DeserializeOwned + JsonSchema>() -> Readable<dyn Figure> {
-    Readable {
-        kind: Kind {
-            name: F::name(),
-            about: F::about(),
-            schema: |generator| generator.subschema_for::<F>(),
-            contradiction: F::contradiction,
-            example: F::example,
-        },
-        read: |options, folder| {
-            let mut read: F = serde_json::from_value(options)?;
-            read.seek_from(folder);
-            Ok(Arc::new(read))
-        },
     }
 }
 
