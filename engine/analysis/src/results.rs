@@ -14,7 +14,7 @@ pub use told::{Cost, Printed, Ran, Told};
 
 use contract::{
     drawing::Drawings,
-    trial::{CellName, Purpose},
+    trial::{Combination, Purpose},
     trial_end::is_missing,
     trial_result::{Success, TrialResult},
 };
@@ -178,9 +178,9 @@ impl Results {
             return Seeds::default();
         }
         // Seeds of a play have several trials each, where all meet all.
-        let mut ended: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
+        let mut ended: BTreeMap<Combination, BTreeMap<u64, bool>> = BTreeMap::new();
         for trial in trials.iter().filter(|it| !it.is_imported()) {
-            let seeds = ended.entry(trial.cell()).or_default();
+            let seeds = ended.entry(trial.combination().clone()).or_default();
             *seeds.entry(trial.trial.key.seed).or_insert(true) &= !is_missing(trial.end.as_deref());
         }
         let is_complete = |first: u64, (most, limit): (u32, u64)| {

@@ -1,10 +1,15 @@
 //! One trial: an environment, an agent, a protocol and a seed, with an identity made of everything that determines its
 //! numbers.
 
-use crate::{artifact::Taken, cast::Actors, digest, part::Part, setting::Setting};
+use crate::{artifact::Taken, cast::Actors, digest, part::Part, sweep_point::SweepPoint};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    ops::{Deref, DerefMut},
+    path::Path,
+    sync::Arc,
+};
 
 /// Serialisation of shared values: in the form of the value itself.
 mod shared {
@@ -204,41 +209,74 @@ pub struct Trial {
     pub key: TrialKey,
 }
 
-/// Environment, agent and setting, by their names in the study; seeds are replicates of these.
-pub type CellName = (String, String, String);
-
-/// Place of a trial in its study, without its seed.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct TrialCell {
+/// Environment, agent and point of the sweep; seeds are replicates of a combination.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Combination {
     /// Name of the environment in the study.
     pub environment: String,
     /// Name of the agent in the study.
     pub agent: String,
-    /// The point of the sweep, as `key=value` words; empty without a sweep.
-    pub setting: String,
-    /// The same with the values themselves; empty in trials that were stored before it was recorded.
-    #[serde(default, skip_serializing_if = "Setting::is_empty")]
-    pub point: Setting,
+    /// Point of the sweep; empty without a sweep.
+    #[serde(flatten)]
+    pub point: SweepPoint,
+}
+
+/// Place of a trial in its study, without its seed: a combination and a purpose.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrialCell {
+    /// Environment, agent and point of the sweep.
+    #[serde(flatten)]
+    pub combination: Combination,
     /// Purpose of the trial.
     #[serde(default)]
     pub purpose: Purpose,
+}
+
+impl Deref for TrialCell {
+    type Target = Combination;
+
+    fn deref(&self) -> &Combination {
+        &self.combination
+    }
+}
+
+impl DerefMut for TrialCell {
+    fn deref_mut(&mut self) -> &mut Combination {
+        &mut self.combination
+    }
+}
+
+impl From<Combination> for TrialCell {
+    fn from(combination: Combination) -> Self {
+        Self {
+            combination,
+            purpose: Purpose::default(),
+        }
+    }
+}
+
+impl Combination {
+    /// A combination at a point of which the words alone are known; no words without a sweep.
+    #[must_use]
+    pub fn of_words(environment: &str, agent: &str, words: &str) -> Self {
+        Self {
+            environment: environment.into(),
+            agent: agent.into(),
+            point: SweepPoint::of_words(words),
+        }
+    }
 }
 
 impl TrialCell {
     /// An environment and an agent that no sweep concerns.
     #[must_use]
     pub fn of(environment: impl Into<String>, agent: impl Into<String>) -> Self {
-        Self {
+        let combination = Combination {
             environment: environment.into(),
             agent: agent.into(),
-            ..Self::default()
-        }
-    }
-
-    /// Names of environment, agent and setting.
-    #[must_use]
-    pub fn names(&self) -> CellName {
-        (self.environment.clone(), self.agent.clone(), self.setting.clone())
+            ..Combination::default()
+        };
+        combination.into()
     }
 }
 
@@ -277,10 +315,10 @@ impl Trial {
     /// Environment, agent, setting and seed in words.
     #[must_use]
     pub fn title(&self) -> String {
-        let setting = if self.cell.setting.is_empty() {
+        let setting = if self.cell.point.is_empty() {
             String::new()
         } else {
-            format!(" [{}]", self.cell.setting)
+            format!(" [{}]", self.cell.point)
         };
         format!(
             "{} {}{setting} seed {}",

@@ -5,7 +5,7 @@ use crate::{
     standard_metrics::{
         OWN_STEPS, SUCCESS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME, root_of_squares,
     },
-    trial::{CellName, Purpose, Trial},
+    trial::{Combination, Purpose, Trial},
     trial_end::{EndState, TrialEnd},
 };
 use schemars::JsonSchema;
@@ -42,10 +42,10 @@ impl TrialResult {
         }
     }
 
-    /// Names of environment, agent and setting.
+    /// Environment, agent and point of the sweep.
     #[must_use]
-    pub fn cell(&self) -> CellName {
-        self.trial.cell.names()
+    pub fn combination(&self) -> &Combination {
+        &self.trial.cell.combination
     }
 
     /// Whether it is a run of another program.

@@ -126,10 +126,8 @@ impl Found {
             trial: Arc::new(Trial {
                 id,
                 cell: TrialCell {
-                    environment: environment.into(),
-                    agent: name.into(),
                     purpose: Purpose::Imported,
-                    ..TrialCell::default()
+                    ..TrialCell::of(environment, name)
                 }
                 .into(),
                 key,

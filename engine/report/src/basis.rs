@@ -3,7 +3,7 @@
 
 use super::{Contents, StudyInfo};
 use analysis::results::{Results, search_sentence};
-use contract::trial::{CellName, Purpose};
+use contract::trial::{Combination, Purpose};
 use document::count::count;
 use std::collections::BTreeMap;
 
@@ -73,11 +73,11 @@ fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>, is_l
 }
 
 /// Number of seeds planned and number of seeds that ended well, by combination.
-struct Combinations(BTreeMap<CellName, (usize, usize)>);
+struct Combinations(BTreeMap<Combination, (usize, usize)>);
 
 impl Combinations {
     fn of(results: &Results) -> Self {
-        let mut seeds: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
+        let mut seeds: BTreeMap<Combination, BTreeMap<u64, bool>> = BTreeMap::new();
         // The trials of a play are meetings of combinations, which are counted themselves.
         for trial in results
             .trials
@@ -86,7 +86,7 @@ impl Combinations {
         {
             // Equal settings of a search are one trial.
             seeds
-                .entry(trial.cell())
+                .entry(trial.combination().clone())
                 .or_default()
                 .insert(trial.trial.key.seed, trial.is_ok());
         }

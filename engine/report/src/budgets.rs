@@ -288,7 +288,7 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
     let settings = results
         .trials
         .iter()
-        .any(|trial| !trial.trial.cell.setting.is_empty());
+        .any(|trial| !trial.trial.cell.point.is_empty());
     let over = if settings { "seeds and settings" } else { "seeds" };
     let mut notes = untrained(results);
     notes.push(format!(
@@ -411,7 +411,8 @@ mod tests {
     #[test]
     fn what_was_computed_once_costs_once_and_settings_make_ranges() {
         let mut shared = learner(0, "rate=0.1", 20, 3.0);
-        shared.trial_mut().cell_mut().setting = "rate=0.2".into();
+        shared.trial_mut().cell_mut().combination.point =
+            contract::sweep_point::SweepPoint::of_words("rate=0.2");
         let results = Results::of(vec![
             learner(0, "rate=0.1", 20, 3.0),
             shared,

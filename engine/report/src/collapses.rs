@@ -4,7 +4,7 @@
 
 use super::StudyInfo;
 use analysis::{results::Results, training_share::trained};
-use contract::{Better, Phase, trial::CellName};
+use contract::{Better, Phase, trial::Combination};
 use presentation::table::{Cell, Grid};
 use statistics::{MeanEstimate, Share, estimators::mean};
 
@@ -26,23 +26,23 @@ pub(super) fn notes(grid: &Grid, metric: &str, study: &StudyInfo, results: &Resu
 fn floor_of(cell: &Cell, metric: &str, study: &StudyInfo, results: &Results) -> Option<(Better, f64)> {
     let better = *study.better.get(metric)?;
     let mut behind = cell.rests_on.iter();
-    let (Some((environment, agent, setting)), None) = (behind.next(), behind.next()) else {
+    let (Some(own), None) = (behind.next(), behind.next()) else {
         return None;
     };
-    let is = |it: &CellName, agent: &str| it.0 == *environment && it.1 == agent;
-    let own: Vec<_> = results
+    let is = |it: &Combination, agent: &str| it.environment == own.environment && it.agent == agent;
+    let trials: Vec<_> = results
         .trials
         .iter()
-        .filter(|it| is(&it.cell(), agent) && it.cell().2 == *setting)
+        .filter(|it| it.combination() == own)
         .collect();
-    if trained(&own, results).is_empty() {
+    if trained(&trials, results).is_empty() {
         return None;
     }
     let of_floor = |floor: &String| {
         let trials = results
             .trials
             .iter()
-            .filter(|it| is(&it.cell(), floor) && it.is_ok());
+            .filter(|it| is(it.combination(), floor) && it.is_ok());
         let values: Vec<f64> = trials.filter_map(|it| it.mean(Phase::Final, metric)).collect();
         (!values.is_empty()).then(|| mean(&values))
     };

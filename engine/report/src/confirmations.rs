@@ -13,7 +13,7 @@ use super::{
     study_info::StudyInfo,
 };
 use analysis::results::{Cost, Results};
-use contract::trial::CellName;
+use contract::trial::Combination;
 use document::count::seed_ranges;
 use presentation::table::{Cell, Grid};
 use std::collections::BTreeSet;
@@ -192,11 +192,11 @@ fn value_alone(grid: &Grid, cell: &Cell, results: &Results) -> RoundVerdict {
 }
 
 /// The seeds of combinations that ended well, as ranges.
-fn seeds(cells: &BTreeSet<CellName>, results: &Results) -> String {
+fn seeds(cells: &BTreeSet<Combination>, results: &Results) -> String {
     let behind = results
         .trials
         .iter()
-        .filter(|it| it.is_ok() && cells.contains(&it.cell()));
+        .filter(|it| it.is_ok() && cells.contains(&it.combination().clone()));
     let seeds: BTreeSet<u64> = behind.map(|it| it.trial.key.seed).collect();
     seed_ranges(&seeds.into_iter().collect::<Vec<_>>())
 }

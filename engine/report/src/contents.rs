@@ -15,7 +15,7 @@ use analysis::{
 };
 use contract::{
     standard_metrics::{TIMES_ARE_OF_THE_MACHINE, names_times},
-    trial::CellName,
+    trial::Combination,
     trial_result::TrialResult,
 };
 use imported::marked;
@@ -96,7 +96,7 @@ pub struct ClaimLine {
     /// Seeds that the verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind it.
-    pub rests_on: BTreeSet<CellName>,
+    pub rests_on: BTreeSet<Combination>,
     /// The verdict of each round alone, where there are several; `verdict` is that of all rounds together.
     pub rounds: Vec<RoundVerdict>,
 }
@@ -108,7 +108,7 @@ pub type Counts = Vec<(&'static str, usize)>;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Open<'a> {
     /// The combinations whose further seeds would decide it.
-    pub rests_on: &'a BTreeSet<CellName>,
+    pub rests_on: &'a BTreeSet<Combination>,
     /// Number of planned looks that are complete.
     pub complete: usize,
 }
@@ -393,7 +393,7 @@ impl Contents {
 
     /// The combinations behind all published values and claims.
     #[must_use]
-    pub fn rests_on(&self) -> BTreeSet<CellName> {
+    pub fn rests_on(&self) -> BTreeSet<Combination> {
         let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
         let cells = grids.flat_map(|grid| grid.cells.iter().flatten());
         let cells = cells.filter(|cell| cell.published().is_some());
@@ -505,7 +505,7 @@ pub(super) fn make_table(
         .iter()
         .flatten()
         .flat_map(|cell| &cell.rests_on)
-        .map(|cell| cell.1.as_str())
+        .map(|cell| cell.agent.as_str())
         .collect();
     let headings = [&grid.rows[..], &grid.columns].concat();
     grid.notes = with_agents(
@@ -770,7 +770,11 @@ impl JudgedClaim<'_> {
             looks: self.looks,
             min_effect: self.min_effect,
             training,
-            rests_on: self.trials.iter().map(|trial| trial.cell()).collect(),
+            rests_on: self
+                .trials
+                .iter()
+                .map(|trial| trial.combination().clone())
+                .collect(),
             ..claim_line(number, spec, place, Ok(verdict))
         }
     }

@@ -103,7 +103,7 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
         let place = (
             kind.user(trial),
             trial.trial.cell.environment.as_str(),
-            trial.trial.cell.setting.as_str(),
+            trial.trial.cell.point.words(),
             &part.config,
         );
         let same = |(user, environment, setting, config): (&str, &str, &str, &CompleteConfig)| {

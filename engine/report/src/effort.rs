@@ -1,7 +1,7 @@
 //! Seeds and time that would decide an open verdict.
 
 use analysis::results::Results;
-use contract::{trial::CellName, trial_result::TrialResult};
+use contract::{trial::Combination, trial_result::TrialResult};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +18,7 @@ pub struct Effort {
 
 impl Effort {
     /// The effort of this many seeds of these combinations.
-    pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
+    pub(super) fn of(seeds: u32, rests_on: &BTreeSet<Combination>, results: &Results) -> Self {
         let seconds = f64::from(seeds) * seconds_per_seed(rests_on, results);
         Self {
             seeds,
@@ -29,11 +29,11 @@ impl Effort {
 
 /// Time of all ended trials of these combinations and of their source trials, each once, divided by the number of
 /// their seeds.
-fn seconds_per_seed(rests_on: &BTreeSet<CellName>, results: &Results) -> f64 {
+fn seconds_per_seed(rests_on: &BTreeSet<Combination>, results: &Results) -> f64 {
     let own: Vec<&TrialResult> = results
         .trials
         .iter()
-        .filter(|trial| rests_on.contains(&trial.cell()) && trial.end.is_some())
+        .filter(|trial| rests_on.contains(&trial.combination().clone()) && trial.end.is_some())
         .collect();
     let seeds: BTreeSet<u64> = own.iter().map(|trial| trial.trial.key.seed).collect();
     let seconds: f64 = with_sources(own, results).values().sum();
@@ -92,8 +92,8 @@ mod tests {
             pupil.trial_mut().key.environment = part.into();
         }
         let results = Results::of(trials);
-        let name = |agent: &str| ("work".into(), agent.into(), String::new());
-        let both: BTreeSet<CellName> = [name("pupil"), name("other")].into();
+        let name = |agent: &str| Combination::of_words("work", agent, "");
+        let both: BTreeSet<Combination> = [name("pupil"), name("other")].into();
         // Two seeds: two trials of a second each, and ten seconds that both share.
         assert_eq!(
             Effort::of(4, &both, &results),
@@ -102,7 +102,7 @@ mod tests {
                 trial_time_s: 28.0
             }
         );
-        let other: BTreeSet<CellName> = [name("other")].into();
+        let other: BTreeSet<Combination> = [name("other")].into();
         assert_eq!(Effort::of(3, &other, &results).trial_time_s, 3.0);
         // Trials that have not run have no known time.
         assert_eq!(

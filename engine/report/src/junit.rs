@@ -42,7 +42,7 @@ fn suite(outcome: &Outcome, exit_code: u8) -> TestSuite {
 
 fn case(study: &str, trial: &Trial, end: Option<&TrialEnd>) -> TestCase {
     let seed = format!("seed {}", trial.key.seed);
-    let words = [trial.cell.agent.as_str(), &trial.cell.setting, &seed];
+    let words = [trial.cell.agent.as_str(), trial.cell.point.words(), &seed];
     let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
     let mut case = TestCase::new(text(&words.join("/")), status(end));
     case.set_classname(format!("{study}.{}", trial.cell.environment));

@@ -72,7 +72,7 @@ fn study_as_json(outcome: &Outcome) -> Value {
 
 fn trial_as_json((trial, end): &(Arc<Trial>, Option<TrialEnd>)) -> Value {
     json!({
-        "id": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent, "setting": trial.cell.setting,
+        "id": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent, "setting": trial.cell.point.words(),
         "seed": trial.key.seed,
         "state": word(end.as_ref().map(|end| end.state)), "reason": end.as_ref().map_or("",
         |end| &end.reason),
@@ -85,7 +85,7 @@ pub(super) mod tests {
     use contract::{
         cast::Actors,
         part::Part,
-        trial::{TrialCell, TrialKey},
+        trial::{Combination, TrialKey},
     };
 
     /// A study with one trial of every end, and one that has not run.
@@ -108,18 +108,10 @@ pub(super) mod tests {
                 numerics: 1,
                 device: "cpu".into(),
             };
-            let setting = if seed == 1 {
-                "rate=0.1 note=\"<&>\"".into()
-            } else {
-                String::new()
-            };
+            let setting = if seed == 1 { "rate=0.1 note=\"<&>\"" } else { "" };
             let trial = Trial {
                 id: format!("{seed:032}"),
-                cell: TrialCell {
-                    setting,
-                    ..TrialCell::of("four", "equal")
-                }
-                .into(),
+                cell: Arc::new(Combination::of_words("four", "equal", setting).into()),
                 key,
             };
             let reason = if state == Some(Ok) {

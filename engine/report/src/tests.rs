@@ -342,11 +342,7 @@ fn a_claim_across_environments_pairs_the_seeds_of_its_sides() {
         (verdict.difference.unwrap() - expected).abs() < 1e-9,
         "{verdict:?}"
     );
-    let of: BTreeSet<&str> = line
-        .rests_on
-        .iter()
-        .map(|(environment, ..)| environment.as_str())
-        .collect();
+    let of: BTreeSet<&str> = line.rests_on.iter().map(|it| it.environment.as_str()).collect();
     assert_eq!(of, BTreeSet::from(["eight_cells", "four_cells"]));
 }
 

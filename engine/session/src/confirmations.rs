@@ -1,7 +1,7 @@
 //! Confirmations of studies: planned and computed behind their study as studies of their own, and shown in its report.
 
 use crate::{Planned, ReportOptions, Selection, folders, planned::Confirms, results};
-use contract::{Registry, trial::CellName, trial_result::TrialResult};
+use contract::{Registry, trial::Combination, trial_result::TrialResult};
 use report::Contents;
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 use study::{Study, plan::Wanted};
@@ -76,22 +76,18 @@ fn confirmation(one: &Planned, index: usize, registry: &Registry) -> Planned {
 
 /// The combinations that the claims and tables of a plan rest on, and those that say whether anything was learned and
 /// which difference matters.
-fn cells_behind(one: &Planned, registry: &Registry) -> BTreeSet<CellName> {
+fn cells_behind(one: &Planned, registry: &Registry) -> BTreeSet<Combination> {
     let trials = one.plan.trials.iter().map(Arc::clone).map(TrialResult::missing);
     let results = results::assembled(&one.study, trials.collect());
     let mut cells = Contents::judged(&results::info(one, registry), &results).rests_on();
-    let environments: BTreeSet<String> = cells
-        .iter()
-        .map(|(environment, ..)| environment.clone())
-        .collect();
+    let environments: BTreeSet<String> = cells.iter().map(|it| it.environment.clone()).collect();
     let relevance = one.study.relevance.iter();
     let ends: BTreeSet<&String> = relevance
         .flat_map(|it| [&it.floor, &it.bound])
         .chain(&one.study.floors)
         .collect();
-    let trials = results.trials.iter().map(TrialResult::cell);
-    cells.extend(
-        trials.filter(|(environment, agent, _)| environments.contains(environment) && ends.contains(agent)),
-    );
+    let all = results.trials.iter().map(TrialResult::combination);
+    let more = all.filter(|it| environments.contains(&it.environment) && ends.contains(&it.agent));
+    cells.extend(more.cloned());
     cells
 }

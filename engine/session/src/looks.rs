@@ -6,7 +6,7 @@
 use crate::{Planned, results};
 use contract::{
     Registry,
-    trial::{self, CellName},
+    trial::{self, Combination},
 };
 use document::count::{count, either};
 use execution::store::Store;
@@ -63,7 +63,7 @@ fn wanted(one: &Planned, looks: &[u32], open: &[Open<'_>]) -> Wanted {
     wanted
 }
 
-fn raise(wanted: &mut Wanted, cell: &CellName, seeds: u32) {
+fn raise(wanted: &mut Wanted, cell: &Combination, seeds: u32) {
     let now = wanted.entry(cell.clone()).or_insert(seeds);
     *now = seeds.max(*now);
 }
@@ -80,7 +80,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
         .plan
         .trials
         .iter()
-        .filter_map(|trial| Some((trial, wanted.get(&trial.cell.names()).copied()?)));
+        .filter_map(|trial| Some((trial, wanted.get(&trial.cell.combination).copied()?)));
     let mut open: Vec<(&Arc<trial::Trial>, u32)> = wanting.collect();
     let mut seen: BTreeSet<(&str, u32)> = BTreeSet::new();
     while let Some((taker, seeds)) = open.pop() {
@@ -92,7 +92,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
                 open.push((*source, seeds));
                 // A prepared trial has no seeds of its own: it runs for those that take from it.
                 if source.cell.purpose != trial::Purpose::Prepared {
-                    raise(wanted, &source.cell.names(), seeds);
+                    raise(wanted, &source.cell.combination, seeds);
                 }
             }
         }

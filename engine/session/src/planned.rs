@@ -4,7 +4,7 @@ use analysis::results::SearchResult;
 use contract::{
     Registry,
     complete_config::CompleteConfig,
-    trial::{CellName, Trial, TrialKey},
+    trial::{Combination, Trial, TrialKey},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -81,7 +81,7 @@ impl Planned {
         self.wanted = wanted;
         if let Some(confirms) = &self.confirms {
             self.plan
-                .keep(|trial| confirms.cells.contains(&trial.cell.names()));
+                .keep(|trial| confirms.cells.contains(&trial.cell.combination));
         }
         narrow(&mut self.plan, &self.only);
         self.pauses = self.study.pauses(&self.plan);
@@ -107,7 +107,7 @@ pub(crate) struct Confirms {
     /// Its index among the confirmations of the study.
     pub(crate) index: usize,
     /// The combinations behind what it confirms.
-    pub(crate) cells: BTreeSet<CellName>,
+    pub(crate) cells: BTreeSet<Combination>,
 }
 
 /// Keeps the trials of some environments and agents, with those that they take from; all where none is named.

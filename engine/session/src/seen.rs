@@ -4,7 +4,7 @@ use crate::{Observer, Planned, Session};
 use analysis::results::Results;
 use contract::{
     Error, digest,
-    trial::{CellName, Trial},
+    trial::{Combination, Trial},
     trial_end::is_missing,
 };
 use execution::store::{self, Fixed, SeenVerdicts, Store};
@@ -121,7 +121,7 @@ struct Noting<'a> {
     changed: bool,
     relevance: Option<&'a Relevance>,
     /// How many trials each combination has.
-    numbers: BTreeMap<CellName, usize>,
+    numbers: BTreeMap<Combination, usize>,
     /// The ids of first trials, where the record is also of others.
     ids: Option<FirstIds<'a>>,
     /// The numbers of seeds of planned looks.
@@ -130,9 +130,9 @@ struct Noting<'a> {
 
 impl<'a> Noting<'a> {
     fn of(one: &'a Planned, seen: SeenVerdicts, results: &Results) -> Self {
-        let mut numbers: BTreeMap<CellName, usize> = BTreeMap::new();
+        let mut numbers: BTreeMap<Combination, usize> = BTreeMap::new();
         for it in &results.trials {
-            *numbers.entry(it.cell()).or_default() += 1;
+            *numbers.entry(it.combination().clone()).or_default() += 1;
         }
         let design = one.study.design.iter();
         let mut noted = SeenVerdicts::default();
@@ -162,13 +162,13 @@ impl<'a> Noting<'a> {
     }
 
     /// The most trials that a combination has of those behind a verdict.
-    fn most_planned(&self, cells: &BTreeSet<CellName>) -> usize {
+    fn most_planned(&self, cells: &BTreeSet<Combination>) -> usize {
         let numbers = cells.iter().filter_map(|cell| self.numbers.get(cell));
         numbers.copied().max().unwrap_or(0)
     }
 
     /// The name of what is judged in the record: another version of a trial is another experiment.
-    fn key(&self, place: &str, rests_on: &BTreeSet<CellName>) -> String {
+    fn key(&self, place: &str, rests_on: &BTreeSet<Combination>) -> String {
         match &self.ids {
             Some(ids) => format!("{place} @ {}", ids.hash(rests_on)),
             None => place.to_owned(),
@@ -203,7 +203,7 @@ impl<'a> Noting<'a> {
     fn first_rule(
         &mut self,
         place: &str,
-        rests_on: &BTreeSet<CellName>,
+        rests_on: &BTreeSet<Combination>,
         rule: Option<String>,
     ) -> Option<String> {
         let rule = rule?;
@@ -220,7 +220,7 @@ impl<'a> Noting<'a> {
 
     /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
     /// it: more seeds that were seen and are not shown are no better than fewer.
-    fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
+    fn look(&mut self, place: &str, rests_on: &BTreeSet<Combination>, seeds: Option<u32>) -> Option<u32> {
         let seeds = seeds?;
         let key = self.key(place, rests_on);
         let plans = self.seen.plans.entry(key.clone()).or_default();
@@ -315,18 +315,20 @@ pub fn unite(observer: &dyn Observer, into: &Store, from: &Store, dry_run: bool)
 }
 
 /// The id of the trial of the first seed of every combination.
-struct FirstIds<'a>(BTreeMap<CellName, &'a str>);
+struct FirstIds<'a>(BTreeMap<Combination, &'a str>);
 
 impl<'a> FirstIds<'a> {
     fn of(results: &'a Results) -> Self {
         let mut by_cell = BTreeMap::new();
         for it in &results.trials {
-            by_cell.entry(it.cell()).or_insert(it.trial.id.as_str());
+            by_cell
+                .entry(it.combination().clone())
+                .or_insert(it.trial.id.as_str());
         }
         Self(by_cell)
     }
 
-    fn hash(&self, cells: &BTreeSet<CellName>) -> String {
+    fn hash(&self, cells: &BTreeSet<Combination>) -> String {
         let ids: Vec<&str> = cells
             .iter()
             .filter_map(|cell| self.0.get(cell).copied())

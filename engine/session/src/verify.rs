@@ -175,7 +175,7 @@ fn entry(trial: &Trial, outcome: Outcome) -> Entry {
         trial: trial.id.clone(),
         environment: trial.cell.environment.clone(),
         agent: trial.cell.agent.clone(),
-        setting: trial.cell.setting.clone(),
+        setting: trial.cell.point.words().to_owned(),
         seed: trial.key.seed,
         stored: None,
         now: None,

@@ -10,7 +10,7 @@ use contract::{
     artifact::{ArtifactKind, Taken},
     cast,
     part::Part,
-    setting::Setting,
+    sweep_point::SweepPoint,
 };
 use serde_json::Value;
 use std::{
@@ -25,7 +25,7 @@ pub struct Cell {
     /// Place of the cell in the study.
     pub place: Place,
     /// The point of the sweep.
-    pub point: Setting,
+    pub point: SweepPoint,
     /// Environment, agent and protocol.
     pub parts: [Arc<ResolvedPart>; 3],
     /// Artifacts that the parts take from other cells.
@@ -82,7 +82,7 @@ impl Place {
 impl Cell {
     /// A cell that takes no artifact.
     #[must_use]
-    pub fn new(place: Place, point: Setting, parts: [Arc<ResolvedPart>; 3]) -> Self {
+    pub fn new(place: Place, point: SweepPoint, parts: [Arc<ResolvedPart>; 3]) -> Self {
         Self {
             place,
             point,
@@ -161,7 +161,7 @@ impl Combination {
     }
 
     /// The setting at a point.
-    fn setting(&self, points: &[(usize, usize)]) -> Setting {
+    fn setting(&self, points: &[(usize, usize)]) -> SweepPoint {
         let value = |key: &SettingKey| {
             let (_, point) = points.iter().find(|(dimension, _)| *dimension == key.dimension)?;
             Some((Arc::clone(&key.word), key.values[*point].clone()))

@@ -11,7 +11,7 @@ use super::{
     search::LocatedSearch,
     written::Target,
 };
-use contract::{complete_config::CompleteConfig, part::Part, setting::Setting};
+use contract::{complete_config::CompleteConfig, part::Part, sweep_point::SweepPoint};
 use document::{Node, diagnostic::Diagnostic};
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -90,7 +90,7 @@ impl<'a> PartCache<'a> {
         };
         let (environment, agent) = (index_of(targets[0]), index_of(targets[1]));
         let parts = self.parts(targets, (environment, agent), &[], self.sections.chosen(agent))?;
-        Ok(Cell::new(Place::Prepared(index), Setting::default(), parts))
+        Ok(Cell::new(Place::Prepared(index), SweepPoint::default(), parts))
     }
 
     /// A setting that a search tries.
@@ -107,7 +107,7 @@ impl<'a> PartCache<'a> {
     }
 
     /// A setting of a search, with its keys as they are written.
-    pub(super) fn point(&self, search: usize, place: usize) -> Setting {
+    pub(super) fn point(&self, search: usize, place: usize) -> SweepPoint {
         let searched = &self.sections.searches[search];
         let keys: Vec<&str> = searched
             .search

@@ -141,7 +141,7 @@ fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
         let lines = trials.iter().map(|it| {
             format!(
                 "# {} / {} / {} / seed {}\n",
-                it.cell.environment, it.cell.agent, it.cell.setting, it.key.seed
+                it.cell.environment, it.cell.agent, it.cell.point, it.key.seed
             )
         });
         snapshot("valid/resolved", &path, &(resolved + &lines.collect::<String>()));
@@ -210,7 +210,10 @@ fn a_sweep_multiplies_only_the_trials_of_its_owner() {
     assert_eq!(count("short", "learner"), 6);
     assert_eq!(count("long", "right"), 6);
     assert_eq!(count("long", "learner"), 12);
-    assert_eq!(trials.last().unwrap().cell.setting, "learning_rate=0.2 slip=0.1");
+    assert_eq!(
+        trials.last().unwrap().cell.point.words(),
+        "learning_rate=0.2 slip=0.1"
+    );
 }
 
 #[test]
@@ -406,7 +409,7 @@ fn zipped_keys_go_together_and_samplers_share_their_index() {
         .plan()
         .trials
         .into_iter()
-        .map(|trial| trial.cell.setting.clone())
+        .map(|trial| trial.cell.point.words().to_owned())
         .collect();
     assert_eq!(
         settings,

@@ -6,9 +6,9 @@ use contract::{
     cast::Actors,
     part::Part,
     recorder::Row,
-    setting::Setting,
     standard_metrics::UPDATES,
-    trial::{Trial, TrialCell, TrialKey},
+    sweep_point::SweepPoint,
+    trial::{Combination, Trial, TrialCell, TrialKey},
     trial_end::{EndState, TrialEnd},
     trial_result::TrialResult,
 };
@@ -30,13 +30,11 @@ pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Ro
     };
     let trial = Trial {
         id: format!("{environment}-{agent}-{seed}"),
-        cell: TrialCell {
+        cell: TrialCell::from(Combination {
             environment: environment.into(),
             agent: agent.into(),
-            setting: setting.into(),
             point: point(setting),
-            ..TrialCell::default()
-        }
+        })
         .into(),
         key,
     };
@@ -65,7 +63,7 @@ pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Ro
 }
 
 /// The point with these `key=value` words.
-fn point(words: &str) -> Setting {
+fn point(words: &str) -> SweepPoint {
     let pair = |word: &str| {
         let (key, value) = word.split_once('=').unwrap();
         (
@@ -73,7 +71,7 @@ fn point(words: &str) -> Setting {
             serde_json::from_str(value).unwrap_or_else(|_| value.into()),
         )
     };
-    Setting::new(words.split_whitespace().map(pair).collect())
+    SweepPoint::new(words.split_whitespace().map(pair).collect())
 }
 
 /// The same trial, ended otherwise.

@@ -51,7 +51,7 @@ fn row(result: &TrialResult) -> Value {
         "trial": trial.id,
         "environment": trial.cell.environment,
         "agent": trial.cell.agent,
-        "setting": trial.cell.setting,
+        "setting": trial.cell.point.words(),
         "seed": trial.key.seed,
         "end": result.end.as_ref().map(|end| end.state.name()),
         "final": means.collect::<Map<String, Value>>(),

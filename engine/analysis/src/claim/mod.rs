@@ -28,7 +28,7 @@ pub use parse::{is_name_character, parse};
 
 use contract::{
     recorder::Phase,
-    setting::{Setting, word},
+    sweep_point::{SweepPoint, word},
     trial_result::TrialResult,
 };
 use serde::{Deserialize, Serialize};
@@ -175,7 +175,7 @@ impl Operand {
 
     /// Whether a trial stands at the operand's values of swept keys.
     #[must_use]
-    pub fn is_at(&self, point: &Setting) -> bool {
+    pub fn is_at(&self, point: &SweepPoint) -> bool {
         let is_there = |(key, value): &(String, String)| {
             let is_json = |it: &Value| serde_json::to_string(it).is_ok_and(|text| text == *value);
             let is_value = |it: &Value| word(it) == *value || is_json(it);

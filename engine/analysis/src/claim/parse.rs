@@ -400,7 +400,7 @@ fn as_swept(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use contract::setting::Setting;
+    use contract::sweep_point::SweepPoint;
     use proptest::prelude::*;
     use serde_json::json;
 
@@ -458,7 +458,7 @@ mod tests {
         let claim = parse(text).unwrap();
         let swept = |kind: &str, watts: i32| {
             let values = [("kind", json!(kind)), ("load", json!({ "watts": [8, watts] }))];
-            Setting::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+            SweepPoint::new(values.map(|(key, value)| (key.to_owned(), value)).into())
         };
         let operand = claim.operands()[0].clone();
         assert!(operand.is_at(&swept("b, [c]", 16)));
@@ -466,7 +466,7 @@ mod tests {
         assert_eq!(claim.to_string(), text);
         // A word is the same value with quotes and without.
         let plain = parse(r#"a[kind="b"].return > a[kind=b].return"#).unwrap();
-        let point = Setting::new(vec![("kind".to_owned(), json!("b"))]);
+        let point = SweepPoint::new(vec![("kind".to_owned(), json!("b"))]);
         assert!(plain.operands().iter().all(|operand| operand.is_at(&point)));
     }
 

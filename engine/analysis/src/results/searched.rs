@@ -72,7 +72,7 @@ impl TriedSetting {
         };
         for trial in trials {
             let seed = trial.trial.key.seed;
-            tried.setting.clone_from(&trial.trial.cell.setting);
+            tried.setting = trial.trial.cell.point.words().to_owned();
             let end = trial.end.as_deref().filter(|end| !is_missing(Some(end)));
             let failure = end.map(|end| end.state).filter(|state| *state != EndState::Ok);
             let is_last = failure.is_some_and(|state| search.ranks_last(state));
@@ -199,7 +199,7 @@ impl SearchResult {
                 && cell.environment == self.search.environment
         };
         let own: Vec<&TrialResult> = trials.iter().filter(is_own).collect();
-        let setting = |it: &&TrialResult| it.trial.cell.setting.clone();
+        let setting = |it: &&TrialResult| it.trial.cell.point.words().to_owned();
         let is_one = own.windows(2).all(|pair| setting(&pair[0]) == setting(&pair[1]));
         if self.chosen.is_some() && is_one {
             own

@@ -11,8 +11,8 @@ use contract::{
     part::Part,
     random,
     recorder::Row,
-    setting::Setting,
-    trial::{Trial, TrialCell, TrialKey},
+    sweep_point::SweepPoint,
+    trial::{Combination, Trial, TrialCell, TrialKey},
     trial_end::TrialEnd,
 };
 use proptest::prelude::*;
@@ -147,10 +147,11 @@ fn result(
     let trial = Trial {
         id: format!("{key} {seed}"),
         cell: TrialCell {
-            point: Setting::new(values.collect()),
-            setting: key.to_owned(),
+            combination: Combination {
+                point: SweepPoint::new(values.collect()),
+                ..TrialCell::of("e", "a").combination
+            },
             purpose: Purpose::Tried(search.name.clone()),
-            ..TrialCell::of("e", "a")
         }
         .into(),
         key: TrialKey {

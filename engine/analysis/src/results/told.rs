@@ -136,10 +136,10 @@ impl Ran {
 /// A failed trial in one line.
 fn failure(trial: &TrialResult) -> String {
     let (it, end) = (&trial.trial, trial.end.as_ref());
-    let setting = if it.cell.setting.is_empty() {
+    let setting = if it.cell.point.is_empty() {
         String::new()
     } else {
-        format!(", {}", it.cell.setting)
+        format!(", {}", it.cell.point)
     };
     let state = end.map_or("", |end| end.state.name());
     let reason = end.map_or("", |end| &end.reason);

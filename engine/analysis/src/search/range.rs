@@ -3,7 +3,7 @@
 //! A *share* is a place on that line. Every value owns a stretch of it (its cell): a listed one or an integer a
 //! stretch of some width, any other number a point.
 
-use contract::setting::word;
+use contract::sweep_point::word;
 use serde_json::{Value, json};
 
 /// The values of a searched key.

@@ -68,7 +68,7 @@ fn cells<'a>(one: &'a Planned, state: &State) -> Vec<(Names<'a>, Cell)> {
         let names = (
             trial.cell.environment.as_str(),
             trial.cell.agent.as_str(),
-            trial.cell.setting.as_str(),
+            trial.cell.point.words(),
         );
         // The trials of a cell stand side by side in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());

@@ -93,7 +93,7 @@ fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
 fn made_up(trial: Arc<Trial>) -> TrialResult {
     // Settings differ, so that something can be said of what they do.
-    let of_setting = trial.cell.setting.bytes().map(f64::from).sum::<f64>() / 1000.0;
+    let of_setting = trial.cell.point.words().bytes().map(f64::from).sum::<f64>() / 1000.0;
     let value = 10.0 * trial.cell.agent.len() as f64 + trial.key.seed as f64 + of_setting;
     let mut rows: testing::synthetic::Rows = Vec::new();
     for (phase, step) in [(Phase::Evaluate, 0), (Phase::Evaluate, 500), (Phase::Final, 1000)] {

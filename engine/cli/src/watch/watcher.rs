@@ -314,10 +314,10 @@ fn panels(seen: &[Seen<'_>]) -> Vec<Panel> {
 
 /// The agent with its setting, where it has one.
 fn agent(trial: &Trial) -> String {
-    if trial.cell.setting.is_empty() {
+    if trial.cell.point.is_empty() {
         trial.cell.agent.clone()
     } else {
-        format!("{} {}", trial.cell.agent, trial.cell.setting.as_str())
+        format!("{} {}", trial.cell.agent, trial.cell.point)
     }
 }
 

@@ -54,7 +54,7 @@ impl Choice<'_> {
             missing: Vec::new(),
         };
         for trial in chosen.filter(|trial| trial.trial.key.seed == seed) {
-            let name = label_with_setting(spec, &trial.trial.cell.agent, &trial.trial.cell.setting);
+            let name = label_with_setting(spec, &trial.trial.cell.agent, trial.trial.cell.point.words());
             match context.results.drawings.get(&trial.trial.id) {
                 Some(drawings) if is_there(drawings) => found.trials.push((name, trial, drawings)),
                 other => found.missing.push(missing(&name, kind, trial, other)),

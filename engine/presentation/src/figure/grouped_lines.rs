@@ -9,7 +9,7 @@ use crate::{
     names::{Names, Place},
     table::{Axis, Scope},
 };
-use contract::{Error, setting::word};
+use contract::{Error, sweep_point::word};
 use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

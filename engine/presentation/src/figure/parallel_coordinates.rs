@@ -12,7 +12,7 @@ use crate::{
     table::metric_of_search,
 };
 use analysis::search::Range;
-use contract::{Error, setting::word};
+use contract::{Error, sweep_point::word};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -2,7 +2,7 @@
 
 use super::{Cause, Direction, Form, LatexLayout, Margin, MissingSeeds, NumberFormat, Statistic};
 use analysis::{results::Results, training_share};
-use contract::{trial::CellName, trial_result::TrialResult};
+use contract::{trial::Combination, trial_result::TrialResult};
 use statistics::{Judgement, MeanEstimate, Sample, Seeds, TrainingShare, Verdict};
 use std::{
     borrow::Cow,
@@ -178,7 +178,7 @@ pub struct Cell {
     /// Seeds that a verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind the value.
-    pub rests_on: BTreeSet<CellName>,
+    pub rests_on: BTreeSet<Combination>,
 }
 
 /// One printed column: a column of the grid, or its published values or verdicts.
@@ -349,7 +349,7 @@ impl Cell {
             untrained: untrained.into_iter().map(Into::into).collect(),
             training: training_share::behind(trials, results),
             looks: results.seeds_of(trials),
-            rests_on: trials.iter().map(|trial| trial.cell()).collect(),
+            rests_on: trials.iter().map(|trial| trial.combination().clone()).collect(),
             ..Self::default()
         }
     }

@@ -34,7 +34,7 @@ impl Axis {
         match self {
             Axis::Agent => &trial.trial.cell.agent,
             Axis::Environment => &trial.trial.cell.environment,
-            Axis::Setting => &trial.trial.cell.setting,
+            Axis::Setting => trial.trial.cell.point.words(),
         }
     }
 }

@@ -155,7 +155,7 @@ fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
         Column::new(
             "setting",
             "the point of the sweep, empty without one",
-            text(|it| &it.trial.cell.setting),
+            text(|it| it.trial.cell.point.words()),
         ),
         Column::new("seed", "the replicate", Cells::Count(seeds.collect())),
     ]

@@ -43,7 +43,7 @@ pub(super) fn write(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
 pub fn describe_run(folder: &str, result: &TrialResult) -> Value {
     let trial = &result.trial;
     json!({"folder": folder, "trial": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent,
-        "setting": trial.cell.setting, "seed": trial.key.seed, "config": config::values(&trial.key)})
+        "setting": trial.cell.point.words(), "seed": trial.key.seed, "config": config::values(&trial.key)})
 }
 
 /// Folder of a trial's run: readable names, and the beginning of the id, so that no two folders are the same.
@@ -58,10 +58,10 @@ pub fn folder_of_run(result: &TrialResult) -> String {
             .collect();
         word.trim_start_matches('.').to_owned()
     };
-    let setting = if trial.cell.setting.is_empty() {
+    let setting = if trial.cell.point.is_empty() {
         String::new()
     } else {
-        format!("{:.60}-", word(&trial.cell.setting))
+        format!("{:.60}-", word(trial.cell.point.words()))
     };
     format!(
         "{}/{}/{setting}seed-{}-{:.8}",

@@ -83,7 +83,7 @@ impl Span<'_> {
         json!({"ph": "X", "pid": 0, "tid": lane, "cat": cell.environment,
             "name": format!("{} {} seed {}", cell.environment, cell.agent, trial.key.seed),
             "ts": ((self.from - first) * MICROSECONDS).round(), "dur": ((self.to - self.from) * MICROSECONDS).round(),
-            "args": {"trial": trial.id, "setting": cell.setting.to_string(), "end": state}})
+            "args": {"trial": trial.id, "setting": cell.point.to_string(), "end": state}})
     }
 }
 

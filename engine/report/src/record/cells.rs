@@ -5,7 +5,7 @@ use analysis::results::Results;
 use contract::{
     recorder::{Phase, Row, intern},
     standard_metrics::{SUCCESS, root_of_squares},
-    trial::{CellName, Purpose, Trial},
+    trial::{Combination, Purpose, Trial},
     trial_end::{EndState, TrialEnd},
     trial_result::TrialResult,
 };
@@ -94,8 +94,8 @@ pub struct RecordedTrial {
 impl Cell {
     /// Environment, agent and setting.
     #[must_use]
-    pub fn name(&self) -> CellName {
-        (self.environment.clone(), self.agent.clone(), self.setting.clone())
+    pub fn name(&self) -> Combination {
+        Combination::of_words(&self.environment, &self.agent, &self.setting)
     }
 
     /// Number of seeds, ended or planned.
@@ -109,7 +109,7 @@ impl Cell {
     #[must_use]
     pub fn all(results: &Results) -> Vec<Self> {
         let mut cells: Vec<(Self, BTreeSet<u64>)> = Vec::new();
-        let mut places: BTreeMap<(Part, CellName), usize> = BTreeMap::new();
+        let mut places: BTreeMap<(Part, Combination), usize> = BTreeMap::new();
         let all = results
             .prepared
             .iter()
@@ -119,9 +119,11 @@ impl Cell {
             let Some(part) = Part::of(&it.trial.cell.purpose) else {
                 continue;
             };
-            let place = *places.entry((part, it.cell())).or_insert(cells.len());
+            let place = *places
+                .entry((part, it.combination().clone()))
+                .or_insert(cells.len());
             if place == cells.len() {
-                cells.push((Self::new(part, it.cell()), BTreeSet::new()));
+                cells.push((Self::new(part, it.combination()), BTreeSet::new()));
             }
             let (cell, missing) = &mut cells[place];
             match it.end.as_deref() {
@@ -143,11 +145,11 @@ impl Cell {
         cells.into_iter().map(with_planned).collect()
     }
 
-    fn new(part: Part, (environment, agent, setting): CellName) -> Self {
+    fn new(part: Part, of: &Combination) -> Self {
         Self {
-            environment,
-            agent,
-            setting,
+            environment: of.environment.clone(),
+            agent: of.agent.clone(),
+            setting: of.point.words().to_owned(),
             part,
             trials: Some(Vec::new()),
             ..Self::default()
@@ -191,10 +193,10 @@ struct UnmatchedTrial {
 
 /// The results of planned trials, by environment, agent, setting and seed.
 pub struct Source {
-    left: BTreeMap<(Part, CellName, u64), VecDeque<UnmatchedTrial>>,
+    left: BTreeMap<(Part, Combination, u64), VecDeque<UnmatchedTrial>>,
     /// Wall-clock time in seconds of trials that the record does not list one by one, by environment and agent.
     alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
-    measured: BTreeMap<(CellName, u64), Vec<FinalValue>>,
+    measured: BTreeMap<(Combination, u64), Vec<FinalValue>>,
 }
 
 impl Source {
@@ -209,7 +211,9 @@ impl Source {
         for cell in &record.cells {
             let (name, part, mean_wall_s) = (cell.name(), cell.part, cell.mean_wall_s);
             let Some(trials) = &cell.trials else {
-                source.alike.insert((part, [name.0, name.1]), mean_wall_s);
+                source
+                    .alike
+                    .insert((part, [name.environment, name.agent]), mean_wall_s);
                 continue;
             };
             for ended in trials {
@@ -224,7 +228,7 @@ impl Source {
             }
         }
         for it in &record.measured {
-            let name = (it.environment.clone(), it.agent.clone(), it.setting.clone());
+            let name = Combination::of_words(&it.environment, &it.agent, &it.setting);
             let values = source.measured.entry((name, it.seed)).or_default();
             values.push(it.clone());
         }
@@ -243,8 +247,8 @@ impl Source {
         let Some(part) = Part::of(&trial.cell.purpose) else {
             return result;
         };
-        let name = result.cell();
-        let alike = (part, [name.0.clone(), name.1.clone()]);
+        let name = result.combination().clone();
+        let alike = (part, [name.environment.clone(), name.agent.clone()]);
         if let Some(mean_wall_s) = self.alike.get(&alike) {
             result.end = Some(RecordedTrial::default().end(*mean_wall_s).into());
             return result;
@@ -264,7 +268,12 @@ impl Source {
 
     /// Takes the trial with this id where the record has ids of the plan, else the next one: meetings may share all
     /// names and their seed.
-    fn take(&mut self, key: (Part, CellName, u64), id: &str, ids: &BTreeSet<&str>) -> Option<UnmatchedTrial> {
+    fn take(
+        &mut self,
+        key: (Part, Combination, u64),
+        id: &str,
+        ids: &BTreeSet<&str>,
+    ) -> Option<UnmatchedTrial> {
         let left = self.left.get_mut(&key)?;
         let has = |it: &UnmatchedTrial, id: &str| it.ended.id.as_deref() == Some(id);
         if let Some(place) = left.iter().position(|it| has(it, id)) {

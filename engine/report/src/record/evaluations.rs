@@ -19,7 +19,7 @@ use contract::{
     parquet::{self, Table, Values},
     recorder::{Phase, Row, intern},
     standard_metrics::root_of_squares,
-    trial::{CellName, Trial},
+    trial::{Combination, Trial},
     trial_result::TrialResult,
 };
 use serde::Serialize;
@@ -89,7 +89,7 @@ pub fn encode(path: &Path, results: &Results, asks: &Asks) -> Result<Vec<u8>, Er
     let columns = vec![
         ("environment", text(|row| &row.0.cell.environment)),
         ("agent", text(|row| &row.0.cell.agent)),
-        ("setting", text(|row| &row.0.cell.setting)),
+        ("setting", text(|row| row.0.cell.point.words())),
         (
             "seed",
             Values::U64(rows.iter().map(|row| row.0.key.seed).collect()),
@@ -125,16 +125,16 @@ pub struct Block {
 
 /// Measurements of trials, by their names and seed.
 #[derive(Debug, Default)]
-pub struct Blocks(BTreeMap<(CellName, u64), VecDeque<Block>>);
+pub struct Blocks(BTreeMap<(Combination, u64), VecDeque<Block>>);
 
 impl Blocks {
     /// The next block of these names and this seed.
-    pub fn take(&mut self, cell: &CellName, seed: u64) -> Option<Block> {
+    pub fn take(&mut self, cell: &Combination, seed: u64) -> Option<Block> {
         self.0.get_mut(&(cell.clone(), seed))?.pop_front()
     }
 
     /// The number of trials by names and seed.
-    pub fn numbers(&self) -> impl Iterator<Item = (&CellName, u64, usize)> {
+    pub fn numbers(&self) -> impl Iterator<Item = (&Combination, u64, usize)> {
         self.0
             .iter()
             .map(|((cell, seed), blocks)| (cell, *seed, blocks.len()))
@@ -205,7 +205,7 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     let (phases, steps) = (table.texts("phase")?, table.u64s("step")?);
     let (metrics, values) = (table.texts("metric")?, table.f64s("value")?);
     let mut names: Vec<String> = Vec::new();
-    let mut trials: BTreeMap<(CellName, u64), BlockReader> = BTreeMap::new();
+    let mut trials: BTreeMap<(Combination, u64), BlockReader> = BTreeMap::new();
     let cells = environments.zip(agents).zip(settings).zip(seeds);
     let mut now: Option<((&str, &str, &str, u64), BlockReader)> = None;
     for ((((cell, phase), step), metric), value) in cells.zip(phases).zip(steps).zip(metrics).zip(values) {
@@ -246,12 +246,12 @@ fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
     )))
 }
 
-fn owned((environment, agent, setting, seed): (&str, &str, &str, u64)) -> (CellName, u64) {
-    ((environment.into(), agent.into(), setting.into()), seed)
+fn owned((environment, agent, setting, seed): (&str, &str, &str, u64)) -> (Combination, u64) {
+    (Combination::of_words(environment, agent, setting), seed)
 }
 
 fn put(
-    trials: &mut BTreeMap<(CellName, u64), BlockReader>,
+    trials: &mut BTreeMap<(Combination, u64), BlockReader>,
     read: Option<((&str, &str, &str, u64), BlockReader)>,
 ) {
     if let Some((key, reading)) = read {

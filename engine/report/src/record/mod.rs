@@ -22,7 +22,7 @@ use analysis::{
 };
 use contract::{
     Error,
-    trial::{CellName, Trial},
+    trial::{Combination, Trial},
 };
 use execution::store::{SeenVerdicts, write_durably};
 use serde::{Deserialize, Serialize};
@@ -176,7 +176,7 @@ impl Record {
 
     /// Number of seeds, ended or planned, by combination and meeting.
     #[must_use]
-    pub fn seeds(&self) -> BTreeMap<CellName, u32> {
+    pub fn seeds(&self) -> BTreeMap<Combination, u32> {
         let shown = self.cells.iter().filter(|cell| cell.part == Part::Shown);
         shown.map(|cell| (cell.name(), cell.seeds())).collect()
     }
@@ -184,11 +184,10 @@ impl Record {
     /// Whether the record has the time of each trial of a combination, instead of their mean.
     #[must_use]
     pub fn has_times(&self, trial: &Trial) -> bool {
-        let cell = self.cells.iter().find(|cell| {
-            cell.environment == trial.cell.environment
-                && cell.agent == trial.cell.agent
-                && cell.setting == trial.cell.setting
-        });
+        let cell = self
+            .cells
+            .iter()
+            .find(|cell| cell.name() == trial.cell.combination);
         cell.is_some_and(|cell| cell.mean_wall_s.is_none())
     }
 

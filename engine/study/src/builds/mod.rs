@@ -20,10 +20,10 @@ use contract::{
     panics, protocol, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
-    setting::word,
     standard_metrics::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
+    sweep_point::word,
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;

@@ -80,10 +80,8 @@ fn encounter(
     Trial {
         id: key.id(),
         cell: TrialCell {
-            environment: play.name.clone(),
-            agent: title(&roles),
+            combination: TrialCell::of(&play.name, title(&roles)).combination,
             purpose: Purpose::Play(roles),
-            ..TrialCell::default()
         }
         .into(),
         key,

@@ -24,7 +24,7 @@ use contract::{
     artifact::Taken,
     cast::{Actors, Cast, Member},
     part::Part,
-    trial::{CellName, Purpose, Trial, TrialCell, TrialKey, trial_id},
+    trial::{Combination, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
 use presentation::vocabulary::Play;
 use std::{
@@ -52,7 +52,7 @@ pub struct Plan {
 
 /// How many seeds combinations of environment, agent and setting have; those that are not named have the
 /// first look's.
-pub type Wanted = BTreeMap<CellName, u32>;
+pub type Wanted = BTreeMap<Combination, u32>;
 
 /// Trials of cells that others take from, by the index of the cell, seed after seed.
 type TrialsByCell = BTreeMap<usize, Vec<Arc<Trial>>>;
@@ -101,7 +101,7 @@ impl Study {
         };
         let seeds = |trial: &Trial| {
             wanted
-                .get(&trial.cell.names())
+                .get(&trial.cell.combination)
                 .copied()
                 .unwrap_or(design.looks()[0])
         };
@@ -295,13 +295,12 @@ impl Study {
             Place::Prepared(_) | Place::Leading(..) => Purpose::Prepared,
             Place::Tried(search) => Purpose::Tried(self.searches[search].0.name.clone()),
         };
-        TrialCell {
+        let combination = Combination {
             environment,
             agent,
-            setting: cell.point.to_string(),
             point: cell.point.clone(),
-            purpose,
-        }
+        };
+        TrialCell { combination, purpose }
     }
 
     fn names(&self, cell: &Cell) -> (String, String) {
@@ -382,11 +381,8 @@ impl Plan {
     /// Leaves each trial once in its combination: a search may propose the same setting twice.
     pub fn keep_once(&mut self) {
         let mut seen = BTreeSet::new();
-        self.trials.retain(|trial| {
-            let cell = &trial.cell;
-            let names = [&cell.environment, &cell.agent, &cell.setting].map(String::clone);
-            seen.insert((names, trial.id.clone()))
-        });
+        self.trials
+            .retain(|trial| seen.insert((trial.cell.combination.clone(), trial.id.clone())));
     }
 
     /// The ids that the wanted trials take from, through any number of steps.

@@ -103,11 +103,7 @@ fn by_cell<'a>(
 }
 
 fn is_of_cell(one: &Trial, other: &Trial) -> bool {
-    Arc::ptr_eq(&one.cell, &other.cell) || names(one) == names(other)
-}
-
-fn names(trial: &Trial) -> (&str, &str, &str) {
-    (&trial.cell.environment, &trial.cell.agent, &trial.cell.setting)
+    Arc::ptr_eq(&one.cell, &other.cell) || one.cell.combination == other.cell.combination
 }
 
 /// The entries that a trial takes from and that are new themselves.
@@ -149,7 +145,7 @@ fn of_cell(cell: &[PendingTrial<'_>], new: &HashMap<&str, &Trial>, search: &mut 
     let (environment, agent, setting) = (
         first.cell.environment.clone(),
         first.cell.agent.clone(),
-        first.cell.setting.clone(),
+        first.cell.point.words().to_owned(),
     );
     let named = |(reason, seeds)| Novelty {
         environment: environment.clone(),

@@ -21,7 +21,7 @@ use analysis::{
 use contract::{
     Error,
     part::Part,
-    setting::Setting,
+    sweep_point::SweepPoint,
     trial::{Purpose, Trial},
     trial_end::{EndState, is_missing},
     trial_result::TrialResult,
@@ -82,7 +82,7 @@ fn tried(search: &Search, point: &[Value]) -> Trial {
     trial.key.protocol = Part::new("train_evaluate", 1, steps).into();
     trial.id = trial.key.id();
     let cell = trial.cell_mut();
-    cell.point = Setting::new(vec![("tally.rate".into(), point[0].clone())]);
+    cell.point = SweepPoint::new(vec![("tally.rate".into(), point[0].clone())]);
     cell.purpose = Purpose::Tried(search.name.clone());
     trial
 }

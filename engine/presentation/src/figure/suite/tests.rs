@@ -218,7 +218,8 @@ fn an_agent_has_its_colour_in_figures_of_suites() {
 #[test]
 fn settings_are_not_pooled() {
     let mut results = study();
-    results.trials[0].trial_mut().cell_mut().setting = "dsac.learning_rate=1".into();
+    results.trials[0].trial_mut().cell_mut().point =
+        contract::sweep_point::SweepPoint::of_words("dsac.learning_rate=1");
     let spec = spec("sample_efficiency", json!({}));
     let context = Context {
         results: &results,

@@ -204,7 +204,7 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
         "table: an aggregate needs trials in at least two environments"
     );
     let mut swept = results();
-    swept.trials[0].trial_mut().cell_mut().setting = "rate=1".into();
+    swept.trials[0].trial_mut().cell_mut().point = contract::sweep_point::SweepPoint::of_words("rate=1");
     assert!(
         message(
             &Aggregate {
@@ -245,7 +245,7 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     };
     assert_ne!(able(&grown).estimate, cell.estimate);
     assert_eq!(judged(&able(&grown)), judged(&cell));
-    let agents: BTreeSet<&str> = cell.rests_on.iter().map(|(_, agent, _)| agent.as_str()).collect();
+    let agents: BTreeSet<&str> = cell.rests_on.iter().map(|it| it.agent.as_str()).collect();
     assert_eq!(
         (cell.rests_on.len(), agents),
         (9, BTreeSet::from(["able", "strong", "weak"]))

@@ -2,7 +2,7 @@
 
 use super::{Axis, Comparison};
 use crate::table::{Scope, seeds::listed_first};
-use contract::{setting::word, trial::TrialCell, trial_result::TrialResult};
+use contract::{sweep_point::word, trial::TrialCell, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};

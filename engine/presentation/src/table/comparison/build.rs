@@ -147,7 +147,7 @@ impl<'a> Relation<'a> {
         let same = candidates
             .iter()
             .copied()
-            .find(|other| other.trial.cell.setting == own.cell.setting);
+            .find(|other| other.trial.cell.point == own.cell.point);
         same.or(match candidates[..] {
             [only] => Some(only),
             _ => None,

@@ -1,0 +1,201 @@
+//! The point of a sweep at which a trial stands.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::{cmp::Ordering, fmt, sync::Arc};
+
+/// Swept keys with their values, in the order of the sweep; none without a sweep. It is told from other points by its
+/// words, `key=value` each. Its stored form has two keys, `setting` for the words and `point` for the values.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(from = "Stored", into = "Stored")]
+pub struct SweepPoint {
+    words: Arc<str>,
+    values: Arc<[(Arc<str>, Value)]>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    setting: String,
+    /// Absent in trials that were stored before values were recorded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    point: Vec<(String, Value)>,
+}
+
+impl Default for SweepPoint {
+    fn default() -> Self {
+        Self::from_iter([])
+    }
+}
+
+impl SweepPoint {
+    /// The point with these keys and values, in this order.
+    #[must_use]
+    pub fn new(values: Vec<(String, Value)>) -> Self {
+        values
+            .into_iter()
+            .map(|(key, value)| (key.into(), value))
+            .collect()
+    }
+
+    /// A point of which the words alone are known.
+    #[must_use]
+    pub fn of_words(words: impl Into<Arc<str>>) -> Self {
+        Self {
+            words: words.into(),
+            values: Arc::new([]),
+        }
+    }
+
+    /// The keys and values as `key=value` words; empty without a sweep.
+    #[must_use]
+    pub fn words(&self) -> &str {
+        &self.words
+    }
+
+    /// Whether the point has no keys: there is no sweep.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    /// The values, in the order of the keys.
+    #[must_use]
+    pub fn values(&self) -> Vec<&Value> {
+        self.values.iter().map(|(_, value)| value).collect()
+    }
+
+    /// The value of a key, which may be given with its last word alone, as it may stand here.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&Value> {
+        self.values
+            .iter()
+            .find(|(name, _)| is_called(name, key))
+            .map(|(_, value)| value)
+    }
+
+    /// The same point without a key.
+    #[must_use]
+    pub fn without(&self, key: &str) -> Self {
+        self.values
+            .iter()
+            .filter(|(name, _)| !is_called(name, key))
+            .cloned()
+            .collect()
+    }
+}
+
+impl FromIterator<(Arc<str>, Value)> for SweepPoint {
+    fn from_iter<T: IntoIterator<Item = (Arc<str>, Value)>>(values: T) -> Self {
+        let values: Arc<[(Arc<str>, Value)]> = values.into_iter().collect();
+        let words: Vec<String> = values
+            .iter()
+            .map(|(key, value)| format!("{key}={}", word(value)))
+            .collect();
+        Self {
+            words: words.join(" ").into(),
+            values,
+        }
+    }
+}
+
+impl From<Stored> for SweepPoint {
+    fn from(stored: Stored) -> Self {
+        let values = stored.point.into_iter().map(|(key, value)| (key.into(), value));
+        Self {
+            words: stored.setting.into(),
+            values: values.collect(),
+        }
+    }
+}
+
+impl From<SweepPoint> for Stored {
+    fn from(point: SweepPoint) -> Self {
+        let own = |(key, value): &(Arc<str>, Value)| (key.to_string(), value.clone());
+        Self {
+            setting: point.words.to_string(),
+            point: point.values.iter().map(own).collect(),
+        }
+    }
+}
+
+impl PartialEq for SweepPoint {
+    fn eq(&self, other: &Self) -> bool {
+        self.words == other.words
+    }
+}
+
+impl Eq for SweepPoint {}
+
+impl PartialOrd for SweepPoint {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for SweepPoint {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.words.cmp(&other.words)
+    }
+}
+
+fn is_called(name: &str, key: &str) -> bool {
+    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_owned();
+    name == key || last(name) == key || name == last(key)
+}
+
+impl fmt::Display for SweepPoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.words)
+    }
+}
+
+/// A value as a word.
+#[must_use]
+pub fn word(value: &Value) -> String {
+    match value {
+        Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn point() -> SweepPoint {
+        let values = [
+            ("dsac.rate", json!(1e-4)),
+            ("cells", json!(4)),
+            ("load", json!("a b=c")),
+        ];
+        SweepPoint::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+    }
+
+    #[test]
+    fn a_key_is_found_by_its_last_word() {
+        assert_eq!(
+            (point().get("rate"), point().get("dsac.rate")),
+            (Some(&json!(1e-4)), Some(&json!(1e-4)))
+        );
+        assert_eq!(point().get("plant.cells"), Some(&json!(4)));
+        let unknown = [
+            point().get("ate").cloned(),
+            point().get("sac.rate").cloned(),
+            SweepPoint::default().get("rate").cloned(),
+        ];
+        assert_eq!(unknown, [None, None, None]);
+        assert_eq!(point().without("rate").words(), r#"cells=4 load="a b=c""#);
+    }
+
+    #[test]
+    fn it_is_written_as_words_and_stored_with_its_values() {
+        assert_eq!(point().to_string(), r#"dsac.rate=0.0001 cells=4 load="a b=c""#);
+        let stored = json!(point());
+        assert_eq!(stored["point"][1], json!(["cells", 4]));
+        let read: SweepPoint = serde_json::from_value(stored).unwrap();
+        assert_eq!((read.words(), read.values()), (point().words(), point().values()));
+        let early: SweepPoint = serde_json::from_value(json!({ "setting": "rate=1" })).unwrap();
+        assert_eq!((early.words(), early.values().len()), ("rate=1", 0));
+    }
+}
