@@ -50,7 +50,7 @@ fn main() {
     let (mut steps, start) = (0u64, Instant::now());
     while start.elapsed().as_secs_f64() < seconds {
         for environment in &mut environments {
-            environment.announce(&action).unwrap();
+            environment.begin_step(&action).unwrap();
         }
         for environment in &mut environments {
             if environment.step(&action, &mut rng).unwrap().end.is_some() {

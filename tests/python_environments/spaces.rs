@@ -116,7 +116,9 @@ fn environments_that_are_stepped_together_give_what_each_gives_alone() {
         for step in 0..20 {
             let action = vec![vec![f64::from(step) / 20.0]];
             if together {
-                tanks.iter_mut().for_each(|tank| tank.announce(&action).unwrap());
+                tanks
+                    .iter_mut()
+                    .for_each(|tank| tank.begin_step(&action).unwrap());
             }
             for (tank, rng) in tanks.iter_mut().zip(&mut streams) {
                 all.push(tank.step(&action, rng).unwrap().observations.concat());

@@ -67,7 +67,7 @@ pub trait Agent: Send {
     ///
     /// # Errors
     /// Where the transitions cannot be learned from.
-    fn survey(&mut self, _transitions: &[Transition]) -> Result<(), Error> {
+    fn observe_dataset(&mut self, _transitions: &[Transition]) -> Result<(), Error> {
         Ok(())
     }
 
@@ -123,9 +123,9 @@ pub trait Agent: Send {
     /// Forgets the observations of the episode: another one begins.
     fn restart(&mut self) {}
 
-    /// Whether the rest of a design is not worth its evaluations, so that another one begins. The protocol `search`
-    /// asks after every step that ends no episode.
-    fn gives_up(&mut self) -> bool {
+    /// Whether the agent ends the episode before the environment does, as a design that is not worth the rest of its
+    /// evaluations. The protocol `search` asks after every step that ends no episode.
+    fn truncates(&mut self) -> bool {
         false
     }
 

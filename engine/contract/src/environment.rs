@@ -315,13 +315,13 @@ impl Metric {
     }
 }
 
-/// A reward over two actions, point by point, for contour figures.
+/// Values that belong to an environment and to no episode, such as a reward over a grid of two actions.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RewardSurface {
-    /// Names of the two actions and of the reward, as they are traced.
-    pub names: [String; 3],
-    /// The two actions and the reward at each point of a full grid.
-    pub points: Vec<[f64; 3]>,
+pub struct StaticTrace {
+    /// Names of the columns, as they are traced.
+    pub names: Vec<String>,
+    /// Points, each with a value for every column.
+    pub points: Vec<Vec<f64>>,
 }
 
 /// A simulated system with one or more seats.
@@ -352,13 +352,13 @@ pub trait Environment: Send {
         self.reset(rng)
     }
 
-    /// Announces the actions of the next [`step`](Self::step), which follows with the same ones. The actions of all
-    /// environments that are stepped together are announced before the first of them is stepped, so that environments
-    /// that compute in another process can do it together; others have nothing to do.
+    /// Begins the next [`step`](Self::step), which follows with the same actions, as `step_async` of Gymnasium's vector
+    /// environments does. It is called for all environments that are stepped together before the first of them is
+    /// stepped, so that those in other processes compute side by side; others have nothing to do.
     ///
     /// # Errors
     /// As `step`.
-    fn announce(&mut self, _actions: &[Vec<f64>]) -> Result<(), Error> {
+    fn begin_step(&mut self, _actions: &[Vec<f64>]) -> Result<(), Error> {
         Ok(())
     }
 
@@ -385,9 +385,9 @@ pub trait Environment: Send {
     /// Traced values of the present time, one per trace channel; `NaN` becomes an empty cell.
     fn trace(&self) -> Vec<f64>;
 
-    /// The reward over two actions, where two actions are all that it depends on. Protocols that trace
-    /// episodes trace it too.
-    fn reward_surface(&self) -> Option<RewardSurface> {
+    /// Values that hold for all episodes alike; protocols that trace episodes trace them too. `None` where an
+    /// environment has none.
+    fn static_trace(&self) -> Option<StaticTrace> {
         None
     }
 

@@ -56,8 +56,8 @@ pub use data_file::{DataFile, FileFormat};
 pub use dataset::Dataset;
 pub use design::{Design, Designs};
 pub use environment::{
-    Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface,
-    Seat, Space, Step,
+    Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, Seat, Space,
+    StaticTrace, Step,
 };
 pub use error::Error;
 pub use feed::Feed;

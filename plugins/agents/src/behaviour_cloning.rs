@@ -143,8 +143,8 @@ impl Agent for BehaviourCloning {
         self.actor.act(observations, self.n_updates)
     }
 
-    fn survey(&mut self, transitions: &[Transition]) -> Result<(), Error> {
-        self.actor.survey(transitions);
+    fn observe_dataset(&mut self, transitions: &[Transition]) -> Result<(), Error> {
+        self.actor.observe_dataset(transitions);
         Ok(())
     }
 

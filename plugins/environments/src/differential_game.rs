@@ -21,7 +21,7 @@
 //! 1, so that the joint observation of two players is [1, 1], as in the authors' public code.
 
 use crate::unit_box::{self, LimitExcess};
-use contract::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
+use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, StaticTrace, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -94,14 +94,16 @@ impl DifferentialGameConfig {
     }
 
     /// The reward over two players' actions on a grid that contains the tops of both hills.
-    fn surface(&self) -> RewardSurface {
+    fn surface(&self) -> StaticTrace {
         let at = |index: u32| ACTION_SCALE * (2.0 * f64::from(index) / f64::from(SURFACE_INTERVALS) - 1.0);
         let places = || (0..=SURFACE_INTERVALS).map(at);
         let points = places().flat_map(|first| places().map(move |second| (first, second)));
-        RewardSurface {
-            names: ["surface_action_0", "surface_action_1", "surface_reward"].map(String::from),
+        StaticTrace {
+            names: ["surface_action_0", "surface_action_1", "surface_reward"]
+                .map(String::from)
+                .into(),
             points: points
-                .map(|(first, second)| [first, second, self.reward(&[first, second])])
+                .map(|(first, second)| vec![first, second, self.reward(&[first, second])])
                 .collect(),
         }
     }
@@ -247,7 +249,7 @@ impl Environment for DifferentialGame {
         self.actions.iter().copied().chain([self.reward]).collect()
     }
 
-    fn reward_surface(&self) -> Option<RewardSurface> {
+    fn static_trace(&self) -> Option<StaticTrace> {
         (self.config.players == 2).then(|| self.config.surface())
     }
 
@@ -294,7 +296,7 @@ mod tests {
     #[test]
     fn the_surface_holds_both_tops() {
         let surface = DifferentialGame::new(config(Scale::Thesis))
-            .reward_surface()
+            .static_trace()
             .unwrap();
         assert_eq!(surface.points.len(), 41 * 41);
         for point in [
@@ -302,14 +304,14 @@ mod tests {
             [-5.0, -5.0, 0.0],
             [-10.0, 10.0, -0.8 * 250.0 / 9.0],
         ] {
-            assert!(surface.points.contains(&point), "{point:?}");
+            assert!(surface.points.contains(&point.to_vec()), "{point:?}");
         }
         assert!(
             DifferentialGame::new(DifferentialGameConfig {
                 players: 3,
                 ..config(Scale::Thesis)
             })
-            .reward_surface()
+            .static_trace()
             .is_none()
         );
     }

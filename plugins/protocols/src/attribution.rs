@@ -137,7 +137,7 @@ impl Attribution {
                     .agent
                     .act(std::slice::from_ref(&seen), Mode::Evaluate, &mut acting)?;
                 all.push(seen);
-                environment.announce(&actions[0])?;
+                environment.begin_step(&actions[0])?;
                 let step = environment.step(&actions[0], &mut rng)?;
                 if step.end.is_some() {
                     break;

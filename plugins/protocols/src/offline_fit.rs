@@ -145,7 +145,7 @@ impl Protocol for OfflineFit {
         }
         run.record_updates(Phase::Final, self.steps);
         if self.trace_episodes > 0 {
-            protocol::trace_reward_surface(run)
+            protocol::record_static_trace(run)
         } else {
             Ok(())
         }
@@ -160,7 +160,7 @@ impl OfflineFit {
             None => {
                 let fit = FitState::start(run);
                 let transitions = self.transitions(run)?;
-                run.agent.survey(&transitions)?;
+                run.agent.observe_dataset(&transitions)?;
                 self.measure_when_due(run, &fit, None)?;
                 self.fit(run, fit, &transitions)?;
             }

@@ -138,7 +138,7 @@ impl Agent for WalkingAgent {
         let act = |seen: &Observation| seen.seats.iter().map(|_| vec![force(rng)]).collect();
         Ok(observations.iter().map(act).collect())
     }
-    fn survey(&mut self, transitions: &[Transition]) -> Result<(), Error> {
+    fn observe_dataset(&mut self, transitions: &[Transition]) -> Result<(), Error> {
         assert_eq!(
             (self.told_of, self.batches),
             (0, 0),

@@ -5,7 +5,7 @@ use super::{own_training::own, train_evaluate::TrainEvaluate};
 use contract::{
     Error, Phase, Recorder,
     own_training::{Asked, MEASURED, Measured},
-    protocol::{Measurement, Run, measure, trace_reward_surface},
+    protocol::{Measurement, Run, measure, record_static_trace},
 };
 use std::collections::BTreeMap;
 
@@ -106,7 +106,7 @@ pub(super) fn end(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
         measure(run, &of.last(), None, || None::<()>)?;
     }
     if measured.is_some() && of.trace_episodes > 0 {
-        trace_reward_surface(run)?;
+        record_static_trace(run)?;
     }
     Ok(())
 }

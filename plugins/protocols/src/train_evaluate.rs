@@ -203,7 +203,7 @@ impl Protocol for TrainEvaluate {
         }
         run.record_updates(Phase::Final, self.steps);
         if self.trace_episodes > 0 {
-            protocol::trace_reward_surface(run)
+            protocol::record_static_trace(run)
         } else {
             Ok(())
         }
@@ -505,7 +505,7 @@ fn act_in_all(
     let actions = run.agent.act(&observations, Mode::Train, rng)?;
     let mut transitions = Vec::with_capacity(slots.len());
     for (slot, action) in slots.iter_mut().zip(&actions) {
-        slot.environment.announce(action)?;
+        slot.environment.begin_step(action)?;
     }
     for ((slot, action), observation) in slots.iter_mut().zip(actions).zip(observations) {
         let step = slot.environment.step(&action, &mut slot.rng)?;

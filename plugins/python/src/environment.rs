@@ -153,7 +153,7 @@ impl Environment for PythonEnvironment {
         Ok(self.seen.clone())
     }
 
-    fn announce(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
+    fn begin_step(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
         if actions.len() != self.seats.len() {
             let problem = format!("{} seats in place of {}", actions.len(), self.seats.len());
             return Err(Error::Action { problem });
@@ -169,7 +169,7 @@ impl Environment for PythonEnvironment {
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         if !std::mem::take(&mut self.announced) {
-            self.announce(actions)?;
+            self.begin_step(actions)?;
             self.announced = false;
         }
         self.steps += 1;

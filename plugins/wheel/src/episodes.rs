@@ -184,7 +184,7 @@ impl Episodes {
             Stage::UnderWay => {
                 let own = &asked[number * columns..(number + 1) * columns];
                 let action = spaces::actions(seats, own).map_err(|error| of_place(error, number, places))?;
-                place.environment.announce(&action)?;
+                place.environment.begin_step(&action)?;
                 Ok(Some(action))
             }
             Stage::Ended if autoreset == Autoreset::NextStep => Ok(None),

@@ -320,7 +320,7 @@ fn advance(
         add(&mut episode.assessed, &values);
     }
     for (episode, action) in active.iter_mut().zip(&actions) {
-        episode.environment.announce(action)?;
+        episode.environment.begin_step(action)?;
     }
     let mut going_on = Vec::with_capacity(active.len());
     for (mut episode, action) in active.into_iter().zip(actions) {
@@ -451,16 +451,16 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
 }
 
-/// Traces the environment's reward surface, where it has one: a grid point per episode, all at step 0.
+/// Records the environment's static trace, where it has one: a point per episode, all at step 0.
 ///
 /// # Errors
 /// Where the environment cannot be made.
-pub fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
-    let Some(surface) = (run.make_environment)()?.reward_surface() else {
+pub fn record_static_trace(run: &mut Run<'_>) -> Result<(), Error> {
+    let Some(trace) = (run.make_environment)()?.static_trace() else {
         return Ok(());
     };
-    for (index, point) in (0..).zip(&surface.points) {
-        for (name, value) in surface.names.iter().zip(point) {
+    for (index, point) in (0..).zip(&trace.points) {
+        for (name, value) in trace.names.iter().zip(point) {
             run.record.add(Phase::Trace, 0, index, 0, name, *value);
         }
     }

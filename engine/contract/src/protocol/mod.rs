@@ -17,7 +17,7 @@ use std::path::Path;
 
 pub use evaluation::{
     Kept, Measurement, measure, measure_alone, measure_and_keep, metrics as measurement_metrics, observe,
-    replay as replay_measurement, trace_reward_surface,
+    record_static_trace, replay as replay_measurement,
 };
 pub use going_on::{
     leave as leave_checkpoint, load_agent as load_from_checkpoint, misfit as checkpoint_misfit,

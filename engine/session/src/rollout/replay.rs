@@ -6,8 +6,8 @@
 
 use super::columns::Columns;
 use contract::{
-    Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry,
-    RewardSurface, Rng, Seat, Step,
+    Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry, Rng, Seat,
+    StaticTrace, Step,
     artifact::FindArtifact,
     cast::{Actors, take_up},
     protocol::{Run, replay_measurement},
@@ -230,8 +230,8 @@ impl Environment for Watched {
         self.inner.trace()
     }
 
-    fn reward_surface(&self) -> Option<RewardSurface> {
-        self.inner.reward_surface()
+    fn static_trace(&self) -> Option<StaticTrace> {
+        self.inner.static_trace()
     }
 
     fn snapshot(&self) -> serde_json::Value {

@@ -89,9 +89,9 @@ fn traced(environment: &dyn Environment) -> BTreeSet<String> {
     channels
         .chain(
             environment
-                .reward_surface()
+                .static_trace()
                 .into_iter()
-                .flat_map(|surface| surface.names),
+                .flat_map(|trace| trace.names),
         )
         .collect()
 }

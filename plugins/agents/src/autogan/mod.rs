@@ -371,7 +371,7 @@ impl Agent for AutoGan {
         self.scored.clear();
     }
 
-    fn gives_up(&mut self) -> bool {
+    fn truncates(&mut self) -> bool {
         self.state.gives_up
     }
 

@@ -179,7 +179,7 @@ impl DatasetActor {
     }
 
     /// Takes the moments of a dataset's observations, where observations are scaled by the dataset.
-    pub fn survey(&mut self, transitions: &[Transition]) {
+    pub fn observe_dataset(&mut self, transitions: &[Transition]) {
         if self.scale_by == ScalingSource::Dataset && !transitions.is_empty() {
             let (center, sd) = moments(transitions, self.n_observed());
             let spread = sd
@@ -389,7 +389,7 @@ pub(crate) mod tests {
     /// Trains an agent on batches of 64 drawn from `data`, as the protocol does.
     pub(crate) fn fit(agent: &mut dyn Agent, data: &[Transition], batches: usize, rng: &mut Rng) -> Recorder {
         let mut record = Recorder::default();
-        agent.survey(data).unwrap();
+        agent.observe_dataset(data).unwrap();
         for _ in 0..batches {
             let batch: Vec<_> = (0..64)
                 .map(|_| data[rng.random_range(0..data.len())].clone())
@@ -470,7 +470,7 @@ pub(crate) mod tests {
         let data = seen(&[1.0, 3.0, 5.0, 7.0]);
         let spread = 5f64.sqrt() + 1e-3;
         let mut actor = actor(ScalingSource::Dataset, &cube());
-        actor.survey(&data);
+        actor.observe_dataset(&data);
         let Batch {
             observations,
             actions,
@@ -495,7 +495,7 @@ pub(crate) mod tests {
         assert_eq!((values(actions), values(rewards)), (vec![0.5; 4], vec![2.0; 4]));
         assert_eq!(values(continues), [1.0; 4], "an episode that was cut off goes on");
         let constant = seen(&[2.0, 2.0]);
-        actor.survey(&constant);
+        actor.observe_dataset(&constant);
         assert_eq!(values(actor.batch(&constant).observations), [0.0; 2]);
     }
 
@@ -505,7 +505,7 @@ pub(crate) mod tests {
             let mut interface = cube();
             interface.seats[0].observation = Space::Box(vec![Channel::new("x", "").typical(3.0, 2.0)]);
             let mut actor = actor(scale_by, &interface);
-            actor.survey(&seen(&[100.0]));
+            actor.observe_dataset(&seen(&[100.0]));
             assert_eq!(values(actor.batch(&seen(&[7.0])).observations), [expected]);
         }
     }

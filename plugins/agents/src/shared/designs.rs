@@ -132,7 +132,7 @@ pub(crate) mod tests {
                     end: (step == 1).then_some(End::Terminated),
                 };
                 agent.learn(&[transition], rng, &mut record).unwrap();
-                if agent.gives_up() {
+                if agent.truncates() {
                     break;
                 }
             }

@@ -341,7 +341,7 @@ impl SearchState {
             .learn(&[transition], &mut self.learn_rng, &mut run.record)?;
         match step.end {
             Some(end) => self.end_design(run, design_value, end, true),
-            None if run.agent.gives_up() => self.end_design(run, design_value, End::Truncated, false),
+            None if run.agent.truncates() => self.end_design(run, design_value, End::Truncated, false),
             None => Ok(()),
         }
     }

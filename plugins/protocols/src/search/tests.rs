@@ -107,7 +107,7 @@ impl Agent for RandomDesigner {
         self.learned.push((one.observation.seats[0][0], one.rewards[0]));
         Ok(())
     }
-    fn gives_up(&mut self) -> bool {
+    fn truncates(&mut self) -> bool {
         self.began_badly
     }
 }
