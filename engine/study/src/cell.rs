@@ -144,7 +144,7 @@ pub(super) struct SettingKey {
 
 /// An environment and an agent at every point of the dimensions that concern them.
 #[derive(Debug, Clone)]
-pub(super) struct Combination {
+pub(super) struct PairGrid {
     /// Environment and agent.
     pub(super) pair: (usize, usize),
     /// The dimensions, by their places in the sweep, with how many points each has.
@@ -155,7 +155,7 @@ pub(super) struct Combination {
     pub(super) parts: [Arc<Grid>; 3],
 }
 
-impl Combination {
+impl PairGrid {
     fn n_cells(&self) -> usize {
         self.dimensions.iter().map(|(_, count)| count).product()
     }
@@ -182,7 +182,7 @@ impl Combination {
 #[derive(Debug, Clone, Default)]
 pub struct Cells {
     /// Each with the index of its first cell.
-    combinations: Vec<(usize, Combination)>,
+    combinations: Vec<(usize, PairGrid)>,
     n_combinations: usize,
     others: Vec<Cell>,
     /// By index of a cell that takes an artifact.
@@ -190,7 +190,7 @@ pub struct Cells {
 }
 
 impl Cells {
-    pub(super) fn new(all: Vec<Combination>, others: Vec<Cell>) -> Self {
+    pub(super) fn new(all: Vec<PairGrid>, others: Vec<Cell>) -> Self {
         let mut cells = Self {
             others,
             ..Self::default()
@@ -216,7 +216,7 @@ impl Cells {
     }
 
     /// The combination with a cell, and the cell's place in it.
-    fn combination(&self, index: usize) -> Option<(&Combination, usize)> {
+    fn combination(&self, index: usize) -> Option<(&PairGrid, usize)> {
         let after = self.combinations.partition_point(|(first, _)| *first <= index);
         let (first, combination) = &self.combinations[..after].last()?;
         (index < self.n_combinations).then_some((combination, index - first))
@@ -244,7 +244,7 @@ impl Cells {
     #[must_use]
     pub fn place(&self, index: usize) -> Place {
         match self.combination(index) {
-            Some((Combination { pair, .. }, _)) => Place::Combination(pair.0, pair.1),
+            Some((PairGrid { pair, .. }, _)) => Place::Combination(pair.0, pair.1),
             None => self.others[index - self.n_combinations].place,
         }
     }
@@ -285,7 +285,7 @@ impl Cells {
 
     /// The cells whose configs name an artifact.
     pub(super) fn naming(&self) -> impl Iterator<Item = usize> {
-        let names = |(_, it): &&(usize, Combination)| it.parts.iter().any(|grid| grid.names_artifacts);
+        let names = |(_, it): &&(usize, PairGrid)| it.parts.iter().any(|grid| grid.names_artifacts);
         let combinations = self.combinations.iter().filter(names);
         combinations
             .flat_map(|(first, it)| *first..first + it.n_cells())

@@ -1,7 +1,7 @@
 //! From the sections of a study to its cells.
 
 use super::{
-    cell::{Cell, Cells, Combination, SettingKey},
+    cell::{Cell, Cells, PairGrid, SettingKey},
     checked_sections::Sections,
     known::{PartCache, words},
     sweep::{Dimension, SweptKey},
@@ -31,7 +31,7 @@ impl Sections<'_> {
                 Target::Protocol,
             ];
             match known.grids(targets, pair) {
-                Ok(parts) => combinations.push(Combination {
+                Ok(parts) => combinations.push(PairGrid {
                     pair,
                     dimensions: self.concerned(&targets),
                     keys: self.swept(&targets, &values),

@@ -4,7 +4,7 @@
 //! environment, agent and protocol gives the time of a step. A trial in another environment gives none: steps of one
 //! may cost a thousand times those of another.
 
-use super::nearest::{Combination, Search};
+use super::nearest::{IndexedParts, Search};
 use contract::trial::{Trial, TrialKey};
 use execution::{pace, store::StoredCell};
 use serde::Serialize;
@@ -54,7 +54,7 @@ pub fn estimate<'t>(
 /// Seconds of one missing trial, by the nearest stored one.
 fn one_s(
     search: &Search<'_>,
-    combination: &Combination,
+    combination: &IndexedParts,
     its_steps: u64,
     steps: impl Fn(&TrialKey) -> u64,
 ) -> Option<f64> {

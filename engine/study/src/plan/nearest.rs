@@ -19,15 +19,15 @@ const MOST_COMPARISONS: usize = 4_000_000;
 
 /// A combination of parts as indices of the catalogue, so that equal parts are found equal at once.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct Combination {
+pub(super) struct IndexedParts {
     parts: [PartIndex; 3],
     numerics: u32,
     device: String,
 }
 
 /// The stored trials of a combination.
-pub(super) struct StoredCombination<'a> {
-    combination: Combination,
+pub(super) struct StoredParts<'a> {
+    combination: IndexedParts,
     /// Key of one of its trials.
     pub(super) key: &'a TrialKey,
     /// The seeds of all its trials.
@@ -39,8 +39,8 @@ pub(super) struct StoredCombination<'a> {
 /// The stored combinations, to be searched for the nearest.
 pub(super) struct Search<'a> {
     catalogue: Catalogue,
-    known: Vec<StoredCombination<'a>>,
-    by_combination: HashMap<Combination, usize>,
+    known: Vec<StoredParts<'a>>,
+    by_combination: HashMap<IndexedParts, usize>,
     /// Combinations by two of their parts; the position that is left out makes the third number.
     by_two_parts: HashMap<(PartIndex, PartIndex, usize), Vec<usize>>,
     most: usize,
@@ -49,7 +49,7 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub(super) fn new(stored: &'a [StoredCell], n_cells: usize) -> Self {
         let mut catalogue = Catalogue::default();
-        let mut combinations: BTreeMap<Combination, StoredCombination<'a>> = BTreeMap::new();
+        let mut combinations: BTreeMap<IndexedParts, StoredParts<'a>> = BTreeMap::new();
         // In the order of their content, so that among equally near ones always the same is found.
         let mut ordered: Vec<&StoredCell> = stored.iter().collect();
         ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
@@ -57,7 +57,7 @@ impl<'a> Search<'a> {
             let combination = catalogue.combination(&cell.key);
             let known = combinations
                 .entry(combination.clone())
-                .or_insert_with(|| StoredCombination {
+                .or_insert_with(|| StoredParts {
                     combination,
                     key: &cell.key,
                     seeds: BTreeSet::new(),
@@ -68,7 +68,7 @@ impl<'a> Search<'a> {
         }
         let known: Vec<_> = combinations.into_values().collect();
         let (mut by_combination, mut by_two_parts) = (HashMap::new(), HashMap::<_, Vec<usize>>::new());
-        for (index, StoredCombination { combination, .. }) in known.iter().enumerate() {
+        for (index, StoredParts { combination, .. }) in known.iter().enumerate() {
             by_combination.insert(combination.clone(), index);
             for pair in combination.pairs() {
                 by_two_parts.entry(pair).or_default().push(index);
@@ -84,29 +84,29 @@ impl<'a> Search<'a> {
     }
 
     /// The stored combination at a place.
-    pub(super) fn at(&self, index: usize) -> &StoredCombination<'a> {
+    pub(super) fn at(&self, index: usize) -> &StoredParts<'a> {
         &self.known[index]
     }
 
     /// The combination of the parts of a key.
-    pub(super) fn combination(&mut self, key: &TrialKey) -> Combination {
+    pub(super) fn combination(&mut self, key: &TrialKey) -> IndexedParts {
         self.catalogue.combination(key)
     }
 
     /// The place of the same parts.
-    pub(super) fn same(&self, planned: &Combination) -> Option<usize> {
+    pub(super) fn same(&self, planned: &IndexedParts) -> Option<usize> {
         self.by_combination.get(planned).copied()
     }
 
     /// The leaves in which a planned combination differs from the stored one at this place.
-    pub(super) fn differences(&self, index: usize, planned: &Combination) -> Vec<Difference> {
+    pub(super) fn differences(&self, index: usize, planned: &IndexedParts) -> Vec<Difference> {
         let stored = &self.known[index].combination;
         self.catalogue
             .differences(&stored.as_tuple(), &planned.as_tuple())
     }
 
     /// The stored combinations with the fewest differing leaves; none where nothing is like it.
-    pub(super) fn nearest(&self, planned: &Combination, seeds: &[u64]) -> Vec<usize> {
+    pub(super) fn nearest(&self, planned: &IndexedParts, seeds: &[u64]) -> Vec<usize> {
         let related = planned
             .pairs()
             .into_iter()
@@ -115,7 +115,7 @@ impl<'a> Search<'a> {
             .copied();
         let (mut least, mut nearest) = (usize::MAX, Vec::new());
         for index in related.chain(0..self.known.len()).take(self.most) {
-            let StoredCombination {
+            let StoredParts {
                 combination,
                 seeds: known,
                 ..
@@ -136,7 +136,7 @@ impl<'a> Search<'a> {
     }
 
     /// The nearest of the combinations with times: with the same parts, or at least the same three plugins.
-    pub(super) fn nearest_timed(&self, planned: &Combination) -> Option<usize> {
+    pub(super) fn nearest_timed(&self, planned: &IndexedParts) -> Option<usize> {
         let is_timed = |index: &usize| self.known[*index].took.trials > 0;
         if let Some(same) = self.same(planned).filter(is_timed) {
             return Some(same);
@@ -150,13 +150,13 @@ impl<'a> Search<'a> {
     }
 
     /// How many of three plugins are the same.
-    fn same_plugins(&self, index: usize, planned: &Combination) -> usize {
+    fn same_plugins(&self, index: usize, planned: &IndexedParts) -> usize {
         self.catalogue
             .same_plugins(&self.known[index].combination.parts, &planned.parts)
     }
 
     /// Number of differing leaves; counting stops above `enough`.
-    fn distance(&self, one: &Combination, other: &Combination, enough: usize) -> usize {
+    fn distance(&self, one: &IndexedParts, other: &IndexedParts, enough: usize) -> usize {
         let mut sum = usize::from(one.numerics != other.numerics) + usize::from(one.device != other.device);
         for (one, other) in one.parts.iter().zip(&other.parts) {
             if sum > enough {
@@ -168,7 +168,7 @@ impl<'a> Search<'a> {
     }
 }
 
-impl Combination {
+impl IndexedParts {
     fn pairs(&self) -> [(PartIndex, PartIndex, usize); 3] {
         let [environment, agent, protocol] = self.parts;
         [
@@ -184,13 +184,13 @@ impl Combination {
 }
 
 impl Catalogue {
-    fn combination(&mut self, key: &TrialKey) -> Combination {
+    fn combination(&mut self, key: &TrialKey) -> IndexedParts {
         let agent = match &*key.agent {
             Actors::Agent(part) => part.clone(),
             Actors::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
         };
         let parts = [&*key.environment, &agent, &*key.protocol].map(|part| self.index(part));
-        Combination {
+        IndexedParts {
             parts,
             numerics: key.numerics,
             device: key.device.to_string(),
