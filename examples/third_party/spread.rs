@@ -7,7 +7,7 @@ use engine::{
         figure::{Chart, Context, Figure, FigureSpec, Panel, Point, Scale, Series, Shape},
         names::{Names, Place},
         request::RegisterKinds as _,
-        table::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table},
+        table::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table},
     },
 };
 use schemars::JsonSchema;
@@ -69,6 +69,7 @@ impl Table for Spread {
             let cell = |value: Option<&f64>| Cell {
                 planned: scope.planned(),
                 failed: scope.failed(),
+                seeds: scope.finals(&self.metric).into_iter().collect(),
                 estimate: value.copied(),
                 ..Cell::resting_on(&scope.trials, results)
             };
@@ -80,6 +81,7 @@ impl Table for Spread {
         };
         Ok(Grid {
             quantity: Quantity::plain(self.metric.clone()),
+            one_number: Reduction::Aggregates,
             row_axis: "agent".into(),
             cells: agents.iter().map(row).collect(),
             rows: agents.iter().map(|agent| heading(agent)).collect(),
