@@ -3,20 +3,20 @@
 use super::{
     chart::{Panel, Scale},
     layout::{count, text},
-    paint::{Mark, Place, text_width},
+    paint::{Align, Mark, Place, text_width},
     style::{FAINT, INK},
     ticks::{self, Tick},
 };
-use plotters::style::text_anchor::HPos;
 
 /// Size of all text, in points: readable at the width of a paper's column.
 pub(super) const TEXT: f64 = 7.5;
 /// Width of the lines of axes and of their ticks.
 pub(super) const AXIS_WIDTH: f64 = 0.6;
-const TICK: f64 = 2.5;
+pub(super) const TICK: f64 = 2.5;
 /// Room right of a panel, for the half of its last tick label that stands out.
 pub(super) const OVERHANG: f64 = 9.0;
-const LINE: f64 = 8.8;
+/// Height of a line of text.
+pub(super) const LINE: f64 = 8.8;
 /// The smallest positive number.
 const SMALLEST: f64 = f64::from_bits(1);
 
@@ -181,7 +181,7 @@ pub(super) fn vertical(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) {
             width: AXIS_WIDTH,
             color: INK,
         });
-        marks.push(text((frame.left - TICK - 2.0, y), &tick.text, HPos::Right));
+        marks.push(text((frame.left - TICK - 2.0, y), &tick.text, Align::Right));
     }
 }
 
@@ -207,47 +207,11 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
             let down = TICK + 2.0 + LINE * (count(index) + 0.5);
             // A wide label moves to the left until it fits.
             let most = frame.right + OVERHANG - text_width(line, TEXT) / 2.0;
-            marks.push(text((x.min(most), frame.bottom + down), line, HPos::Center));
+            marks.push(text((x.min(most), frame.bottom + down), line, Align::Center));
         }
         lowest = lowest.max(count(lines.len()));
     }
     TICK + 2.0 + lowest * LINE
-}
-
-/// Upright axes over the names of the horizontal one. Ticks lie at places from 0 to 1; their texts stay readable over
-/// lines.
-pub(super) fn upright_scales(axes: &[Vec<Tick>], frame: &Frame, marks: &mut Vec<Mark>) {
-    for (index, ticks) in axes.iter().enumerate() {
-        let (foot, head) = (frame.at(count(index), 0.0), frame.at(count(index), 1.0));
-        let line = |points: Vec<Place>| Mark::Line {
-            points,
-            width: AXIS_WIDTH,
-            color: INK,
-        };
-        marks.push(line(vec![foot, head]));
-        for tick in ticks {
-            let (x, y) = frame.at(count(index), tick.value);
-            let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
-            marks.push(line(vec![(x - length, y), (x, y)]));
-            if !tick.text.is_empty() {
-                let (right, width) = (x - TICK - 1.5, text_width(&tick.text, TEXT));
-                marks.push(ground(
-                    (right - width - 0.8, y - LINE / 2.0),
-                    (right + 0.8, y + LINE / 2.0),
-                ));
-                marks.push(text((right, y), &tick.text, HPos::Right));
-            }
-        }
-    }
-}
-
-/// A rectangle of paper colour that lets lines shine through a little.
-fn ground((left, top): Place, (right, bottom): Place) -> Mark {
-    Mark::Fill {
-        points: vec![(left, top), (right, top), (right, bottom), (left, bottom)],
-        color: (0xff, 0xff, 0xff),
-        opacity: 0.8,
-    }
 }
 
 /// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first line.
@@ -258,7 +222,7 @@ pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mar
             at,
             text: line,
             size: TEXT,
-            align: HPos::Center,
+            align: Align::Center,
             upright: true,
             color: INK,
         });

@@ -3,8 +3,9 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, count, level},
-    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Scale, Series, Shape},
+    chart::{Chart, Panel, Point, Scale, Series},
     searched::CompletedSettings,
+    shape::{Curve, CurveSource, RunLine, Shape},
 };
 use crate::{
     names::{Names, Place},

@@ -2,7 +2,8 @@
 
 use super::{
     FigureSpec,
-    chart::{Chart, Hue, Paper, Scale, Series, Shape, Style},
+    chart::{Chart, Hue, Paper, Scale, Series, Style},
+    shape::Shape,
 };
 use crate::table::{Axis, Scope};
 use analysis::results::Results;
@@ -52,11 +53,7 @@ fn beyond_the_axes(chart: &Chart) -> Option<String> {
     let (mut all, mut out) = (0, 0);
     for panel in chart.panels.iter().filter(|panel| panel.x.log || panel.y.log) {
         for shape in panel.series.iter().map(|series| &series.shape) {
-            let points = shape
-                .points()
-                .iter()
-                .chain(shape.runs().iter().flat_map(|run| &run.points));
-            for point in points {
+            for point in shape.form().all_points() {
                 all += 1;
                 out += usize::from(panel.x.log && point.x <= 0.0 || panel.y.log && point.y <= 0.0);
             }

@@ -1,7 +1,6 @@
 //! A computed figure: panels with series, as data.
 
-use super::ticks::Tick;
-use contract::drawing::{Graph, Image};
+use super::{shape::Shape, ticks::Tick};
 
 /// A figure as data, for the drawing and for the CSV file.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -98,98 +97,6 @@ impl Default for Hue {
     }
 }
 
-/// A learning curve: the line over all runs, and each run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Curve {
-    /// Source of the curve, shown by the kind of dashes.
-    pub of: CurveSource,
-    /// The line, with a band around it where points have intervals.
-    pub points: Vec<Point>,
-    /// Runs that are drawn as thin lines; empty where only the line is drawn.
-    pub runs: Vec<RunLine>,
-    /// Runs that are not drawn; the page shows them on request.
-    pub undrawn: Vec<RunLine>,
-    /// The statistic of the line over the last values of the runs, where some runs go on after the line ends.
-    pub at_the_ends: Option<f64>,
-}
-
-impl Curve {
-    /// All runs, drawn or not.
-    pub fn all_runs(&self) -> impl Iterator<Item = &RunLine> {
-        self.runs.iter().chain(&self.undrawn)
-    }
-}
-
-/// Source of a learning curve.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum CurveSource {
-    /// An agent that learns.
-    Learner,
-    /// An agent that does not learn.
-    NonLearner,
-    /// A publication.
-    Publication,
-}
-
-/// One run of a learning curve.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct RunLine {
-    /// The seed, or the name of the run in its publication.
-    pub name: String,
-    /// Id of the trial; empty for a publication.
-    pub trial: String,
-    /// Points of the line, by rising steps.
-    pub points: Vec<Point>,
-}
-
-/// The data of a series in the form of their drawing.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Shape {
-    /// A line through points.
-    Line(Vec<Point>),
-    /// A learning curve.
-    Curve(Curve),
-    /// A line through marked points with an error bar at each.
-    MarkedLine(Vec<Point>),
-    /// A horizontal dashed line across the panel.
-    Level(f64),
-    /// Points without a line between them.
-    Points(Vec<Point>),
-    /// Bars from zero with an interval each: the points are centres and heights, the number is the width of all bars.
-    Bars(Vec<Point>, f64),
-    /// Bars along the horizontal axis from one end of the interval to the other, with a line at the value. The axes
-    /// are swapped: `x` is the row of the point on the vertical axis.
-    Across(Vec<Point>),
-    /// A surface over a full grid.
-    Surface(Surface),
-    /// Coloured cells over two axes of names.
-    Cells(Cells),
-    /// Points of a path, from light to dark.
-    Path(Vec<Point>),
-    /// Points marked by a cross.
-    Crosses(Vec<Point>),
-    /// Images in rows, without axes.
-    Images(Tiles),
-    /// Boxes and arrows, without axes.
-    Graph(Graph),
-    /// Upright axes that replace those of the panel: one over each name of the horizontal axis, with ticks at places
-    /// from 0 to 1.
-    Axes(Vec<Vec<Tick>>),
-}
-
-/// Images in rows, in one panel.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Tiles {
-    /// Id of the trial that left the images; its folder holds the file with all of them.
-    pub trial: String,
-    /// The images in the figure, all of one size.
-    pub images: Vec<Image>,
-    /// Images in a row, at least one.
-    pub columns: usize,
-    /// Side of an image on paper in millimetres; `None` takes the room there is.
-    pub size_mm: Option<f64>,
-}
-
 /// A point, with the interval of its vertical value where there is one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Point {
@@ -201,145 +108,9 @@ pub struct Point {
     pub interval: Option<(f64, f64)>,
 }
 
-/// Coloured cells over two axes of names.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Cells {
-    /// Meaning of the colours, with the unit.
-    pub label: String,
-    /// Values `[row][column]`, the first row the highest; `None` for a cell without a value.
-    pub values: Vec<Vec<Option<f64>>>,
-    /// Texts in the cells, `[row][column]`.
-    pub texts: Vec<Vec<String>>,
-}
-
-/// A surface over a full grid.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Surface {
-    /// Meaning of the height, with the unit.
-    pub label: String,
-    /// Increasing grid positions along the horizontal axis.
-    pub x: Vec<f64>,
-    /// Increasing grid positions along the vertical axis.
-    pub y: Vec<f64>,
-    /// Heights at the grid positions, `[y][x]`.
-    pub z: Vec<Vec<f64>>,
-}
-
-impl Shape {
-    /// The points of a series, without single runs; empty for a level, a surface and shapes without axes.
-    #[must_use]
-    pub fn points(&self) -> &[Point] {
-        match self {
-            Shape::Curve(curve) => &curve.points,
-            Shape::Line(points)
-            | Shape::MarkedLine(points)
-            | Shape::Points(points)
-            | Shape::Bars(points, _)
-            | Shape::Across(points)
-            | Shape::Path(points)
-            | Shape::Crosses(points) => points,
-            Shape::Level(_)
-            | Shape::Surface(_)
-            | Shape::Cells(_)
-            | Shape::Images(_)
-            | Shape::Graph(_)
-            | Shape::Axes(_) => &[],
-        }
-    }
-
-    /// The last value of a line or of a row of points; `None` for other shapes.
-    #[must_use]
-    pub fn last_value(&self) -> Option<f64> {
-        let last = |points: &[Point]| {
-            points
-                .iter()
-                .map(|point| point.y)
-                .rfind(|value| value.is_finite())
-        };
-        match self {
-            Shape::Curve(curve) => curve.at_the_ends.or_else(|| last(&curve.points)),
-            Shape::Line(points) | Shape::MarkedLine(points) | Shape::Points(points) => last(points),
-            _ => None,
-        }
-    }
-
-    /// The drawn runs of a learning curve; empty for other shapes.
-    #[must_use]
-    pub fn runs(&self) -> &[RunLine] {
-        if let Shape::Curve(curve) = self {
-            &curve.runs
-        } else {
-            &[]
-        }
-    }
-
-    fn with_runs(&self) -> impl Iterator<Item = &Point> + '_ {
-        self.points()
-            .iter()
-            .chain(self.runs().iter().flat_map(|run| &run.points))
-    }
-
-    /// All vertical values that the axis must hold, bands and single runs included.
-    pub fn heights(&self) -> impl Iterator<Item = f64> + '_ {
-        let level = if let Shape::Level(level) = self {
-            Some(*level)
-        } else {
-            None
-        };
-        let surface = if let Shape::Surface(surface) = self {
-            surface.y.as_slice()
-        } else {
-            &[]
-        };
-        let is_across = self.is_across();
-        let own = move |point: &Point| {
-            if is_across {
-                [Some(point.x), None, None]
-            } else {
-                point.ends()
-            }
-        };
-        self.with_runs()
-            .flat_map(own)
-            .flatten()
-            .chain(level)
-            .chain(surface.iter().copied())
-    }
-
-    pub(super) fn is_across(&self) -> bool {
-        matches!(self, Shape::Across(_))
-    }
-
-    /// All horizontal values that the axis must hold, widths of bars included.
-    pub fn places(&self) -> impl Iterator<Item = f64> + '_ {
-        let half = if let Shape::Bars(_, width) = self {
-            width / 2.0
-        } else {
-            0.0
-        };
-        let surface = if let Shape::Surface(surface) = self {
-            surface.x.as_slice()
-        } else {
-            &[]
-        };
-        let is_across = self.is_across();
-        let own = move |point: &Point| {
-            if is_across {
-                point.ends()
-            } else {
-                [Some(point.x - half), Some(point.x + half), None]
-            }
-        };
-        self.with_runs()
-            .flat_map(own)
-            .flatten()
-            .chain(surface.iter().copied())
-    }
-}
-
 impl Point {
     /// The value and the ends of its interval.
-    fn ends(&self) -> [Option<f64>; 3] {
+    pub(super) fn ends(&self) -> [Option<f64>; 3] {
         let (low, high) = self.interval.unzip();
         [Some(self.y), low, high]
     }
@@ -374,11 +145,11 @@ impl Panel {
 
     /// The upright axes that replace those of the panel; empty for a panel with axes of its own.
     pub(super) fn upright_axes(&self) -> &[Vec<Tick>] {
-        let axes = self.series.iter().find_map(|series| match &series.shape {
-            Shape::Axes(axes) => Some(axes.as_slice()),
-            _ => None,
-        });
-        axes.unwrap_or_default()
+        let mut axes = self
+            .series
+            .iter()
+            .map(|series| series.shape.form().upright_axes());
+        axes.find(|axes| !axes.is_empty()).unwrap_or_default()
     }
 }
 

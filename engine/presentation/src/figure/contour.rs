@@ -3,7 +3,8 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, label, problem},
-    chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
+    chart::{Chart, Panel, Point, Series, Style},
+    shape::{Shape, Surface},
 };
 use crate::{
     names::{Names, Picked, Place},

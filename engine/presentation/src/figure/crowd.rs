@@ -1,6 +1,6 @@
 //! Charts with more lines than a legend has room for: the best keep their colours and names, the rest are grey.
 
-use super::chart::{Chart, CurveSource, Hue, Panel, Series, Shape, Style};
+use super::chart::{Chart, Hue, Panel, Series, Style};
 use contract::Better;
 use statistics::estimators::mean;
 
@@ -51,11 +51,7 @@ pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
 
 /// A line that may become grey.
 fn is_line(series: &Series) -> bool {
-    match &series.shape {
-        Shape::Curve(curve) => curve.of == CurveSource::Learner,
-        Shape::Line(_) | Shape::Points(_) => true,
-        _ => false,
-    }
+    series.shape.form().is_dimmable()
 }
 
 /// The names of some series, each once.
@@ -92,7 +88,7 @@ fn ranks(panel: &Panel, lines: &[String], better: Better) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::{Point, legend_names};
+    use crate::figure::{Point, Shape, legend_names};
 
     fn line(label: &str, last: f64) -> Series {
         let point = |x: f64, y: f64| Point { x, y, interval: None };

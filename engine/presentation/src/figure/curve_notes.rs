@@ -2,8 +2,9 @@
 
 use super::{
     Band, LearningCurve, Line,
-    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Series, Shape},
+    chart::{Chart, Panel, Point, Series},
     over_runs::FEW,
+    shape::{Curve, CurveSource, RunLine, Shape},
 };
 use statistics::thinning;
 

@@ -2,18 +2,19 @@
 //! picture.
 
 use super::{
-    chart::{Cells, Chart, Panel, Point, RunLine, Scale, Series, Shape, Surface},
+    chart::{Chart, Panel, Point, Scale, Series},
     drawn,
 };
 use crate::table::write_csv;
 use contract::Error;
-use statistics::thinning;
 
 /// The names of the columns.
 const HEADER: [&str; 9] = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"];
 
 /// The fields of a point from `x` on.
-type Fields = [String; 6];
+pub(super) type Fields = [String; 6];
+/// The lines of a series, each from `x` on.
+pub(super) type Rows<'a> = Box<dyn Iterator<Item = Fields> + 'a>;
 
 impl Chart {
     /// The data of the figure, one line per point. `run` names a single run and is empty for values over all runs.
@@ -40,87 +41,34 @@ fn lines<'a>(
     series: &'a Series,
 ) -> impl Iterator<Item = [String; 9]> + use<'a> {
     let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
-    fields(&series.shape, panel).map(move |[x, y, low, high, z, run]| {
-        [
-            name.clone(),
-            series.label.clone(),
-            n.clone(),
-            x,
-            y,
-            low,
-            high,
-            z,
-            run,
-        ]
-    })
-}
-
-fn fields<'a>(shape: &'a Shape, panel: &'a Panel) -> Box<dyn Iterator<Item = Fields> + 'a> {
-    let none = String::new;
-    match shape {
-        Shape::Level(level) => Box::new(std::iter::once([
-            none(),
-            level.to_string(),
-            none(),
-            none(),
-            none(),
-            none(),
-        ])),
-        Shape::Surface(surface) => Box::new(of_surface(surface)),
-        Shape::Cells(cells) => Box::new(of_cells(cells, panel)),
-        _ => {
-            let x = if shape.is_across() { &panel.y } else { &panel.x };
-            let line = shape.points().iter().map(|point| of_point(point, x, ""));
-            let of_run = |run: &'a RunLine| run.points.iter().map(|point| of_point(point, x, &run.name));
-            Box::new(line.chain(runs(shape).flat_map(of_run)))
-        }
-    }
-}
-
-/// The drawn runs, and those whose line leaves out some of their points.
-fn runs(shape: &Shape) -> impl Iterator<Item = &RunLine> {
-    let undrawn = match shape {
-        Shape::Curve(curve) => curve.undrawn.as_slice(),
-        _ => &[],
-    };
-    let is_long = |run: &&RunLine| run.points.len() > thinning::MOST;
-    shape.runs().iter().chain(undrawn.iter().filter(is_long))
-}
-
-fn of_surface(surface: &Surface) -> impl Iterator<Item = Fields> + '_ {
-    let none = String::new;
-    surface.y.iter().zip(&surface.z).flat_map(move |(y, z)| {
-        let cell = move |(x, z): (&f64, &f64)| {
+    series
+        .shape
+        .form()
+        .rows(panel)
+        .map(move |[x, y, low, high, z, run]| {
             [
-                x.to_string(),
-                y.to_string(),
-                none(),
-                none(),
-                z.to_string(),
-                none(),
+                name.clone(),
+                series.label.clone(),
+                n.clone(),
+                x,
+                y,
+                low,
+                high,
+                z,
+                run,
             ]
-        };
-        surface.x.iter().zip(z).map(cell)
-    })
+        })
 }
 
-fn of_cells<'a>(cells: &'a Cells, panel: &'a Panel) -> impl Iterator<Item = Fields> + 'a {
+/// Lines of points, whose places have the names of the axis where it has names.
+pub(super) fn of_points<'a>(points: &'a [Point], x: &'a Scale, run: &'a str) -> Rows<'a> {
+    Box::new(points.iter().map(move |point| of_point(point, x, run)))
+}
+
+/// A value at a place, without an interval.
+pub(super) fn of_value([x, y]: [String; 2], z: String) -> Fields {
     let none = String::new;
-    let name = |scale: &Scale, index: usize| scale.categories.get(index).cloned().unwrap_or_default();
-    cells.values.iter().enumerate().flat_map(move |(row, values)| {
-        let cell = move |(column, value): (usize, &Option<f64>)| {
-            let value = value.map_or_else(none, |value| value.to_string());
-            [
-                name(&panel.x, column),
-                name(&panel.y, row),
-                none(),
-                none(),
-                value,
-                none(),
-            ]
-        };
-        values.iter().enumerate().map(cell)
-    })
+    [x, y, none(), none(), z, none()]
 }
 
 fn of_point(point: &Point, x: &Scale, run: &str) -> Fields {

@@ -4,14 +4,11 @@
 use super::{
     FigureSpec,
     build::{Context, label, label_with_setting},
-    chart::{Chart, Panel, Series, Shape, Style, Tiles},
+    chart::{Chart, Panel, Series, Style},
+    shape::Shape,
 };
 use crate::table::{Axis, Scope};
-use contract::{
-    ArtifactKind,
-    drawing::{Drawings, Edge, Graph, Image, Node},
-    trial_result::TrialResult,
-};
+use contract::{ArtifactKind, drawing::Drawings, trial_result::TrialResult};
 
 /// Choice of trials: one per agent and setting, all of one environment and seed.
 pub(super) struct Choice<'k> {
@@ -102,10 +99,8 @@ pub(super) fn shapes(chart: &Chart) -> impl Iterator<Item = (usize, &Panel, &Sha
 pub(super) fn lines(chart: &Chart) -> Option<Vec<Vec<String>>> {
     let mut lines: Vec<Vec<String>> = Vec::new();
     for (index, panel, shape) in shapes(chart) {
-        let (header, fields) = match shape {
-            Shape::Images(tiles) => (IMAGES.as_slice(), of_images(tiles)),
-            Shape::Graph(graph) => (GRAPH.as_slice(), of_graph(graph)),
-            _ => continue,
+        let Some((header, fields)) = shape.form().sheet() else {
+            continue;
         };
         if lines.is_empty() {
             lines.push(header.iter().map(ToString::to_string).collect());
@@ -118,60 +113,4 @@ pub(super) fn lines(chart: &Chart) -> Option<Vec<Vec<String>>> {
         );
     }
     (!lines.is_empty()).then_some(lines)
-}
-
-const IMAGES: [&str; 9] = [
-    "panel",
-    "trial",
-    "image",
-    "row",
-    "column",
-    "side",
-    "mean_red",
-    "mean_green",
-    "mean_blue",
-];
-
-fn of_images(tiles: &Tiles) -> Vec<Vec<String>> {
-    let columns = tiles.columns.max(1);
-    let line = |(index, image): (usize, &Image)| {
-        let place = [index, index / columns, index % columns].map(|number| number.to_string());
-        let colors = image.mean_color().map(|mean| format!("{mean:.3}"));
-        std::iter::once(tiles.trial.clone())
-            .chain(place)
-            .chain([image.width.to_string()])
-            .chain(colors)
-            .collect()
-    };
-    tiles.images.iter().enumerate().map(line).collect()
-}
-
-const GRAPH: [&str; 10] = [
-    "panel", "part", "number", "label", "column", "lane", "group", "from", "to", "bypass",
-];
-
-fn of_graph(graph: &Graph) -> Vec<Vec<String>> {
-    let none = String::new;
-    let node = |(number, node): (usize, &Node)| {
-        let place = [node.column.to_string(), node.lane.to_string(), node.group.clone()];
-        let head = ["node".into(), number.to_string(), node.label.clone()];
-        head.into_iter()
-            .chain(place)
-            .chain([none(), none(), none()])
-            .collect()
-    };
-    let edge = |(number, edge): (usize, &Edge)| {
-        let head = ["edge".into(), number.to_string(), edge.label.clone()];
-        let ends = [
-            edge.from.to_string(),
-            edge.to.to_string(),
-            edge.bypass.to_string(),
-        ];
-        head.into_iter()
-            .chain([none(), none(), none()])
-            .chain(ends)
-            .collect()
-    };
-    let nodes = graph.nodes.iter().enumerate().map(node);
-    nodes.chain(graph.edges.iter().enumerate().map(edge)).collect()
 }

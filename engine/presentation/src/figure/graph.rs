@@ -3,8 +3,9 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, problem},
-    chart::{Chart, Shape},
+    chart::Chart,
     drawn::{Choice, panel},
+    shape::Shape,
 };
 use crate::names::{Names, Place};
 use contract::{

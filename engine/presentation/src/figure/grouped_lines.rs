@@ -3,7 +3,8 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, count, label, label_with_setting, level},
-    chart::{Chart, Point, Scale, Series, Shape},
+    chart::{Chart, Point, Scale, Series},
+    shape::Shape,
 };
 use crate::{
     names::{Names, Place},

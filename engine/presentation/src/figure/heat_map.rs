@@ -2,14 +2,9 @@
 
 use super::{
     Figure, FigureSpec,
-    axes::{Frame, Range, TEXT},
     build::Context,
-    chart::{Cells, Chart, Panel, Scale, Series, Shape, Style},
-    layout::count,
-    paint::{Mark, text_width},
-    series::rectangle,
-    style::{INK, Rgb},
-    surface,
+    chart::{Chart, Panel, Scale, Series, Style},
+    shape::{Cells, Shape},
 };
 use crate::{
     kinds::Contradiction,
@@ -17,7 +12,6 @@ use crate::{
     table::{self, Comparison, Grid, Heading, Intervals, Table},
 };
 use contract::Error;
-use plotters::style::text_anchor::HPos;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -137,45 +131,4 @@ fn order(headings: &[Heading], falling: bool) -> Vec<usize> {
 fn short(grid: &Grid, row: usize, column: usize) -> String {
     let estimate = grid.cells[row][column].estimate;
     estimate.map_or_else(|| "–".into(), |value| grid.format.write(value))
-}
-
-/// Paints the cells and their values; cells without a value stay white.
-pub(super) fn draw(cells: &Cells, heights: Option<Range>, frame: &Frame, marks: &mut Vec<Mark>) {
-    let Some(heights) = heights else { return };
-    for (row, values) in cells.values.iter().enumerate() {
-        for (column, value) in values.iter().enumerate() {
-            let corner = |right: f64, down: f64| frame.at(count(column) + right, count(row) + down);
-            let color = value.map(|value| surface::color(heights, value));
-            let (from, to) = (corner(-0.5, -0.5), corner(0.5, 0.5));
-            if let Some(color) = color {
-                marks.push(Mark::Fill {
-                    points: rectangle(from, to),
-                    color,
-                    opacity: 1.0,
-                });
-            }
-            let words = &cells.texts[row][column];
-            // A value that does not fit is in the colour bar and in the figure's file.
-            if text_width(words, TEXT) + 2.0 <= (to.0 - from.0).abs() {
-                marks.push(Mark::Text {
-                    at: corner(0.0, 0.0),
-                    text: words.clone(),
-                    size: TEXT,
-                    align: HPos::Center,
-                    upright: false,
-                    color: color.map_or(INK, on),
-                });
-            }
-        }
-    }
-}
-
-/// The more readable of black and white on a colour.
-fn on((red, green, blue): Rgb) -> Rgb {
-    let lightness = 0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue);
-    if lightness > 140.0 {
-        INK
-    } else {
-        (0xff, 0xff, 0xff)
-    }
 }

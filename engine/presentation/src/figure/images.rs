@@ -3,8 +3,9 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, problem},
-    chart::{Chart, Shape, Tiles},
+    chart::Chart,
     drawn::{Choice, panel},
+    shape::{Shape, Tiles},
 };
 use crate::names::{Names, Place};
 use contract::{ArtifactKind, Error, drawing::Drawings, trial_result::TrialResult};

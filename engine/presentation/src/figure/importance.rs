@@ -3,8 +3,9 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, count, label, problem, spaced},
-    chart::{Chart, Panel, Point, Scale, Series, Shape, Style},
+    chart::{Chart, Panel, Point, Scale, Series, Style},
     searched::CompletedSettings,
+    shape::Shape,
 };
 use crate::{
     names::{Names, Place},

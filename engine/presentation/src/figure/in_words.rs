@@ -2,8 +2,9 @@
 //! series.
 
 use super::{
-    chart::{Cells, Chart, Panel, Point, Scale, Series, Shape},
+    chart::{Chart, Panel, Point, Scale, Series},
     drawn,
+    shape::Shape,
 };
 use crate::table::NumberFormat;
 
@@ -14,57 +15,35 @@ impl Chart {
     /// The chart in one or two sentences, made of its data.
     #[must_use]
     pub fn in_words(&self) -> String {
-        if drawn::shapes(self).any(|(_, _, shape)| matches!(shape, Shape::Images(_) | Shape::Graph(_))) {
+        if drawn::shapes(self).any(|(_, _, shape)| !shape.form().has_axes()) {
             return drawn_in_words(self);
         }
         if let Some(words) = upright_axes(self) {
             return words;
         }
-        let values: Vec<String> = self.panels.iter().flat_map(panel_values).collect();
-        let more = values.len().saturating_sub(MOST);
+        let all: Vec<String> = self.panels.iter().flat_map(panel_values).collect();
+        let more = all.len().saturating_sub(MOST);
         let more = if more > 0 {
             format!("; and {more} more")
         } else {
             String::new()
         };
-        let told: Vec<String> = values.into_iter().take(MOST).collect();
+        let told: Vec<String> = all.into_iter().take(MOST).collect();
+        let (drawing, values) = nouns(self);
         let told = if told.is_empty() {
             String::new()
         } else {
-            format!(" {}: {}{more}.", lead(self), told.join("; "))
+            format!(" {values}: {}{more}.", told.join("; "))
         };
-        format!("{}{}: {}.{told}", noun(self), panels(self), axes(self))
+        format!("{drawing}{}: {}.{told}", panels(self), axes(self))
     }
 }
 
-fn shapes(chart: &Chart) -> impl Iterator<Item = &Shape> {
-    chart
-        .panels
-        .iter()
-        .flat_map(|panel| panel.series.iter().map(|series| &series.shape))
-}
-
-/// The kind of drawing, by the first series that is no level.
-fn noun(chart: &Chart) -> &'static str {
-    match shapes(chart).find(|shape| !matches!(shape, Shape::Level(_))) {
-        Some(Shape::Curve(_)) => "Curves",
-        Some(Shape::MarkedLine(_)) => "Lines through marked points",
-        Some(Shape::Points(_)) => "Points",
-        Some(Shape::Bars(..)) => "Bars",
-        Some(Shape::Across(_)) => "Intervals as bars",
-        Some(Shape::Surface(_)) => "Filled contours",
-        Some(Shape::Cells(_)) => "Coloured cells",
-        _ => "Lines",
-    }
-}
-
-/// Meaning of the values in the second sentence.
-fn lead(chart: &Chart) -> &'static str {
-    match noun(chart) {
-        "Bars" | "Intervals as bars" => "Values",
-        "Points" | "Filled contours" => "Shown",
-        _ => "Last values",
-    }
+/// Nouns for the drawing and for its values, by the first series that is more than a reference.
+fn nouns(chart: &Chart) -> (&'static str, &'static str) {
+    let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
+    let first = series.find(|series| !series.shape.form().is_reference());
+    first.map_or(("Lines", "Last values"), |series| series.shape.form().nouns())
 }
 
 fn panels(chart: &Chart) -> String {
@@ -148,21 +127,13 @@ fn short(format: NumberFormat, value: f64) -> String {
     }
 }
 
-fn heights(panel: &Panel) -> impl Iterator<Item = f64> {
-    panel.series.iter().flat_map(|series| {
-        let points = series.shape.points().iter().map(|point| point.y);
-        let level = if let Shape::Level(level) = series.shape {
-            Some(level)
-        } else {
-            None
-        };
-        points.chain(level)
-    })
-}
-
 /// The values of a panel: a text for each series that has a name or is alone.
 fn panel_values(panel: &Panel) -> Vec<String> {
-    let format = NumberFormat::fitting(heights(panel));
+    let told = panel
+        .series
+        .iter()
+        .flat_map(|series| series.shape.form().told_values());
+    let format = NumberFormat::fitting(told);
     let place = if panel.title.is_empty() {
         String::new()
     } else {
@@ -174,73 +145,37 @@ fn panel_values(panel: &Panel) -> Vec<String> {
         } else {
             format!("{} ", series.label)
         };
-        series_values(series, panel, format).map(|values| format!("{place}{name}{values}"))
+        let values = series.shape.form().in_words(panel, format)?;
+        Some(format!("{place}{name}{values}"))
     };
     panel.series.iter().filter_map(of_series).collect()
 }
 
-fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option<String> {
-    match &series.shape {
-        Shape::Level(value) => Some(format.write(*value)),
-        // With named rows the values lie along the horizontal axis.
-        Shape::Line(points) if !panel.y.categories.is_empty() => {
-            points.last().map(|point| format.write(point.x))
-        }
-        Shape::Curve(_) | Shape::Line(_) | Shape::MarkedLine(_) => {
-            series.shape.last_value().map(|value| format.write(value))
-        }
-        Shape::Bars(points, _) => Some(at_names(points, &panel.x, format)),
-        Shape::Across(points) => Some(at_names(points, &panel.y, format)),
-        Shape::Points(points) | Shape::Path(points) | Shape::Crosses(points) => Some(match points.len() {
-            1 => "1 point".into(),
-            n => format!("{n} points"),
-        }),
-        Shape::Surface(surface) => {
-            let (low, high) = ends(surface.z.iter().flatten().copied())?;
-            let format = NumberFormat::fitting([low, high].into_iter());
-            Some(format!(
-                "{} from {} to {}",
-                surface.label,
-                format.write(low),
-                format.write(high)
-            ))
-        }
-        Shape::Cells(cells) => {
-            let (low, high) = ends(cells.values.iter().flatten().copied().flatten())?;
-            let format = NumberFormat::fitting([low, high].into_iter());
-            let at = |value: f64| place_of(cells, panel, value);
-            Some(format!(
-                "{} from {} ({}) to {} ({})",
-                cells.label,
-                format.write(low),
-                at(low),
-                format.write(high),
-                at(high)
-            ))
-        }
-        Shape::Images(_) | Shape::Graph(_) | Shape::Axes(_) => None,
+/// The lowest and the highest of some values, each with its place where it has one; `None` where no value is finite.
+pub(super) fn span_of(
+    label: &str,
+    values: impl Iterator<Item = f64>,
+    place: impl Fn(f64) -> Option<String>,
+) -> Option<String> {
+    let (low, high) = ends(values)?;
+    let format = NumberFormat::fitting([low, high].into_iter());
+    let told = |value: f64| {
+        let place = place(value).map_or_else(String::new, |place| format!(" ({place})"));
+        format!("{}{place}", format.write(value))
+    };
+    Some(format!("{label} from {} to {}", told(low), told(high)))
+}
+
+/// The number of some points.
+pub(super) fn number_of(points: &[Point]) -> String {
+    match points.len() {
+        1 => "1 point".into(),
+        n => format!("{n} points"),
     }
 }
 
-/// Row and column of the first cell with this value.
-fn place_of(cells: &Cells, panel: &Panel, value: f64) -> String {
-    let name = |names: &Scale, index: usize| names.categories.get(index).cloned().unwrap_or_default();
-    let rows = cells.values.iter().enumerate();
-    let found = rows
-        .flat_map(|(row, values)| {
-            values
-                .iter()
-                .enumerate()
-                .map(move |(column, it)| (row, column, it))
-        })
-        .find(|(_, _, it)| **it == Some(value));
-    found.map_or_else(String::new, |(row, column, _)| {
-        format!("{}, {}", name(&panel.y, row), name(&panel.x, column))
-    })
-}
-
 /// Values with the names of their places; bars of a group lie beside the place of its name.
-fn at_names(points: &[Point], names: &Scale, format: NumberFormat) -> String {
+pub(super) fn at_names(points: &[Point], names: &Scale, format: NumberFormat) -> String {
     let one = |point: &Point| {
         let name = names.name_at(point.x).unwrap_or_default();
         format!("{name} {}", format.write(point.y)).trim().to_owned()
@@ -253,21 +188,13 @@ fn at_names(points: &[Point], names: &Scale, format: NumberFormat) -> String {
         .join(", ")
 }
 
-/// Images and graphs, panel by panel.
+/// Drawings without axes, panel by panel.
 fn drawn_in_words(chart: &Chart) -> String {
     let one = |(index, panel, shape): (usize, &Panel, &Shape)| {
-        let name = panel.name(index);
-        match shape {
-            Shape::Images(tiles) => Some(format!("{name}: {} images", tiles.images.len())),
-            Shape::Graph(graph) => Some(format!(
-                "{name}: {} boxes and {} arrows, from {} to {}",
-                graph.nodes.len(),
-                graph.edges.len(),
-                graph.nodes.first().map_or("nothing", |node| node.label.as_str()),
-                graph.nodes.last().map_or("nothing", |node| node.label.as_str())
-            )),
-            _ => None,
-        }
+        let form = shape.form();
+        let words = form.in_words(panel, NumberFormat::fitting(form.told_values()));
+        let words = words.filter(|_| !form.has_axes())?;
+        Some(format!("{}: {words}", panel.name(index)))
     };
     let parts: Vec<String> = drawn::shapes(chart).filter_map(one).collect();
     format!("Drawings without axes. {}.", parts.join("; "))

@@ -2,15 +2,14 @@
 
 use super::{
     axes::{self, Frame, OVERHANG, Range, TEXT},
-    chart::{Chart, Panel, Scale, Shape},
-    graph_drawing, image_tiles, legend,
-    paint::{Drawing, Mark, text_width},
+    chart::{Chart, Panel, Scale},
+    color_scale, drawn, legend,
+    paint::{Align, Drawing, Mark, text_width},
     series,
+    shape::Shape,
     style::INK,
-    surface,
     ticks::Tick,
 };
-use plotters::style::text_anchor::HPos;
 
 /// Width of one column of a paper, 85 mm, in points.
 pub(super) const SINGLE: f64 = 241.0;
@@ -38,8 +37,8 @@ pub(super) fn draw(chart: &Chart) -> Drawing {
     // Everything is laid out for text of the usual size, and then scaled as a whole.
     let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
     let width = chart.paper.width_mm.map(|width| width * POINTS_PER_MM / scale);
-    let shapes = image_tiles::draw(chart, width).or_else(|| graph_drawing::draw(chart, width));
-    shapes.unwrap_or_else(|| with_axes(chart, width)).scaled(scale)
+    let drawing = drawn::shapes(chart).find_map(|(.., shape)| shape.form().paint(chart, width));
+    drawing.unwrap_or_else(|| with_axes(chart, width)).scaled(scale)
 }
 
 fn with_axes(chart: &Chart, width: Option<f64>) -> Drawing {
@@ -79,7 +78,7 @@ impl Grid {
         let margins: Vec<f64> = (0..columns)
             .map(|column| left_margin(chart, &ranges, column, height))
             .collect();
-        let heights = surface::heights(chart);
+        let heights = color_scale::heights(chart);
         let right = if heights.is_some() { COLOR_BAR } else { 0.0 };
         let plot_width = (width - right - margins.iter().sum::<f64>()) / count(columns) - OVERHANG;
         let left =
@@ -113,7 +112,7 @@ impl Grid {
         }
         if let Some(heights) = self.heights {
             let last = self.frame(0, self.lefts.len() - 1, self.top + LINE + 2.0);
-            surface::color_bar(chart, heights, &last, marks);
+            color_scale::color_bar(chart, heights, &last, marks);
         }
         top - GAP + 3.0
     }
@@ -138,7 +137,7 @@ impl Grid {
             marks.push(text(
                 ((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5),
                 &panel.title,
-                HPos::Center,
+                Align::Center,
             ));
         }
         if has_usual_axes && !(chart.shared_y && column > 0) {
@@ -157,7 +156,7 @@ impl Grid {
             );
             for (index, line) in self.x_label(panel).iter().enumerate() {
                 let down = LABEL_LINE * count(index);
-                marks.push(text((at.0, at.1 + down), line, HPos::Center));
+                marks.push(text((at.0, at.1 + down), line, Align::Center));
             }
         }
     }
@@ -210,7 +209,7 @@ fn plot_height(chart: &Chart, width: f64) -> f64 {
 fn usual_height(chart: &Chart) -> f64 {
     match chart.columns {
         // About square, since both axes are alike.
-        columns if has_surface(chart) => {
+        columns if is_filled(chart) => {
             if columns > 2 {
                 122.0
             } else {
@@ -229,18 +228,16 @@ fn upright_room(height: f64) -> f64 {
     height + 24.0
 }
 
-fn has_surface(chart: &Chart) -> bool {
-    chart
-        .panels
-        .iter()
-        .flat_map(|panel| &panel.series)
-        .any(|series| matches!(series.shape, Shape::Surface(_)))
+/// Whether a series fills its plot.
+fn is_filled(chart: &Chart) -> bool {
+    let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
+    series.any(|series| series.shape.form().fills_plot())
 }
 
 fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: f64) -> f64 {
     if chart.shared_y && column > 0 {
-        // Axes of surfaces end in numbers, which must not meet.
-        return if has_surface(chart) { 12.0 } else { 5.0 };
+        // Axes of filled plots end in numbers, which must not meet.
+        return if is_filled(chart) { 12.0 } else { 5.0 };
     }
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];
@@ -293,6 +290,11 @@ fn ranges(chart: &Chart) -> Vec<(Range, Range)> {
     (0..chart.panels.len()).map(of_panel).collect()
 }
 
+fn shapes<'a>(panels: &[&'a Panel]) -> impl Iterator<Item = &'a Shape> {
+    let series = panels.iter().flat_map(|panel| &panel.series);
+    series.map(|series| &series.shape)
+}
+
 fn horizontal_range(panels: &[&Panel]) -> Range {
     let scale: &Scale = &panels[0].x;
     if !scale.categories.is_empty() {
@@ -302,17 +304,8 @@ fn horizontal_range(panels: &[&Panel]) -> Range {
             log: false,
         };
     }
-    let shapes = || {
-        panels
-            .iter()
-            .flat_map(|panel| &panel.series)
-            .map(|series| &series.shape)
-    };
-    let padding = match shapes().next() {
-        Some(Shape::Surface(_)) => 0.0,
-        Some(Shape::Points(_) | Shape::Across(_)) => 0.06,
-        _ => 0.02,
-    };
+    let shapes = || shapes(panels);
+    let padding = shapes().next().map_or(0.02, |shape| shape.form().padding());
     Range::around(
         shapes()
             .flat_map(Shape::places)
@@ -332,13 +325,8 @@ fn vertical_range(panels: &[&Panel]) -> Range {
             log: false,
         };
     }
-    let shapes = || {
-        panels
-            .iter()
-            .flat_map(|panel| &panel.series)
-            .map(|series| &series.shape)
-    };
-    let padding = if shapes().any(|shape| matches!(shape, Shape::Surface(_))) {
+    let shapes = || shapes(panels);
+    let padding = if shapes().any(|shape| shape.form().fills_plot()) {
         0.0
     } else {
         0.06
@@ -362,7 +350,7 @@ fn vertical_range(panels: &[&Panel]) -> Range {
     range
 }
 
-pub(super) fn text(at: (f64, f64), text: &str, align: HPos) -> Mark {
+pub(super) fn text(at: (f64, f64), text: &str, align: Align) -> Mark {
     Mark::Text {
         at,
         text: text.into(),

@@ -3,11 +3,12 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, label_with_setting, level},
-    chart::{Chart, Curve, CurveSource, RunLine, Scale, Series, Shape, Style},
+    chart::{Chart, Scale, Series, Style},
     crowd::name_the_best,
     curve_notes,
     over_runs::{FEW, RunDisplay, are_uneven, at_the_ends, over, points, smoothed},
     published,
+    shape::{Curve, CurveSource, RunLine, Shape},
 };
 use crate::{
     names::{Names, Picked, Place},

@@ -2,12 +2,10 @@
 
 use super::{
     axes::TEXT,
-    chart::{Chart, CurveSource, Series, Shape},
+    chart::{Chart, Series},
     layout::text,
-    paint::{Mark, text_width},
-    series,
+    paint::{Align, Mark, text_width},
 };
-use plotters::style::text_anchor::HPos;
 use std::collections::BTreeSet;
 
 const GAP: f64 = 12.0;
@@ -26,8 +24,9 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
             - GAP;
         let mut x = ((width - used) / 2.0).max(4.0);
         for (series, entry) in line {
-            series::sample(series, (x, y), sample_width(series), marks);
-            marks.push(text((x + sample_width(series) + 4.0, y), entry, HPos::Left));
+            let form = series.shape.form();
+            marks.extend(form.sample(series.style, (x, y)));
+            marks.push(text((x + form.sample_width() + 4.0, y), entry, Align::Left));
             x += entry_width(series, entry);
         }
         y += LINE;
@@ -49,7 +48,13 @@ pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
         .flat_map(|panel| &panel.series)
         .filter(|series| !series.label.is_empty() && !series.is_other())
     {
-        let look = |series: &Series| (series.label.clone(), series.style, is_published(series));
+        let look = |series: &Series| {
+            (
+                series.label.clone(),
+                series.style,
+                series.shape.form().is_published(),
+            )
+        };
         let same = |group: &&mut Vec<&Series>| look(group[0]) == look(series);
         match groups.iter_mut().find(same) {
             Some(group) => group.push(series),
@@ -72,16 +77,12 @@ fn others(chart: &Chart) -> Option<(&Series, String)> {
     Some((first, format!("{} others", names.len())))
 }
 
-fn is_published(series: &Series) -> bool {
-    matches!(&series.shape, Shape::Curve(curve) if curve.of == CurveSource::Publication)
-}
-
-/// The first line of a group; a level only where the group has no line, so that the sample shows the dash.
+/// The first line of a group; a reference only where the group has no line, so that the sample shows the dash.
 fn first_line<'a>(group: &[&'a Series]) -> &'a Series {
     group
         .iter()
         .copied()
-        .find(|series| !matches!(series.shape, Shape::Level(_)))
+        .find(|series| !series.shape.form().is_reference())
         .unwrap_or(group[0])
 }
 
@@ -110,15 +111,6 @@ fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Serie
     lines
 }
 
-/// Width of the sample; lines need more room to show their dashes.
-fn sample_width(series: &Series) -> f64 {
-    match series.shape {
-        Shape::Line(_) | Shape::Curve(_) | Shape::MarkedLine(_) | Shape::Level(_) => 20.0,
-        Shape::Path(_) => 40.0,
-        _ => 8.0,
-    }
-}
-
 fn entry_width(series: &Series, entry: &str) -> f64 {
-    sample_width(series) + 4.0 + text_width(entry, TEXT) + GAP
+    series.shape.form().sample_width() + 4.0 + text_width(entry, TEXT) + GAP
 }

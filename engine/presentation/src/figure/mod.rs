@@ -5,6 +5,7 @@ mod bars;
 mod best_so_far;
 mod build;
 mod chart;
+mod color_scale;
 mod contour;
 mod crowd;
 mod curve_notes;
@@ -18,7 +19,6 @@ mod graph;
 mod graph_drawing;
 mod grouped_lines;
 mod heat_map;
-mod image_tiles;
 mod images;
 mod importance;
 mod in_words;
@@ -36,9 +36,10 @@ mod published;
 mod scatter;
 mod searched;
 mod series;
+mod shape;
+mod strokes;
 mod style;
 mod suite;
-mod surface;
 #[cfg(test)]
 mod tests;
 mod ticks;
@@ -47,10 +48,7 @@ mod trajectory;
 pub use bars::Bars;
 pub use best_so_far::BestSoFar;
 pub use build::{Context, build};
-pub use chart::{
-    Cells, Chart, Curve, CurveSource, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style,
-    Surface, Tiles,
-};
+pub use chart::{Chart, Hue, Panel, Paper, Point, Scale, Series, Style};
 pub use contour::Contour;
 pub use crowd::name_the_best;
 pub use graph::GraphFigure;
@@ -65,6 +63,7 @@ pub use parallel_coordinates::ParallelCoordinates;
 pub use pdf::pdf;
 pub use plot_data::plot_data;
 pub use scatter::Scatter;
+pub use shape::{Cells, Curve, CurveSource, RunLine, Shape, Surface, Tiles};
 pub use suite::{IntervalEstimates, PerformanceProfile, ProbabilityOfImprovement, SampleEfficiency};
 pub use ticks::Tick;
 pub use trajectory::Trajectory;

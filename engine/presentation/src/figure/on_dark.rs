@@ -3,7 +3,7 @@
 
 use super::{
     axes::{AXIS_WIDTH, TEXT},
-    chart::{Chart, Hue, Shape, Style},
+    chart::{Chart, Hue, Style},
     paint::SVG_SCALE,
     style::{FAINT, INK, Rgb, blend},
 };
@@ -18,8 +18,9 @@ const PALE: Rgb = (0xe6, 0xe7, 0xe9);
 /// Least contrast of a line with its paper, as the ratio that WCAG 2.1 defines.
 const CONTRAST: f64 = 4.5;
 
-/// Ground under the marks of a chart, which decides the changes on a dark page.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// Ground under the marks of a chart, which decides the changes on a dark page; a chart has the last ground of its series in
+/// this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ground {
     /// Paper: every colour has a replacement.
@@ -34,17 +35,9 @@ impl Ground {
     /// Ground under the marks of a chart.
     #[must_use]
     pub fn of(chart: &Chart) -> Self {
-        let has = |is: fn(&Shape) -> bool| {
-            let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
-            series.any(|series| is(&series.shape))
-        };
-        if has(|shape| matches!(shape, Shape::Graph(_) | Shape::Cells(_))) {
-            Self::Boxes
-        } else if has(|shape| matches!(shape, Shape::Surface(_) | Shape::Path(_) | Shape::Images(_))) {
-            Self::Colored
-        } else {
-            Self::Paper
-        }
+        let series = chart.panels.iter().flat_map(|panel| &panel.series);
+        let grounds = series.map(|series| series.shape.form().ground());
+        grounds.max().unwrap_or(Self::Paper)
     }
 
     /// Class of the `figure` element that the rules apply to.
@@ -196,7 +189,7 @@ fn luminance((r, g, b): Rgb) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::{Panel, Series};
+    use crate::figure::{Panel, Series, Shape};
 
     fn styles() -> impl Iterator<Item = Style> {
         let agents = (0..8).map(Style::of_agent);

@@ -78,12 +78,30 @@ pub(super) enum Mark {
         at: Place,
         text: String,
         size: f64,
-        align: HPos,
+        align: Align,
         upright: bool,
         color: Rgb,
     },
     /// A square image whose pixels stay squares. Images lie over all other marks.
     Image { corner: Place, side: f64, image: Image },
+}
+
+/// Side of a text at its place; an upright text is turned with its sides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Align {
+    Left,
+    Center,
+    Right,
+}
+
+impl Align {
+    fn anchor(self) -> HPos {
+        match self {
+            Self::Left => HPos::Left,
+            Self::Center => HPos::Center,
+            Self::Right => HPos::Right,
+        }
+    }
 }
 
 /// Bounding box of marks, in points.
@@ -108,6 +126,15 @@ impl Extent {
 }
 
 impl Mark {
+    /// An area that hides what lies below it.
+    pub(super) fn area(points: Vec<Place>, color: Rgb) -> Self {
+        Self::Fill {
+            points,
+            color,
+            opacity: 1.0,
+        }
+    }
+
     /// The mark, scaled and then moved.
     pub(super) fn moved(&self, scale: f64, by: Place) -> Self {
         let place = |(x, y): &Place| (x * scale + by.0, y * scale + by.1);
@@ -370,7 +397,7 @@ impl Pen {
         at: Place,
         text: &str,
         size: f64,
-        (align, upright, color): (HPos, bool, Rgb),
+        (align, upright, color): (Align, bool, Rgb),
     ) -> Result<(), Error> {
         let raise = self.raise * size;
         let at = if upright {
@@ -391,7 +418,7 @@ impl Pen {
         let style = TextStyle {
             font,
             color: fill(color, 1.0).color.to_backend_color(),
-            pos: Pos::new(align, VPos::Center),
+            pos: Pos::new(align.anchor(), VPos::Center),
         };
         let text = printable(text);
         let text = if self.rasters {

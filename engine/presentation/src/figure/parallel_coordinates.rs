@@ -3,8 +3,9 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, count, label, spaced},
-    chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+    chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
     searched::CompletedSettings,
+    shape::Shape,
     ticks::{self, Tick},
 };
 use crate::{

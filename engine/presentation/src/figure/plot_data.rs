@@ -2,35 +2,35 @@
 //! and the trial of each run.
 
 use super::{
-    chart::{Chart, Curve, CurveSource, Panel, Point, RunLine, Series, Shape},
+    chart::{Chart, Panel, Point, Series},
     on_dark::hex,
+    shape::RunLine,
 };
 use serde_json::{Map, Value, json};
 
 /// The most points of a line. Longer lines are thinned; the smallest and the largest value of each stretch stay.
 const MOST: usize = 400;
 
-/// The panels of a chart that shows only curves and levels against numbers; `None` for any other chart.
+/// The panels of a chart that shows nothing but lines with runs, and references; `None` for any other chart.
 #[must_use]
 pub fn plot_data(chart: &Chart) -> Option<Value> {
-    let series = || chart.panels.iter().flat_map(|panel| &panel.series);
-    let is_plotted = |series: &Series| matches!(series.shape, Shape::Curve(_) | Shape::Level(_));
-    let has_curve = series().any(|series| matches!(series.shape, Shape::Curve(_)));
-    if !has_curve || !series().all(is_plotted) {
+    let mut all = chart.panels.iter().flat_map(|panel| &panel.series);
+    if all.all(|series| series.shape.form().is_reference()) {
         return None;
     }
-    let panels: Vec<Value> = chart.panels.iter().map(panel).collect();
+    let panels: Vec<Value> = chart.panels.iter().map(panel).collect::<Option<_>>()?;
     Some(json!({ "columns": chart.columns.max(1), "panels": panels }))
 }
 
-fn panel(panel: &Panel) -> Value {
-    json!({
+fn panel(panel: &Panel) -> Option<Value> {
+    let series = panel.series.iter().map(|it| series(it, panel.y.log));
+    Some(json!({
         "title": panel.title, "x": panel.x.label, "y": panel.y.label, "log": panel.y.log,
-        "series": panel.series.iter().map(|it| series(it, panel.y.log)).collect::<Vec<_>>(),
-    })
+        "series": series.collect::<Option<Vec<_>>>()?,
+    }))
 }
 
-fn series(series: &Series, log: bool) -> Value {
+fn series(series: &Series, log: bool) -> Option<Value> {
     let style = series.style;
     let mut data = Map::from_iter([
         ("label".to_owned(), json!(series.label)),
@@ -44,46 +44,26 @@ fn series(series: &Series, log: bool) -> Value {
     if series.is_other() {
         data.insert("other".into(), json!(true));
     }
-    let dash = match &series.shape {
-        Shape::Curve(curve) => {
-            data.extend(lines(curve, log));
-            match curve.of {
-                CurveSource::Learner => style.dashes(),
-                CurveSource::NonLearner => style.short_dashes(),
-                CurveSource::Publication => style.dots(),
-            }
-        }
-        Shape::Level(level) => {
-            data.insert("level".into(), number(*level));
-            style.short_dashes()
-        }
-        _ => &[],
-    };
-    data.insert("dash".into(), json!(dash));
-    Value::Object(data)
+    data.extend(series.shape.form().plot_data(style, log)?);
+    Some(Value::Object(data))
 }
 
-/// The line, its band and its runs. Runs have steps of their own only where they differ from those of the line.
-fn lines(curve: &Curve, log: bool) -> Map<String, Value> {
-    let points = thinned(&curve.points);
+/// The points of a line, and the band around it.
+pub(super) fn line(points: &[Point], log: bool) -> Map<String, Value> {
+    let points = thinned(points);
     let x = numbers(points.iter().map(|point| point.x));
-    let mut data = Map::from_iter([
-        ("x".to_owned(), x.clone()),
-        ("y".to_owned(), heights(&points, log)),
-    ]);
+    let mut data = Map::from_iter([("x".to_owned(), x), ("y".to_owned(), heights(&points, log))]);
     if points.iter().any(|point| point.interval.is_some()) {
         let end =
             |of: fn((f64, f64)) -> f64| numbers(points.iter().map(|it| it.interval.map_or(f64::NAN, of)));
         data.insert("low".into(), end(|(low, _)| low));
         data.insert("high".into(), end(|(_, high)| high));
     }
-    let runs: Vec<Value> = curve.all_runs().map(|it| run(it, &x, log)).collect();
-    data.insert("runs".into(), json!(runs));
-    data.insert("drawn".into(), json!(!curve.runs.is_empty()));
     data
 }
 
-fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
+/// A run, which has steps of its own only where they differ from those of the line.
+pub(super) fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
     let points = thinned(&run.points);
     let x = numbers(points.iter().map(|point| point.x));
     let mut data = json!({
@@ -128,7 +108,7 @@ fn numbers(values: impl Iterator<Item = f64>) -> Value {
 }
 
 /// A number with six digits, more than a screen shows; whole numbers stay whole.
-fn number(value: f64) -> Value {
+pub(super) fn number(value: f64) -> Value {
     #[allow(clippy::cast_possible_truncation, reason = "a whole number below 2^53")]
     if value.fract() == 0.0 && value.abs() < 9e15 {
         return json!(value as i64);
@@ -141,7 +121,7 @@ fn number(value: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::Style;
+    use crate::figure::{Curve, CurveSource, Shape, Style};
     use proptest::prelude::*;
 
     fn points(values: &[f64]) -> Vec<Point> {

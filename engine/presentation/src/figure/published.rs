@@ -3,8 +3,9 @@
 use super::{
     Band, LearningCurve, Line, SeedLines,
     build::Context,
-    chart::{Curve, CurveSource, Hue, RunLine, Series, Shape, Style},
+    chart::{Hue, Series, Style},
     over_runs::{over, points, smoothed},
+    shape::{Curve, CurveSource, RunLine, Shape},
 };
 use analysis::published_curve::{self, PublishedCurve};
 use contract::Error;

@@ -3,7 +3,8 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, label},
-    chart::{Chart, Point, Series, Shape},
+    chart::{Chart, Point, Series},
+    shape::Shape,
 };
 use crate::{
     names::{Names, Place},

@@ -3,7 +3,8 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, label, problem},
-    chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+    chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
+    shape::Shape,
 };
 use crate::{
     names::{Names, Place},

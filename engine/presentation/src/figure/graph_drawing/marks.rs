@@ -8,12 +8,11 @@ use super::{
 use crate::figure::{
     chart::{Hue, Style},
     layout::{count, text},
-    paint::{Mark, Place, text_width},
-    series::{dashed, rectangle},
+    paint::{Align, Mark, Place, text_width},
+    strokes::{dashed, rectangle},
     style::{INK, Rgb, blend},
 };
 use contract::drawing::Graph;
-use plotters::style::text_anchor::HPos;
 use std::collections::BTreeMap;
 
 const WHITE: Rgb = (0xff, 0xff, 0xff);
@@ -120,7 +119,7 @@ fn outlined(points: Vec<Place>, fill: Rgb, line: Rgb, width: f64) -> [Mark; 2] {
 
 fn frame(frame: &Frame, flow: Flow) -> Vec<Mark> {
     let (start, end) = corners(flow, frame.along, frame.across);
-    let name = text((start.0 + 4.0, start.1 + 6.0), &frame.name, HPos::Left);
+    let name = text((start.0 + 4.0, start.1 + 6.0), &frame.name, Align::Left);
     let mut marks: Vec<Mark> = outlined(rounded_box(start, end, 4.0), GROUND, FRAME_LINE, 0.5).into();
     marks.push(name);
     marks
@@ -140,7 +139,7 @@ fn node_box(place: &NodeBox, color: Rgb, flow: Flow) -> Vec<Mark> {
         marks.push(text(
             (middle.0, first + TEXT_LINE * count(index)),
             line,
-            HPos::Center,
+            Align::Center,
         ));
     }
     marks
@@ -225,7 +224,7 @@ fn label(number: usize, routes: &[Route], places: &Places, flow: Flow) -> Vec<Ma
             at,
             text: route.label.clone(),
             size: LABEL,
-            align: HPos::Center,
+            align: Align::Center,
             upright,
             color: INK,
         },

@@ -13,15 +13,15 @@ pub(super) mod tests;
 mod ways;
 
 use super::{
-    chart::{Chart, Shape},
+    chart::Chart,
     drawn::shapes,
     layout::{DOUBLE, SINGLE, text},
-    paint::{Drawing, Extent, Mark},
+    paint::{Align, Drawing, Extent, Mark},
+    shape::Shape,
 };
 use arrangement::Arrangement;
 use contract::drawing::Graph;
 use places::Places;
-use plotters::style::text_anchor::HPos;
 use ways::Routing;
 
 /// Height of a title with its room, room around a drawing, and between two of them.
@@ -50,7 +50,7 @@ pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let (mut marks, mut top) = (Vec::new(), MARGIN);
     for (title, sketch) in sketches {
         if !title.is_empty() {
-            marks.push(text((width / 2.0, top + TITLE / 2.0 - 1.0), title, HPos::Center));
+            marks.push(text((width / 2.0, top + TITLE / 2.0 - 1.0), title, Align::Center));
             top += TITLE;
         }
         let by = ((width - sketch.width) / 2.0, top);

@@ -6,7 +6,8 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
-        chart::{Chart, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Panel, Point, Scale, Series},
+        shape::Shape,
     },
     names::{Names, Place},
     table::Normalisation,

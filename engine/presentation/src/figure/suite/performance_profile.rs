@@ -5,7 +5,8 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, count},
-        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Panel, Point, Scale, Series},
+        shape::{Curve, CurveSource, Shape},
     },
     names::{Names, Place},
     table::Normalisation,

@@ -6,7 +6,8 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, count, problem},
-        chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+        chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
+        shape::Shape,
     },
     kinds::Contradiction,
     names::{Names, Place},

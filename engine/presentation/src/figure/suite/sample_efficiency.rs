@@ -6,7 +6,8 @@ use crate::{
     figure::{
         Figure, FigureSpec,
         build::{Context, level, problem},
-        chart::{Chart, Curve, CurveSource, Panel, Point, Scale, Series, Shape},
+        chart::{Chart, Panel, Point, Scale, Series},
+        shape::{Curve, CurveSource, Shape},
     },
     names::{Names, Place},
     table::{Axis, Normalisation, ScoreScale},

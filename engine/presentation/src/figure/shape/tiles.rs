@@ -1,15 +1,14 @@
-//! Draws grids of images, one panel beside the other, each pixel as a square.
+//! Grids of images without axes, one panel beside the other, each pixel as a square.
 
-use super::{
+use super::{Chart, Drawing, Form, Ground, Mark, NumberFormat, Panel, Place, Shape, Sheet, Style, rectangle};
+use crate::figure::{
     axes::TEXT,
-    chart::{Chart, Panel, Shape, Tiles},
     drawn::shapes,
     layout::{DOUBLE, POINTS_PER_MM, SINGLE, count, text},
-    paint::{Drawing, Mark, PNG_SCALE, text_width},
-    series::rectangle,
+    paint::{Align, PNG_SCALE, text_width},
     style::FAINT,
 };
-use plotters::style::text_anchor::HPos;
+use contract::drawing::Image;
 
 /// Room between two images, and between two panels.
 const GAP: f64 = 1.0;
@@ -22,8 +21,70 @@ const LARGEST: f64 = 24.0 * POINTS_PER_MM;
 /// Width of the line around an image, which shows the edge of a light one.
 const RIM: f64 = 0.3;
 
+/// Columns of the data file.
+const HEADER: [&str; 9] = [
+    "panel",
+    "trial",
+    "image",
+    "row",
+    "column",
+    "side",
+    "mean_red",
+    "mean_green",
+    "mean_blue",
+];
+
+/// Images in rows, in one panel.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tiles {
+    /// Id of the trial that left the images; its folder holds the file with all of them.
+    pub trial: String,
+    /// The images in the figure, all of one size.
+    pub images: Vec<Image>,
+    /// Images in a row, at least one.
+    pub columns: usize,
+    /// Side of an image on paper in millimetres; `None` takes the room there is.
+    pub size_mm: Option<f64>,
+}
+
+impl<'a> Form<'a> for &'a Tiles {
+    fn has_axes(&self) -> bool {
+        false
+    }
+
+    fn ground(&self) -> Ground {
+        Ground::Colored
+    }
+
+    fn paint(&self, chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
+        draw(chart, asked)
+    }
+
+    fn sample(&self, _: Style, _: Place) -> Vec<Mark> {
+        Vec::new()
+    }
+
+    fn in_words(&self, _: &Panel, _: NumberFormat) -> Option<String> {
+        Some(format!("{} images", self.images.len()))
+    }
+
+    fn sheet(&self) -> Option<Sheet> {
+        let columns = self.columns.max(1);
+        let line = |(index, image): (usize, &Image)| {
+            let place = [index, index / columns, index % columns].map(|number| number.to_string());
+            let colors = image.mean_color().map(|mean| format!("{mean:.3}"));
+            std::iter::once(self.trial.clone())
+                .chain(place)
+                .chain([image.width.to_string()])
+                .chain(colors)
+                .collect()
+        };
+        Some((&HEADER, self.images.iter().enumerate().map(line).collect()))
+    }
+}
+
 /// A chart of images at the requested width; `None` for another chart.
-pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
+fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let grids: Vec<(&Panel, &Tiles)> = shapes(chart)
         .filter_map(|(_, panel, shape)| match shape {
             Shape::Images(tiles) => Some((panel, tiles)),
@@ -90,7 +151,7 @@ fn grid(
         marks.push(text(
             (left + slot / 2.0, top - TITLE / 2.0),
             &panel.title,
-            HPos::Center,
+            Align::Center,
         ));
     }
     for (index, image) in tiles.images.iter().enumerate() {
@@ -100,11 +161,10 @@ fn grid(
             top + (side + GAP) * count(row),
         );
         let end = (corner.0 + side + RIM, corner.1 + side + RIM);
-        marks.push(Mark::Fill {
-            points: rectangle((corner.0 - RIM, corner.1 - RIM), end),
-            color: FAINT,
-            opacity: 1.0,
-        });
+        marks.push(Mark::area(
+            rectangle((corner.0 - RIM, corner.1 - RIM), end),
+            FAINT,
+        ));
         marks.push(Mark::Image {
             corner,
             side,
