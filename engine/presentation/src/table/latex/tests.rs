@@ -1,7 +1,9 @@
 //! Tables set as studies ask, by snapshot and by LaTeX itself where it is installed.
 
 use super::*;
-use crate::table::{Axis, Comparison, PublishedCell, PublishedRow, TableSpec, build, tests::improvement};
+use crate::table::{
+    Aggregate, Axis, Comparison, PublishedCell, PublishedRow, TableSpec, build, tests::improvement,
+};
 use serde_json::json;
 use std::{collections::BTreeMap, fs, process::Command};
 use testing::synthetic::study;
@@ -23,17 +25,17 @@ fn set(spec: TableSpec, options: serde_json::Value) -> String {
 
 /// Aggregates with a published mean; less is better in one column.
 fn aggregates() -> TableSpec {
-    let kind = json!({ "aggregate": {
+    let kind = json!({
         "value": "cycle_length", "normalise": { "low": "equal", "high": "bound" }, "relative_to": "ddpg",
         "profile_at": [0.25, 0.5, 0.75],
-    } });
+    });
     TableSpec {
         caption: "Scores of τ ≥ 0.25, of `two` environments".into(),
         published: BTreeMap::from([(
             "dsac".into(),
             PublishedRow::Columns(BTreeMap::from([("mean".into(), PublishedCell::Value(0.61))])),
         )]),
-        ..serde_json::from_value(kind).unwrap()
+        ..TableSpec::of::<Aggregate>(serde_json::from_value(kind).unwrap())
     }
 }
 
