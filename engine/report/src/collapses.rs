@@ -106,7 +106,7 @@ impl Split {
 mod tests {
     use super::*;
     use contract::standard_metrics::UPDATES;
-    use presentation::table;
+    use presentation::table::{self, Axis, Comparison, TableSpec};
     use std::collections::BTreeMap;
     use testing::synthetic::trial;
 
@@ -136,9 +136,12 @@ mod tests {
             better: BTreeMap::from([("x".to_owned(), Better::Higher)]),
             ..StudyInfo::default()
         };
-        let spec =
-            serde_json::from_value(serde_json::json!({ "comparison": { "rows": "agent", "value": "x" } }));
-        let grid = table::build(&spec.unwrap(), &results).unwrap();
+        let spec = TableSpec::of(Comparison {
+            rows: Axis::Agent.into(),
+            value: "x".into(),
+            ..Comparison::default()
+        });
+        let grid = table::build(&spec, &results).unwrap();
         let notes = notes(&grid, "x", &study, &results);
         assert_eq!(notes.len(), 1, "{notes:?}");
         assert!(
