@@ -4,7 +4,7 @@ use crate::{
     contracts::{acting, ready_made},
     program::Bench,
 };
-use cli::describe::{self, Asked, Group, Subject, text};
+use cli::describe::{self, FitOptions, Group, Subject, text};
 use contract::{Registry, plugin::About};
 use document::diagnostic::render;
 use plugins::registry;
@@ -15,7 +15,7 @@ use std::{
 };
 use study::Options;
 
-const NOTHING_BUILT: Asked = Asked {
+const NOTHING_BUILT: FitOptions = FitOptions {
     fits: false,
     why: false,
 };
@@ -135,7 +135,7 @@ fn passes(registry: &Registry, text: &str) {
 #[test]
 fn examples_of_plugins_pass_check_together_as_they_are_described() {
     let registry = registry();
-    let asked = Asked {
+    let asked = FitOptions {
         fits: true,
         why: true,
     };

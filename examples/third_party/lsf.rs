@@ -1,16 +1,18 @@
 //! An executor of its own: the script of a job array for the batch system LSF, which a person hands over.
 
-use engine::execution::executor::{Error, Executor, Kind, Options, RegisterExecutor as _, Wanted, Way};
+use engine::execution::executor::{
+    Error, Executor, ExecutorKind, ExecutorOptions, RegisterExecutor as _, Wanted, Way,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 
 pub fn register(registry: &mut engine::Registry) {
-    registry.executor(|| Kind {
+    registry.executor(|| ExecutorKind {
         name: "lsf",
         title: "LSF",
         about: "workers in a job array of LSF, whose script is written and not submitted",
-        way: Way::Written(Options::of(|lsf: Lsf| Ok(Box::new(lsf))), "bsub"),
+        way: Way::Written(ExecutorOptions::of(|lsf: Lsf| Ok(Box::new(lsf))), "bsub"),
     });
 }
 

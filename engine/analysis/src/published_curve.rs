@@ -45,7 +45,7 @@ pub struct PublishedCurve {
 
 /// One run of a curve.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Run {
+pub struct CurveRun {
     /// Value of the column `by`, which tells the run from others; empty where there is no such column.
     pub name: String,
     /// Steps in ascending order, with their values.
@@ -118,7 +118,7 @@ impl PublishedCurve {
     /// # Errors
     /// A file or column that is missing, fields that hold no number, no row that matches, and a step that a run has
     /// twice.
-    pub fn runs(&self) -> Result<Vec<Run>, PublishedCurveError> {
+    pub fn runs(&self) -> Result<Vec<CurveRun>, PublishedCurveError> {
         if let Some(outside) = &self.outside {
             return Err(PublishedCurveError::Outside(outside.clone()));
         }
@@ -130,7 +130,7 @@ impl PublishedCurve {
         let columns = Columns::find(self, &header)?;
         let mut runs: Vec<(String, BTreeMap<u64, f64>)> = Vec::new();
         for record in reader.records() {
-            let row = Row {
+            let row = CurveRecord {
                 curve: self,
                 record: record.map_err(|error| unreadable(&self.file, &error))?,
             };
@@ -150,7 +150,7 @@ impl PublishedCurve {
         }
         Ok(runs
             .into_iter()
-            .map(|(name, points)| Run {
+            .map(|(name, points)| CurveRun {
                 name,
                 points: points.into_iter().collect(),
             })
@@ -179,7 +179,7 @@ impl PublishedCurve {
     }
 }
 
-impl Run {
+impl CurveRun {
     /// Mean of the last `last` values at steps up to `up_to_step`.
     ///
     /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run ends more
@@ -239,12 +239,12 @@ impl<'a> Columns<'a> {
     }
 }
 
-struct Row<'a> {
+struct CurveRecord<'a> {
     curve: &'a PublishedCurve,
     record: StringRecord,
 }
 
-impl Row<'_> {
+impl CurveRecord<'_> {
     fn field(&self, column: usize) -> &str {
         self.record.get(column).unwrap_or_default()
     }
@@ -380,7 +380,7 @@ mod tests {
         // Spreadsheets put a mark in front of the first column and spaces around fields.
         let text = format!("\u{feff}{}", LOGS.replace(",seed", " , seed"));
         let runs = curve(dir.path(), &text).runs().unwrap();
-        let run = |name: &str, points: &[(u64, f64)]| Run {
+        let run = |name: &str, points: &[(u64, f64)]| CurveRun {
             name: name.into(),
             points: points.into(),
         };
@@ -449,7 +449,7 @@ mod tests {
 
     #[test]
     fn the_mean_of_the_last_values_needs_a_run_that_goes_so_far() {
-        let run = Run {
+        let run = CurveRun {
             name: String::new(),
             points: (1..=8).map(|index| (250 * index, index as f64)).collect(),
         };
@@ -460,7 +460,7 @@ mod tests {
             (run.last_mean(2250, 8), run.last_mean(2251, 8)),
             (Some(4.5), None)
         );
-        let single = Run {
+        let single = CurveRun {
             name: String::new(),
             points: vec![(500, 1.0)],
         };

@@ -20,7 +20,7 @@ use contract::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use statistics::{Seeds, spending::Design};
+use statistics::{Seeds, spending::SequentialDesign};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// All trials of a study, in the order of the plan.
@@ -35,7 +35,7 @@ pub struct Results {
     /// Results of searches for settings.
     pub searches: Vec<SearchResult>,
     /// The looks that the study plans; `None` where its number of seeds is fixed.
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
     /// The first seed of the design.
     pub first_seed: u64,
     /// The rounds of seeds that are taken together, in order; none where there is one.
@@ -72,7 +72,7 @@ pub struct Round {
     /// The seeds, rising.
     seeds: Vec<u64>,
     /// The looks that were planned; `None` where the number of seeds is fixed.
-    design: Option<Design>,
+    design: Option<SequentialDesign>,
 }
 
 impl Round {
@@ -166,7 +166,7 @@ impl Results {
     /// The number below which seeds count, for each planned look; none where the number of seeds is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
-        let looks = self.design.iter().flat_map(Design::looks);
+        let looks = self.design.iter().flat_map(SequentialDesign::looks);
         looks.map(|most| self.first_seed + u64::from(*most)).collect()
     }
 
@@ -227,7 +227,7 @@ fn pooled_seeds(rounds: &[&Round], is_complete: impl Fn(u64, (u32, u64)) -> bool
         so_far += complete.checked_sub(1).map_or(0, |last| looks[last].0);
     }
     Seeds {
-        design: Design::try_from(numbers).ok(),
+        design: SequentialDesign::try_from(numbers).ok(),
         limits,
         rounds: rounds.len(),
     }
@@ -258,7 +258,7 @@ mod tests {
                 },
             };
             let results = Results {
-                design: Some(Design::new(vec![3, 6])),
+                design: Some(SequentialDesign::new(vec![3, 6])),
                 ..Results::of(trials)
             };
             results
@@ -277,7 +277,7 @@ mod tests {
         let trials = (100..103).map(|seed| trial("cells", "equal", "", seed, &Vec::new()));
         let complete = |first_seed| {
             let results = Results {
-                design: Some(Design::new(vec![3, 6])),
+                design: Some(SequentialDesign::new(vec![3, 6])),
                 first_seed,
                 ..Results::of(trials.clone().collect())
             };
@@ -296,7 +296,7 @@ mod tests {
         };
         let study = Results::of([trials("equal", &[0, 1, 2]), trials("other", &[0, 1, 2])].concat());
         let round = |seeds: &[u64]| Results {
-            design: Some(Design::new(vec![3, 6])),
+            design: Some(SequentialDesign::new(vec![3, 6])),
             first_seed: 100,
             ..Results::of(trials("equal", seeds))
         };

@@ -166,8 +166,8 @@ impl Display for ArtifactKind {
     }
 }
 
-/// A kind of artifact as a type, so that a config says which one it takes.
-pub trait Kind: 'static {
+/// Marker of a kind of artifact: a type, so that a config says which one it takes.
+pub trait ArtifactMarker: 'static {
     /// The kind that the type stands for.
     const KIND: ArtifactKind;
 }
@@ -188,23 +188,23 @@ pub struct Dataset;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice;
 
-impl Kind for Policy {
+impl ArtifactMarker for Policy {
     const KIND: ArtifactKind = ArtifactKind::Policy;
 }
 
-impl Kind for Networks {
+impl ArtifactMarker for Networks {
     const KIND: ArtifactKind = ArtifactKind::Networks;
 }
 
-impl Kind for Checkpoint {
+impl ArtifactMarker for Checkpoint {
     const KIND: ArtifactKind = ArtifactKind::Checkpoint;
 }
 
-impl Kind for Dataset {
+impl ArtifactMarker for Dataset {
     const KIND: ArtifactKind = ArtifactKind::Dataset;
 }
 
-impl Kind for Choice {
+impl ArtifactMarker for Choice {
     const KIND: ArtifactKind = ArtifactKind::Choice;
 }
 
@@ -223,9 +223,9 @@ pub struct Reference {
 
 /// An artifact of another trial in a config: names in a study, a folder inside a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Form", into = "Form")]
-#[serde(bound = "K: Kind + Clone")]
-pub struct Artifact<K: Kind> {
+#[serde(try_from = "ArtifactConfig", into = "ArtifactConfig")]
+#[serde(bound = "K: ArtifactMarker + Clone")]
+pub struct Artifact<K: ArtifactMarker> {
     reference: Reference,
     folder: Option<PathBuf>,
     kind: PhantomData<fn() -> K>,
@@ -234,7 +234,7 @@ pub struct Artifact<K: Kind> {
 /// The form of an artifact in a config.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Form {
+struct ArtifactConfig {
     from: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     environment: Option<String>,
@@ -248,7 +248,7 @@ struct Form {
     folder: Option<PathBuf>,
 }
 
-impl<K: Kind> Artifact<K> {
+impl<K: ArtifactMarker> Artifact<K> {
     /// The name of its source in the study.
     #[must_use]
     pub fn source(&self) -> &str {
@@ -267,11 +267,11 @@ impl<K: Kind> Artifact<K> {
     }
 }
 
-impl<K: Kind> TryFrom<Form> for Artifact<K> {
+impl<K: ArtifactMarker> TryFrom<ArtifactConfig> for Artifact<K> {
     type Error = String;
 
-    fn try_from(form: Form) -> Result<Self, String> {
-        let Form {
+    fn try_from(form: ArtifactConfig) -> Result<Self, String> {
+        let ArtifactConfig {
             from,
             environment,
             seed,
@@ -293,7 +293,7 @@ impl<K: Kind> TryFrom<Form> for Artifact<K> {
     }
 }
 
-impl<K: Kind> From<Artifact<K>> for Form {
+impl<K: ArtifactMarker> From<Artifact<K>> for ArtifactConfig {
     fn from(artifact: Artifact<K>) -> Self {
         let Reference {
             from,
@@ -311,7 +311,7 @@ impl<K: Kind> From<Artifact<K>> for Form {
     }
 }
 
-impl<K: Kind> JsonSchema for Artifact<K> {
+impl<K: ArtifactMarker> JsonSchema for Artifact<K> {
     fn inline_schema() -> bool {
         true
     }

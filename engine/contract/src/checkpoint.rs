@@ -1,6 +1,6 @@
 //! Checkpoints: how a running trial goes on in another process.
 
-use crate::{Agent, Error, Recorder, own_training::Place};
+use crate::{Agent, Error, Recorder, own_training::TrainingAllocation};
 use serde_json::Value;
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ pub trait Keeper {
     ///
     /// # Errors
     /// Where the folder cannot be made.
-    fn place(&mut self) -> Result<Option<Place>, Error> {
+    fn place(&mut self) -> Result<Option<TrainingAllocation>, Error> {
         Ok(None)
     }
 

@@ -11,10 +11,10 @@ use std::{
 
 /// A config with every default filled in; clones share it.
 #[derive(Debug, Clone)]
-pub struct CompleteConfig(Arc<Form>);
+pub struct CompleteConfig(Arc<ConfigLayers>);
 
 #[derive(Debug)]
-struct Form {
+struct ConfigLayers {
     /// The config without the changes.
     base: Arc<Value>,
     changes: Box<[Arc<Change>]>,
@@ -22,7 +22,7 @@ struct Form {
     whole: OnceLock<Box<Value>>,
 }
 
-impl Form {
+impl ConfigLayers {
     fn written_out(&self) -> Value {
         let mut whole = Value::clone(&self.base);
         for change in &self.changes {
@@ -48,11 +48,11 @@ impl CompleteConfig {
     #[must_use]
     pub fn changed(base: &Self, changes: Box<[Arc<Change>]>) -> Self {
         let base = match &*base.0 {
-            Form { base, changes, .. } if changes.is_empty() => Arc::clone(base),
+            ConfigLayers { base, changes, .. } if changes.is_empty() => Arc::clone(base),
             _ => Arc::new(Value::clone(base)),
         };
         let whole = OnceLock::new();
-        Self(Arc::new(Form { base, changes, whole }))
+        Self(Arc::new(ConfigLayers { base, changes, whole }))
     }
 
     /// The config, to be changed; configs that share it stay as they are.
@@ -104,7 +104,7 @@ impl Deref for CompleteConfig {
 
 impl From<Value> for CompleteConfig {
     fn from(value: Value) -> Self {
-        Self(Arc::new(Form {
+        Self(Arc::new(ConfigLayers {
             base: Arc::new(value),
             changes: Box::default(),
             whole: OnceLock::new(),

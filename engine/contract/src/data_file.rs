@@ -22,7 +22,7 @@ use std::{
 
 /// A data file in a config: its path in a study, its path and content or hash inside a trial.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "Form", into = "PathBuf")]
+#[serde(from = "DataFileConfig", into = "PathBuf")]
 pub struct DataFile {
     path: PathBuf,
     content: Option<Arc<str>>,
@@ -32,7 +32,7 @@ pub struct DataFile {
 /// The form of a data file in a config.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "the path of a data file")]
-enum Form {
+enum DataFileConfig {
     Named(PathBuf),
     Read { path: PathBuf, content: String },
     Checked { path: PathBuf, digest: String },
@@ -201,22 +201,22 @@ impl DataFile {
     pub fn parquet_columns(&self, names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
         let bytes = self.bytes()?;
         panics::or_damaged(&self.path, || {
-            let table = parquet::Table::decode(bytes, &self.path)?;
+            let table = parquet::ParquetTable::decode(bytes, &self.path)?;
             names.iter().map(|name| table.numbers(name)).collect()
         })
     }
 }
 
-impl From<Form> for DataFile {
-    fn from(form: Form) -> Self {
+impl From<DataFileConfig> for DataFile {
+    fn from(form: DataFileConfig) -> Self {
         match form {
-            Form::Named(path) => Self::new(path),
-            Form::Read { path, content } => Self {
+            DataFileConfig::Named(path) => Self::new(path),
+            DataFileConfig::Read { path, content } => Self {
                 path,
                 content: Some(content.into()),
                 digest: None,
             },
-            Form::Checked { path, digest } => Self {
+            DataFileConfig::Checked { path, digest } => Self {
                 path,
                 content: None,
                 digest: Some(digest.into()),

@@ -13,7 +13,7 @@
 
 use crate::{
     Error, Recorder, panics,
-    parquet::{self, Table, Values},
+    parquet::{self, ParquetTable, Values},
     recorder::{Phase, Row},
 };
 use std::{collections::HashMap, fs, path::Path};
@@ -86,12 +86,12 @@ pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error> {
         let path = path.to_path_buf();
         Error::Damaged { path, problem }
     };
-    let whole = || rows(&Table::decode(bytes, path)?);
+    let whole = || rows(&ParquetTable::decode(bytes, path)?);
     let unknown = "a cell is empty, a phase is unknown, or there are more than 65535 names of metrics";
     panics::or_damaged(path, whole)?.ok_or_else(|| damaged(unknown.into()))
 }
 
-fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
+fn rows(read: &ParquetTable<'_>) -> Result<Option<MetricsTable>, Error> {
     let mut table = MetricsTable::default();
     let mut known: HashMap<String, u16> = HashMap::new();
     let (phases, metrics) = (read.texts("phase")?, read.texts("metric")?);

@@ -51,7 +51,7 @@ pub struct Simulator {
 
 /// Folder, time and share of the machine of a training.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Place {
+pub struct TrainingAllocation {
     /// The folder of the trial's work, which stays until the trial ends.
     pub folder: PathBuf,
     /// Step at which the trial pauses, after the measurement there; `None` where it goes to its end.
@@ -82,14 +82,14 @@ pub enum Advance {
         heard: bool,
     },
     /// The training asks to be measured.
-    Asks(Asked),
+    Asks(MeasurementPoint),
     /// The training has ended well.
     Ended,
 }
 
-/// A measurement that a training asks for.
+/// Point of a measurement that a training asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asked {
+pub enum MeasurementPoint {
     /// The one during the training that is due at this step, if any.
     At(u64),
     /// The last measurement.
@@ -119,7 +119,7 @@ pub trait OwnTraining {
     ///
     /// # Errors
     /// Where it cannot be started, or a file cannot be written.
-    fn begin(&mut self, of: &Assignment, place: &Place) -> Result<(), Error>;
+    fn begin(&mut self, of: &Assignment, place: &TrainingAllocation) -> Result<(), Error>;
 
     /// Waits for news, not longer than `wait`.
     ///

@@ -72,12 +72,12 @@ impl Repeats {
     }
 }
 
-/// Place of a value: its phase, step, number at that step and metric.
-type Place<'a> = (Phase, u64, u64, &'a str);
+/// Key of a value: its phase, step, number at that step and metric.
+type ValueKey<'a> = (Phase, u64, u64, &'a str);
 
 impl<'a> Recorded<'a> {
     /// The values up to a step of metrics that others have too, each with its place.
-    fn until(self, until: Option<u64>, known: &[String]) -> Vec<(Place<'a>, f64)> {
+    fn until(self, until: Option<u64>, known: &[String]) -> Vec<(ValueKey<'a>, f64)> {
         let name = |row: &Row| self.names.get(usize::from(row.metric)).map_or("", String::as_str);
         let counts = |row: &&Row| row.phase != Phase::Final && until.is_none_or(|until| row.step <= until);
         let rows = self.rows.iter().filter(counts);

@@ -28,11 +28,11 @@ pub struct Span {
 /// The texts that spans point into: the study's file, and the words of the command line.
 #[derive(Debug, Clone, Default)]
 pub struct Sources {
-    sources: Vec<Source>,
+    sources: Vec<SourceText>,
 }
 
 #[derive(Debug, Clone)]
-struct Source {
+struct SourceText {
     name: String,
     text: String,
     /// Where each line begins.
@@ -42,7 +42,7 @@ struct Source {
     is_foreign: bool,
 }
 
-impl Source {
+impl SourceText {
     /// A line, counted from 1; empty where there is none.
     fn line(&self, number: usize) -> &str {
         let start = number.checked_sub(1).and_then(|index| self.starts.get(index));
@@ -70,7 +70,7 @@ impl Sources {
 
     fn add(&mut self, name: &str, text: &str, numbered: bool) -> usize {
         let behind = text.match_indices('\n').map(|(end, _)| end + 1);
-        self.sources.push(Source {
+        self.sources.push(SourceText {
             name: name.into(),
             starts: std::iter::once(0).chain(behind).collect(),
             text: text.into(),
@@ -98,7 +98,7 @@ impl Sources {
 
     /// A letter in the text of a span that looks like another one. In longer texts, which are sentences, dashes and
     /// curly quotation marks are meant.
-    fn lookalike(&self, span: Span) -> Option<(String, Place)> {
+    fn lookalike(&self, span: Span) -> Option<(String, TextLocation)> {
         const LONGEST: usize = 60;
         let source = self.sources.get(span.source).filter(|_| span.length <= LONGEST)?;
         let letters = source.line(span.line).chars();
@@ -120,10 +120,10 @@ impl Sources {
 
     /// The place of a span, with the text of its line.
     #[must_use]
-    pub fn place(&self, span: Span) -> Place {
+    pub fn place(&self, span: Span) -> TextLocation {
         let source = self.sources.get(span.source);
         let (text, left_out) = piece(source.map_or("", |source| source.line(span.line)), span.column);
-        Place {
+        TextLocation {
             file: source.map_or_else(String::new, |source| source.name.clone()),
             line: span.line,
             column: span.column,
@@ -148,9 +148,9 @@ fn piece(line: &str, column: usize) -> (String, usize) {
     (line.chars().skip(left_out).take(LONGEST).collect(), left_out)
 }
 
-/// A position that can be shown on its own.
+/// A location in a text that can be shown on its own.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Place {
+pub struct TextLocation {
     /// Name of the file, or `command line`.
     pub file: String,
     /// Line, from 1.
@@ -172,7 +172,7 @@ pub struct Place {
     is_foreign: bool,
 }
 
-impl Place {
+impl TextLocation {
     /// The beginning of a text for a message; without words of a file that is not the study's.
     fn said(&self, text: &str, longest: usize) -> String {
         if self.is_foreign {
@@ -183,7 +183,7 @@ impl Place {
     }
 }
 
-impl Place {
+impl TextLocation {
     /// Whether it is an option of the command line.
     #[must_use]
     pub fn is_option(&self) -> bool {
@@ -213,13 +213,13 @@ pub struct Diagnostic {
     /// Dotted path of the key, empty for the whole file.
     pub path: String,
     /// Place of the mistake.
-    pub place: Place,
+    pub place: TextLocation,
     /// Meaning of the key: description, type, range, unit.
     pub about: Option<String>,
     /// The advice.
     pub help: Option<String>,
     /// Other places that belong to the mistake, each with a remark.
-    pub notes: Vec<(String, Place)>,
+    pub notes: Vec<(String, TextLocation)>,
 }
 
 impl Diagnostic {
@@ -259,7 +259,7 @@ impl Diagnostic {
 
     /// The same diagnostic with one more place.
     #[must_use]
-    pub fn note(mut self, remark: impl Into<String>, place: Place) -> Self {
+    pub fn note(mut self, remark: impl Into<String>, place: TextLocation) -> Self {
         self.notes.push((place.said(&remark.into(), 2000), place));
         self
     }
@@ -362,7 +362,7 @@ fn one(diagnostic: &Diagnostic) -> String {
 /// Longest part of a line that is shown, and how much of it stands in front of the place.
 const WINDOW: (usize, usize) = (150, 60);
 
-fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char) {
+fn excerpt(out: &mut String, place: &TextLocation, gutter: usize, mark: char) {
     let margin = " ".repeat(gutter);
     if place.line == 0 {
         let file = printable(&place.file);
@@ -404,7 +404,7 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char) {
 }
 
 /// The line around the place, and how many of its characters stand in front of the place.
-fn window(place: &Place) -> (String, usize) {
+fn window(place: &TextLocation) -> (String, usize) {
     let visible = |letter: char| match letter {
         '\t' => '→',
         letter if is_unprintable(letter) => '\u{fffd}',

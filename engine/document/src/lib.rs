@@ -11,6 +11,6 @@ pub mod schema_check;
 mod tree;
 
 pub use tree::{
-    DEEPEST, Entry, Kind, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, Scalar, decode, parse, parse_from,
+    DEEPEST, Entry, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, NodeKind, Scalar, decode, parse, parse_from,
     plain_number,
 };

@@ -3,7 +3,7 @@
 
 use super::{
     content::Content,
-    table::{Line, Table},
+    table::{LogLine, LogTable},
 };
 use contract::Error;
 use csv::StringRecord;
@@ -23,7 +23,7 @@ struct Array {
 type NamedArrays = Vec<(String, Array)>;
 
 /// The table of an archive.
-pub(super) fn table(file: &Content) -> Result<Table, Error> {
+pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     let (arrays, mut notes) = arrays(file)?;
     let mut lengths: BTreeMap<usize, usize> = BTreeMap::new();
     for (_, array) in &arrays {
@@ -52,7 +52,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
             ));
         }
     }
-    let line = |place: usize| Line {
+    let line = |place: usize| LogLine {
         number: place as u64 + 1,
         begins_again: false,
         cells: columns
@@ -60,12 +60,12 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
             .map(|(_, array)| array.mean_of(place).to_string())
             .collect::<StringRecord>(),
     };
-    Ok(Table {
+    Ok(LogTable {
         path: file.path.clone(),
         lines: (0..lines).map(line).collect(),
         names: columns.iter().map(|(name, _)| name.clone()).collect(),
         notes,
-        ..Table::default()
+        ..LogTable::default()
     })
 }
 
@@ -251,7 +251,7 @@ mod tests {
     /// first axis fastest), `best` (f4, no axis), `names` (text, 3) and `seen` (b1, 7).
     const EVALUATIONS: &[u8] = include_bytes!("fixtures/evaluations.npz");
 
-    fn read(bytes: &[u8]) -> Result<Table, String> {
+    fn read(bytes: &[u8]) -> Result<LogTable, String> {
         table(&content("evaluations.npz", bytes)).map_err(|error| error.to_string())
     }
 

@@ -17,9 +17,9 @@ pub(super) struct Content {
     pub(super) bytes: Vec<u8>,
 }
 
-/// The kinds of files that are read.
+/// Formats of the files that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum LogFormat {
     /// TensorBoard's event files.
     Events,
     /// Tables in Parquet.
@@ -117,19 +117,19 @@ impl Content {
     ///
     /// # Errors
     /// [`Error::Input`] with the kind of the file, where that kind is not read.
-    pub(super) fn form(&self) -> Result<Form, Error> {
+    pub(super) fn form(&self) -> Result<LogFormat, Error> {
         let is = |magic: &[u8]| self.bytes.starts_with(magic);
         if is_event_file(&self.path) || begins_record(&self.bytes) {
-            return Ok(Form::Events);
+            return Ok(LogFormat::Events);
         }
         if is(b"PAR1") {
-            return Ok(Form::Parquet);
+            return Ok(LogFormat::Parquet);
         }
         if is(ARRAYS) {
-            return Ok(Form::Arrays);
+            return Ok(LogFormat::Arrays);
         }
         if is(WANDB) {
-            return Ok(Form::Wandb);
+            return Ok(LogFormat::Wandb);
         }
         if let Some((_, kind, way)) = FOREIGN.iter().find(|(magic, ..)| is(magic)) {
             let read = "CSV, JSON, JSON lines, Parquet, arrays of NumPy (.npz), TensorBoard's event files and offline runs of W&B \
@@ -138,8 +138,8 @@ impl Content {
         }
         let text = self.bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.bytes);
         Ok(match text.trim_ascii_start().first() {
-            Some(b'{' | b'[') => Form::Json,
-            _ => Form::Separated,
+            Some(b'{' | b'[') => LogFormat::Json,
+            _ => LogFormat::Separated,
         })
     }
 
@@ -340,13 +340,13 @@ mod tests {
     #[test]
     fn a_file_is_told_by_its_first_bytes() {
         for (bytes, form) in [
-            (&b"PAR1x"[..], Form::Parquet),
-            (b"PK\x03\x04", Form::Arrays),
-            (b":W&B\xe1\xbe", Form::Wandb),
-            (b" {\"a\": 1}", Form::Json),
-            (b"\xef\xbb\xbf[1]", Form::Json),
-            (b"step,x\n", Form::Separated),
-            (b"", Form::Separated),
+            (&b"PAR1x"[..], LogFormat::Parquet),
+            (b"PK\x03\x04", LogFormat::Arrays),
+            (b":W&B\xe1\xbe", LogFormat::Wandb),
+            (b" {\"a\": 1}", LogFormat::Json),
+            (b"\xef\xbb\xbf[1]", LogFormat::Json),
+            (b"step,x\n", LogFormat::Separated),
+            (b"", LogFormat::Separated),
         ] {
             assert_eq!(content("log", bytes).form().unwrap(), form);
         }

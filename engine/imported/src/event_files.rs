@@ -5,10 +5,10 @@
 use super::{
     columns::{MetricColumns, MissingColumn, named},
     content::Content,
-    found::Found,
-    group::Group,
+    found::RunCollection,
+    group::LogGroup,
     mapping::{LeftOut, Mapping, NOT_FINITE, RunPer, Step},
-    restarts::{Entry, Rules},
+    restarts::{LogValue, Rules},
 };
 use crate::event_file::{Event, Scalar, Tensor, events};
 use contract::Error;
@@ -18,7 +18,7 @@ use std::{
 };
 
 /// Adds the runs of all files, in the order of their folders.
-pub(super) fn runs(files: &[&Content], mapping: &Mapping, found: &mut Found) -> Result<(), Error> {
+pub(super) fn runs(files: &[&Content], mapping: &Mapping, found: &mut RunCollection) -> Result<(), Error> {
     let (Some(first), key) = (files.first(), key_of_columns(mapping)) else {
         return Ok(());
     };
@@ -160,10 +160,10 @@ impl Log {
         name: String,
         (files, first): (&[&Content], usize),
         mapping: &Mapping,
-        found: &mut Found,
-    ) -> Result<Group, Error> {
+        found: &mut RunCollection,
+    ) -> Result<LogGroup, Error> {
         let file = files[first];
-        let mut group = Group::new(name, None, file.path.clone());
+        let mut group = LogGroup::new(name, None, file.path.clone());
         let tags = self.tags();
         let chosen = match MetricColumns::of(&tags, mapping) {
             Ok(chosen) => chosen,
@@ -182,7 +182,7 @@ impl Log {
                     .map_err(|_| wrong(format!("step {} is negative", point.step)))?;
                 let (place, value) = ((point.file, point.record), point.value);
                 if value.is_finite() || mapping.is_own {
-                    group.log.entries.push(Entry {
+                    group.log.entries.push(LogValue {
                         place,
                         step,
                         slot,

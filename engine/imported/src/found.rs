@@ -9,11 +9,11 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 /// The files of a part of an entry, and the runs in them.
 #[derive(Debug, Clone, Default)]
-pub struct Found {
+pub struct RunCollection {
     /// Every file that counts, with its SHA-256.
     pub files: Vec<(PathBuf, String)>,
     /// The runs, in the order of the files.
-    pub runs: Vec<Run>,
+    pub runs: Vec<ImportedRun>,
     /// Sentences on copies, on lines that were not written to their end, and on logs that belong together.
     pub notes: Vec<String>,
     /// Number of values that were left out because they are not finite.
@@ -28,7 +28,7 @@ pub struct Found {
 
 /// One run of another program.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Run {
+pub struct ImportedRun {
     /// Name of the run, for messages.
     pub name: String,
     /// The file in which it begins.
@@ -39,17 +39,17 @@ pub struct Run {
     pub curves: BTreeMap<String, Vec<(u64, f64)>>,
 }
 
-impl Found {
+impl RunCollection {
     /// Refuses or leaves out runs that lack a metric.
     pub(super) fn complete(&mut self, mapping: &Mapping) -> Result<(), Error> {
-        let lacking = |run: &Run| {
+        let lacking = |run: &ImportedRun| {
             mapping
                 .metrics
                 .keys()
                 .find(|metric| !run.curves.contains_key(*metric))
                 .cloned()
         };
-        let problem = |run: &Run, metric: &str| {
+        let problem = |run: &ImportedRun, metric: &str| {
             let columns = mapping.metrics[metric].all().join("`, `");
             format!(
                 "{} has no value of `{columns}`, which is to be `{metric}`",
@@ -162,7 +162,7 @@ impl Found {
 }
 
 /// Whether two runs have the same values, bit by bit.
-fn same(one: &Run, other: &Run) -> bool {
+fn same(one: &ImportedRun, other: &ImportedRun) -> bool {
     one.curves.len() == other.curves.len()
         && one
             .curves

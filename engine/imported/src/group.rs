@@ -4,7 +4,7 @@
 use super::{
     columns::MetricColumns,
     content::Content,
-    found::{Found, Run},
+    found::{ImportedRun, RunCollection},
     restarts::{Log, Rules, SeparatedRun},
 };
 use contract::Error;
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 /// The values of a group while its files are read.
 #[derive(Debug, Default)]
-pub(super) struct Group {
+pub(super) struct LogGroup {
     /// Name of the group, for messages.
     pub(super) name: String,
     pub(super) seed: Option<u64>,
@@ -23,7 +23,7 @@ pub(super) struct Group {
     slots: Vec<(String, Option<String>)>,
 }
 
-impl Group {
+impl LogGroup {
     pub(super) fn new(name: String, seed: Option<u64>, file: PathBuf) -> Self {
         Self {
             name,
@@ -48,7 +48,12 @@ impl Group {
     }
 
     /// Tells the runs apart and adds them to those that were found.
-    pub(super) fn end(self, rules: &Rules, files: &[&Content], found: &mut Found) -> Result<(), Error> {
+    pub(super) fn end(
+        self,
+        rules: &Rules,
+        files: &[&Content],
+        found: &mut RunCollection,
+    ) -> Result<(), Error> {
         let mut columns: Vec<&Option<String>> = Vec::new();
         for (_, column) in &self.slots {
             if !columns.contains(&column) {
@@ -68,14 +73,14 @@ impl Group {
                 None => String::new(),
             };
             let first = found.runs.len();
-            found.runs.extend(columns.iter().map(|column| Run {
+            found.runs.extend(columns.iter().map(|column| ImportedRun {
                 name: match column {
                     Some(column) => format!("{}, column `{column}`{from}", self.name),
                     None => format!("{}{from}", self.name),
                 },
                 seed: self.seed,
                 file: self.file.clone(),
-                ..Run::default()
+                ..ImportedRun::default()
             }));
             let mut curves: Vec<Vec<(u64, f64)>> = vec![Vec::new(); self.slots.len()];
             for entry in &pass.entries {

@@ -2,7 +2,7 @@
 
 use super::{
     content::Content,
-    table::{Line, Table},
+    table::{LogLine, LogTable},
 };
 use contract::Error;
 use csv::StringRecord;
@@ -17,7 +17,7 @@ const FORMS: &str = "JSON is read as an object on every line, a list of objects,
 pub const BEGINS_AGAIN: &str = "regimen_begins_again";
 
 /// The table that a file holds.
-pub(super) fn table(file: &Content) -> Result<Table, Error> {
+pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     let text = with_numbers_quoted(file.text()?);
     let mut values = serde_json::Deserializer::from_str(&text).into_iter::<Value>();
     let (mut rows, mut documents) = (Rows::default(), Vec::new());
@@ -88,7 +88,7 @@ pub fn of_line(line: &str) -> Option<Vec<(String, String)>> {
 struct Rows {
     names: Vec<String>,
     places: BTreeMap<String, usize>,
-    lines: Vec<Line>,
+    lines: Vec<LogLine>,
     notes: Vec<String>,
     /// Whether the next line is the first one after a restart.
     begins_again: bool,
@@ -117,7 +117,7 @@ impl Rows {
             all[place] = text;
         }
         let cells = StringRecord::from(all);
-        self.lines.push(Line {
+        self.lines.push(LogLine {
             number,
             begins_again: std::mem::take(&mut self.begins_again),
             cells,
@@ -140,13 +140,13 @@ impl Rows {
         }
     }
 
-    fn table(self, file: &Content) -> Table {
-        Table {
+    fn table(self, file: &Content) -> LogTable {
+        LogTable {
             path: file.path.clone(),
             names: self.names,
             lines: self.lines,
             notes: self.notes,
-            ..Table::default()
+            ..LogTable::default()
         }
     }
 }
@@ -382,13 +382,13 @@ fn with_numbers_quoted(text: &str) -> Cow<'_, str> {
 mod tests {
     use super::{super::content::content, *};
 
-    fn read(text: &str) -> Table {
+    fn read(text: &str) -> LogTable {
         table(&content("a.json", text)).unwrap()
     }
 
     /// Names, and the lines below as text.
-    fn shown(table: &Table) -> Vec<String> {
-        let line = |line: &Line| line.cells.iter().collect::<Vec<_>>().join(",");
+    fn shown(table: &LogTable) -> Vec<String> {
+        let line = |line: &LogLine| line.cells.iter().collect::<Vec<_>>().join(",");
         std::iter::once(table.names.join(","))
             .chain(table.lines.iter().map(line))
             .collect()

@@ -24,7 +24,7 @@ mod table;
 mod tables;
 mod wandb;
 
-pub use found::{Found, Run};
+pub use found::{ImportedRun, RunCollection};
 pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
 pub use pattern::{PatternError, matching};
@@ -65,7 +65,7 @@ pub struct Imported {
     pub trials: Vec<TrialResult>,
 }
 
-impl Found {
+impl RunCollection {
     /// The runs as trials of `name` in `environment`; `block` is the place of the entry in its section, `mapping`
     /// how the files were read.
     ///
@@ -99,7 +99,7 @@ impl Found {
 
     fn trial(
         &self,
-        run: &Run,
+        run: &ImportedRun,
         (name, environment): (&str, &str),
         seed: u64,
         mapping: &Mapping,
@@ -147,7 +147,7 @@ impl Found {
 
 /// The rows of a run: every value as a measurement while learning, values of one step as its episodes, and the mean of
 /// the last ones as the final measurement.
-fn rows(run: &Run, last: u64) -> (Vec<String>, Vec<Row>) {
+fn rows(run: &ImportedRun, last: u64) -> (Vec<String>, Vec<Row>) {
     let (mut names, mut rows) = (Vec::new(), Vec::new());
     for (metric, curve) in &run.curves {
         let index = u16::try_from(names.len()).unwrap_or(u16::MAX);
@@ -191,17 +191,17 @@ mod tests {
         }
     }
 
-    fn found(seeds: &[Option<u64>]) -> Found {
-        let run = |seed: &Option<u64>| Run {
+    fn found(seeds: &[Option<u64>]) -> RunCollection {
+        let run = |seed: &Option<u64>| ImportedRun {
             name: format!("run {seed:?}"),
             file: "a.csv".into(),
             seed: *seed,
             curves: [("return".to_owned(), vec![(10, 4.0), (0, 1.0), (10, 6.0)])].into(),
         };
-        Found {
+        RunCollection {
             files: vec![("a.csv".into(), sha256(b"a"))],
             runs: seeds.iter().map(run).collect(),
-            ..Found::default()
+            ..RunCollection::default()
         }
     }
 
@@ -218,7 +218,7 @@ mod tests {
             assert_eq!(it.mean(Phase::Final, "return"), Some(5.0));
         }
         assert!(trials[0].trial.id != trials[1].trial.id);
-        let other = Found {
+        let other = RunCollection {
             files: vec![("a.csv".into(), sha256(b"b"))],
             ..found(&[None])
         };

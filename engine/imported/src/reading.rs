@@ -2,9 +2,9 @@
 
 use super::{
     columns::{is_bound, named},
-    content::{Content, Form, without_copies},
+    content::{Content, LogFormat, without_copies},
     event_files,
-    found::Found,
+    found::RunCollection,
     mapping::Mapping,
     tables,
 };
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// # Errors
 /// [`Error::File`] where one cannot be read, [`Error::Input`] with file, line and column where one is not as `mapping`
 /// says.
-pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
+pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<RunCollection, Error> {
     let contents: Vec<Content> = files
         .iter()
         .map(|path| Content::read(path))
@@ -30,13 +30,13 @@ pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
     let (mut events, mut others) = (Vec::new(), Vec::new());
     for file in &contents {
         match file.form()? {
-            Form::Events => events.push(file),
+            LogFormat::Events => events.push(file),
             form => others.push((file, form)),
         }
     }
-    let mut found = Found {
+    let mut found = RunCollection {
         notes: note.into_iter().collect(),
-        ..Found::default()
+        ..RunCollection::default()
     };
     tables::runs(&others, mapping, &mut found)?;
     event_files::runs(&events, mapping, &mut found)?;
@@ -69,7 +69,7 @@ pub fn columns(files: &[PathBuf]) -> Result<Columns, Error> {
     for path in files {
         let file = Content::read(path)?;
         let names = match file.form()? {
-            Form::Events => {
+            LogFormat::Events => {
                 all.has_tags = true;
                 event_files::tags(&file)?
             }

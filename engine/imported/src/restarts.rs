@@ -13,7 +13,7 @@ const MOST_RESTARTS: usize = 100;
 
 /// A value as it was logged.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Entry {
+pub(super) struct LogValue {
     /// The index of the file, and the line or record in it.
     pub(super) place: (usize, u64),
     pub(super) step: u64,
@@ -25,7 +25,7 @@ pub(super) struct Entry {
 /// The values of a run as its files have them, one file after the other.
 #[derive(Debug, Default)]
 pub(super) struct Log {
-    pub(super) entries: Vec<Entry>,
+    pub(super) entries: Vec<LogValue>,
     /// Places at which another log begins for sure, as where the names of the columns stand again.
     pub(super) begins: BTreeSet<(usize, u64)>,
 }
@@ -35,7 +35,7 @@ pub(super) struct Log {
 pub(super) struct SeparatedRun {
     /// The place at which it begins, where that is not the beginning of the log.
     pub(super) from: Option<(usize, u64)>,
-    pub(super) entries: Vec<Entry>,
+    pub(super) entries: Vec<LogValue>,
     /// Number of values at a step that has another one.
     pub(super) repeated: usize,
     /// Number of values that were purged.
@@ -90,7 +90,7 @@ impl Rules {
             Some(_) => {}
         }
         let (mut passes, mut pass) = (Vec::new(), SeparatedRun::default());
-        let mut last: Vec<Option<Entry>> = vec![None; slots];
+        let mut last: Vec<Option<LogValue>> = vec![None; slots];
         let (mut begins, mut restarts) = (log.begins.iter().peekable(), 0);
         for entry in log.entries {
             let begins_again = begins.next_if(|place| **place <= entry.place).is_some();
@@ -133,7 +133,7 @@ impl Rules {
         other.wrong(None, problem)
     }
 
-    fn goes_back(&self, entry: &Entry, back: Option<Entry>, files: &[&Content]) -> Error {
+    fn goes_back(&self, entry: &LogValue, back: Option<LogValue>, files: &[&Content]) -> Error {
         let told = match back {
             Some(before) => format!(
                 "step {} comes after step {}{}",
@@ -151,7 +151,7 @@ impl Rules {
         self.wrong(entry, problem, files)
     }
 
-    fn repeats(&self, entry: &Entry, before: &Entry, files: &[&Content]) -> Error {
+    fn repeats(&self, entry: &LogValue, before: &LogValue, files: &[&Content]) -> Error {
         let problem = format!(
             "step {} has a value already{}: where several runs stand in the file, {}; where one run logged several values \
              at a step, write `same_step: mean` or `same_step: last`",
@@ -170,7 +170,7 @@ impl Rules {
         file.wrong(None, problem)
     }
 
-    fn at(&self, before: &Entry, entry: &Entry) -> String {
+    fn at(&self, before: &LogValue, entry: &LogValue) -> String {
         let same = before.place.0 == entry.place.0;
         if same {
             format!(" ({} {})", self.unit, before.place.1)
@@ -179,7 +179,7 @@ impl Rules {
         }
     }
 
-    fn wrong(&self, entry: &Entry, problem: String, files: &[&Content]) -> Error {
+    fn wrong(&self, entry: &LogValue, problem: String, files: &[&Content]) -> Error {
         let (file, line) = (files[entry.place.0], entry.place.1);
         match self.unit {
             "line" => file.wrong(Some(line), problem),
@@ -188,7 +188,7 @@ impl Rules {
     }
 }
 
-impl Entry {
+impl LogValue {
     /// Whether its step is not above that of an earlier value. In another file an equal step was logged by another
     /// start of the program.
     fn goes_back(&self, before: &Self) -> bool {
@@ -199,7 +199,7 @@ impl Entry {
 
 impl SeparatedRun {
     /// Ends the run before the line of an entry, with which the next one begins.
-    fn split(&mut self, entry: &Entry) -> Self {
+    fn split(&mut self, entry: &LogValue) -> Self {
         let of_line = self
             .entries
             .iter()
@@ -215,7 +215,7 @@ impl SeparatedRun {
     }
 
     /// Takes away the values from the step of an entry on, but for those of its own line.
-    fn purge(&mut self, entry: &Entry) {
+    fn purge(&mut self, entry: &LogValue) {
         let before = self.entries.len();
         self.entries
             .retain(|other| other.step < entry.step || other.place == entry.place);
@@ -227,7 +227,7 @@ impl SeparatedRun {
         last.map(|place| self.entries.remove(place));
     }
 
-    fn last(&self, slots: usize) -> Vec<Option<Entry>> {
+    fn last(&self, slots: usize) -> Vec<Option<LogValue>> {
         let mut last = vec![None; slots];
         for entry in &self.entries {
             last[entry.slot] = Some(*entry);
@@ -237,7 +237,7 @@ impl SeparatedRun {
 }
 
 /// Two files that have the same steps of a slot.
-fn overlap(entries: &[Entry]) -> Option<[usize; 2]> {
+fn overlap(entries: &[LogValue]) -> Option<[usize; 2]> {
     let mut spans: BTreeMap<(usize, usize), (u64, u64)> = BTreeMap::new();
     for entry in entries {
         let span = spans
@@ -256,7 +256,7 @@ fn overlap(entries: &[Entry]) -> Option<[usize; 2]> {
 }
 
 /// Brings the files in the order of their first steps.
-fn by_steps(entries: &mut [Entry]) {
+fn by_steps(entries: &mut [LogValue]) {
     let mut first: BTreeMap<usize, u64> = BTreeMap::new();
     for entry in entries.iter() {
         let step = first.entry(entry.place.0).or_insert(entry.step);
@@ -273,7 +273,7 @@ mod tests {
         let mut log = Log::default();
         for (file, values) in files.iter().enumerate() {
             for ((step, value), line) in values.iter().zip(2..) {
-                log.entries.push(Entry {
+                log.entries.push(LogValue {
                     place: (file, line),
                     step: *step,
                     slot: 0,
@@ -390,7 +390,7 @@ mod tests {
 
     #[test]
     fn a_line_of_several_values_stays_together() {
-        let entry = |line, step, slot| Entry {
+        let entry = |line, step, slot| LogValue {
             place: (0, line),
             step,
             slot,

@@ -2,7 +2,7 @@
 
 use super::{
     content::Content,
-    table::{Decimals, Line, Table, commas, has_groups},
+    table::{Decimals, LogLine, LogTable, commas, has_groups},
 };
 use contract::Error;
 use csv::{ReaderBuilder, StringRecord};
@@ -22,7 +22,7 @@ struct Record {
 }
 
 /// The table that a file holds.
-pub(super) fn table(file: &Content) -> Result<Table, Error> {
+pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     let text = file.text()?;
     // Excel writes the separator into a line of its own.
     let declared = text.lines().next().and_then(|line| line.strip_prefix("sep="));
@@ -30,10 +30,10 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
     let separator = declared.unwrap_or_else(|| separator(text));
     let records = records(file, text, separator)?;
     let records = &records[usize::from(declared.is_some())..];
-    let mut table = Table {
+    let mut table = LogTable {
         path: file.path.clone(),
         started: started(text),
-        ..Table::default()
+        ..LogTable::default()
     };
     let Some((head, names, rest)) = head(text, separator, records) else {
         return Ok(table);
@@ -55,7 +55,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
         if cells.len() != table.names.len() {
             return Err(file.wrong(Some(number), lengths(cells, &table.names, separator)));
         }
-        table.lines.push(Line {
+        table.lines.push(LogLine {
             number,
             begins_again: is_below_head || record.is_below_comment && !table.lines.is_empty(),
             cells: cells.clone(),
@@ -203,7 +203,7 @@ fn separator(text: &str) -> u8 {
 
 /// How fractions are written between semicolons or tabs: with the sign that stands in a number which cannot be read
 /// otherwise.
-fn decimals(table: &Table) -> Decimals {
+fn decimals(table: &LogTable) -> Decimals {
     let cells = || {
         table
             .lines
@@ -233,11 +233,11 @@ fn started(text: &str) -> Option<f64> {
 mod tests {
     use super::{super::content::content, *};
 
-    fn read(text: &str) -> Table {
+    fn read(text: &str) -> LogTable {
         table(&content("a.csv", text)).unwrap()
     }
 
-    fn numbers(table: &Table, column: usize) -> Vec<f64> {
+    fn numbers(table: &LogTable, column: usize) -> Vec<f64> {
         table
             .lines
             .iter()

@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 
 /// A table that was read.
 #[derive(Debug, Default)]
-pub(super) struct Table {
+pub(super) struct LogTable {
     pub(super) path: PathBuf,
     /// The line of the file in which the names stand; 0 where they stand in every record.
     pub(super) head: u64,
     pub(super) names: Vec<String>,
-    pub(super) lines: Vec<Line>,
+    pub(super) lines: Vec<LogLine>,
     /// How fractions are written.
     pub(super) decimals: Decimals,
     /// The time at which a log of the Monitor of Stable-Baselines3 begins, in seconds since 1970.
@@ -26,7 +26,7 @@ pub(super) struct Table {
 
 /// A line of a table.
 #[derive(Debug, Clone)]
-pub(super) struct Line {
+pub(super) struct LogLine {
     /// Number of the line in the file, from 1.
     pub(super) number: u64,
     /// Whether names or a comment stand before it, as where a second log is appended.
@@ -47,8 +47,8 @@ pub(super) enum Decimals {
     Unclear,
 }
 
-impl Table {
-    pub(super) fn cell<'a>(&self, line: &'a Line, column: usize) -> &'a str {
+impl LogTable {
+    pub(super) fn cell<'a>(&self, line: &'a LogLine, column: usize) -> &'a str {
         line.cells.get(column).unwrap_or_default().trim()
     }
 
@@ -104,7 +104,7 @@ impl Table {
         Some(self.head).filter(|line| *line > 0)
     }
 
-    pub(super) fn wrong(&self, line: &Line, column: usize, problem: &str) -> Error {
+    pub(super) fn wrong(&self, line: &LogLine, column: usize, problem: &str) -> Error {
         input(
             &self.path,
             Some(line.number),
@@ -113,13 +113,13 @@ impl Table {
         )
     }
 
-    fn is_no(&self, line: &Line, column: usize, problem: &str) -> Error {
+    fn is_no(&self, line: &LogLine, column: usize, problem: &str) -> Error {
         let shown = quoted(&self.path, self.cell(line, column));
         self.wrong(line, column, &format!("`{shown}` {problem}"))
     }
 
     /// The number in a cell, which may be infinite or none.
-    pub(super) fn number(&self, line: &Line, column: usize) -> Result<f64, Error> {
+    pub(super) fn number(&self, line: &LogLine, column: usize) -> Result<f64, Error> {
         let text = self.cell(line, column);
         let unclear =
             "may be a fraction or a number of thousands: write fractions with a point and no thousands apart";
@@ -139,7 +139,7 @@ impl Table {
     }
 
     /// A number of steps or a seed, which some programs write as `1000.0`.
-    pub(super) fn whole(&self, line: &Line, column: usize) -> Result<u64, Error> {
+    pub(super) fn whole(&self, line: &LogLine, column: usize) -> Result<u64, Error> {
         let text = self.cell(line, column);
         if text.is_empty() {
             return Err(self.wrong(line, column, "the cell is empty, and the line has values"));
@@ -159,7 +159,7 @@ impl Table {
     }
 
     /// Whether a column holds a value, as text or as the same number.
-    pub(super) fn is(&self, line: &Line, column: usize, value: &str) -> bool {
+    pub(super) fn is(&self, line: &LogLine, column: usize, value: &str) -> bool {
         let number = |text: &str| text.parse::<f64>().ok().map(f64::to_bits);
         let text = self.cell(line, column);
         text == value || number(value).is_some_and(|wanted| number(text) == Some(wanted))
@@ -203,7 +203,7 @@ pub(super) fn commas(text: &str) -> Option<bool> {
 
 /// Logs of the Monitor of Stable-Baselines3 in one folder as that program reads them: the episodes of all environments
 /// of a run in the order of time.
-pub(super) fn by_time(tables: Vec<Table>) -> Result<Table, Error> {
+pub(super) fn by_time(tables: Vec<LogTable>) -> Result<LogTable, Error> {
     let mut timed = Vec::new();
     for table in &tables {
         let time = table.column("t")?;
@@ -236,7 +236,7 @@ pub(super) struct Keys<'m> {
 }
 
 impl<'m> Keys<'m> {
-    pub(super) fn of(table: &Table, mapping: &'m Mapping) -> Result<Self, Error> {
+    pub(super) fn of(table: &LogTable, mapping: &'m Mapping) -> Result<Self, Error> {
         let column = |name: &Option<String>| name.as_ref().map(|name| table.column(name)).transpose();
         let only = mapping.only.iter();
         Ok(Self {
@@ -248,7 +248,7 @@ impl<'m> Keys<'m> {
         })
     }
 
-    pub(super) fn counts(&self, table: &Table, line: &Line) -> bool {
+    pub(super) fn counts(&self, table: &LogTable, line: &LogLine) -> bool {
         self.only
             .iter()
             .all(|(column, value)| table.is(line, *column, value))

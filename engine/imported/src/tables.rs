@@ -3,22 +3,26 @@
 use super::{
     arrays,
     columns::{MetricColumns, MissingColumn},
-    content::{Content, Form, input},
-    found::Found,
-    group::Group,
+    content::{Content, LogFormat, input},
+    found::RunCollection,
+    group::LogGroup,
     json,
     mapping::{LeftOut, Mapping, NOT_FINITE, Restart, RunPer, Step},
-    restarts::{Entry, Rules},
+    restarts::{LogValue, Rules},
     separated,
-    table::{Keys, Line, Table, by_time, is_of_environment},
+    table::{Keys, LogLine, LogTable, by_time, is_of_environment},
     wandb,
 };
-use contract::{Error, panics, parquet::Table as ParquetTable};
+use contract::{Error, panics, parquet::ParquetTable};
 use std::{collections::BTreeMap, path::PathBuf};
 
 /// Adds the runs of all files together, in the order in which they begin. Without a column that tells runs apart every
 /// file is one.
-pub(super) fn runs(files: &[(&Content, Form)], mapping: &Mapping, found: &mut Found) -> Result<(), Error> {
+pub(super) fn runs(
+    files: &[(&Content, LogFormat)],
+    mapping: &Mapping,
+    found: &mut RunCollection,
+) -> Result<(), Error> {
     let contents: Vec<&Content> = files.iter().map(|(file, _)| *file).collect();
     let mut tables = Vec::new();
     for (place, (file, form)) in files.iter().enumerate() {
@@ -34,41 +38,41 @@ pub(super) fn runs(files: &[(&Content, Form)], mapping: &Mapping, found: &mut Fo
 }
 
 /// The table in a file.
-pub(super) fn table(file: &Content, form: Form) -> Result<Table, Error> {
+pub(super) fn table(file: &Content, form: LogFormat) -> Result<LogTable, Error> {
     match form {
-        Form::Json => json::table(file),
-        Form::Arrays => arrays::table(file),
-        Form::Wandb => wandb::table(file),
-        Form::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
+        LogFormat::Json => json::table(file),
+        LogFormat::Arrays => arrays::table(file),
+        LogFormat::Wandb => wandb::table(file),
+        LogFormat::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
         _ => separated::table(file),
     }
 }
 
-fn from_parquet(file: &Content) -> Result<Table, Error> {
+fn from_parquet(file: &Content) -> Result<LogTable, Error> {
     let read = ParquetTable::decode(file.bytes.clone(), &file.path)?;
     let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts().into_iter().unzip();
     let rows = columns.first().map_or(0, Vec::len);
-    let line = |row: usize| Line {
+    let line = |row: usize| LogLine {
         number: row as u64 + 1,
         begins_again: false,
         cells: columns.iter().map(|column| column[row].as_str()).collect(),
     };
-    Ok(Table {
+    Ok(LogTable {
         path: file.path.clone(),
         names,
         lines: (0..rows).map(line).collect(),
-        ..Table::default()
+        ..LogTable::default()
     })
 }
 
 /// The tables of environments that belong to one run, merged where the entry says that a folder is a run.
 fn merged(
-    tables: Vec<(usize, Table)>,
+    tables: Vec<(usize, LogTable)>,
     mapping: &Mapping,
-    found: &mut Found,
-) -> Result<Vec<(usize, Table)>, Error> {
+    found: &mut RunCollection,
+) -> Result<Vec<(usize, LogTable)>, Error> {
     let is_summed = matches!(mapping.step, Step::Sum(_)) && mapping.seed.is_none() && mapping.run.is_none();
-    let mut folders: BTreeMap<PathBuf, Vec<(usize, Table)>> = BTreeMap::new();
+    let mut folders: BTreeMap<PathBuf, Vec<(usize, LogTable)>> = BTreeMap::new();
     let mut others = Vec::new();
     for (place, table) in tables {
         let is_one = is_summed && table.started.is_some() && is_of_environment(&table.path);
@@ -124,7 +128,7 @@ struct RunCollector<'m> {
 
 /// A group with the steps that its lines add up to.
 struct Sums {
-    group: Group,
+    group: LogGroup,
     sum: u64,
     /// File and time of the line that was added last.
     last: Option<(usize, Option<f64>)>,
@@ -132,10 +136,10 @@ struct Sums {
 
 /// A line with the table and the file in which it stands.
 #[derive(Clone, Copy)]
-struct Place<'a> {
-    table: &'a Table,
+struct LineContext<'a> {
+    table: &'a LogTable,
     file: usize,
-    line: &'a Line,
+    line: &'a LogLine,
 }
 
 impl<'m> RunCollector<'m> {
@@ -149,7 +153,7 @@ impl<'m> RunCollector<'m> {
         }
     }
 
-    fn take(&mut self, file: usize, table: &Table) -> Result<(), Error> {
+    fn take(&mut self, file: usize, table: &LogTable) -> Result<(), Error> {
         if table.lines.is_empty() {
             self.group(table, None, None);
         }
@@ -172,7 +176,7 @@ impl<'m> RunCollector<'m> {
             let slots = slots
                 .entry(group)
                 .or_insert_with(|| self.groups[group].group.slots(&chosen));
-            self.line(Place { table, file, line }, step, (&chosen, slots), group)?;
+            self.line(LineContext { table, file, line }, step, (&chosen, slots), group)?;
         }
         for before in self.mapping.begins.get(&table.path).into_iter().flatten() {
             for sums in &mut self.groups {
@@ -183,7 +187,7 @@ impl<'m> RunCollector<'m> {
     }
 
     /// The group of a line; a table without lines has one, too.
-    fn group(&mut self, table: &Table, run: Option<String>, seed: Option<u64>) -> usize {
+    fn group(&mut self, table: &LogTable, run: Option<String>, seed: Option<u64>) -> usize {
         let folder = table
             .path
             .parent()
@@ -204,7 +208,7 @@ impl<'m> RunCollector<'m> {
             .entry((alone, run.unwrap_or_default(), seed))
             .or_insert(next);
         if place == next {
-            let group = Group::new(name, seed, table.path.clone());
+            let group = LogGroup::new(name, seed, table.path.clone());
             self.groups.push(Sums {
                 group,
                 sum: 0,
@@ -217,7 +221,7 @@ impl<'m> RunCollector<'m> {
     /// Adds the values of a line to its group. Programs that log metrics at different steps leave gaps.
     fn line(
         &mut self,
-        at: Place<'_>,
+        at: LineContext<'_>,
         step: usize,
         (chosen, slots): (&MetricColumns, &[usize]),
         group: usize,
@@ -238,7 +242,7 @@ impl<'m> RunCollector<'m> {
             }
             let value = table.number(line, column)?;
             if value.is_finite() || self.mapping.is_own {
-                let entry = Entry {
+                let entry = LogValue {
                     place: (at.file, line.number),
                     step,
                     slot: *slot,
@@ -256,7 +260,7 @@ impl<'m> RunCollector<'m> {
     }
 
     /// Tells the runs of every group apart.
-    fn end(self, files: &[&Content], found: &mut Found) -> Result<(), Error> {
+    fn end(self, files: &[&Content], found: &mut RunCollection) -> Result<(), Error> {
         if let Some(first) = files
             .first()
             .filter(|_| self.counted == 0 && !self.mapping.only.is_empty())
@@ -288,7 +292,7 @@ impl<'m> RunCollector<'m> {
 impl Sums {
     /// The step of a line as the running sum of a column. A log that was appended begins where names or a comment stand
     /// above, and where the time of a Monitor goes back.
-    fn add(&mut self, at: Place<'_>, column: usize, mapping: &Mapping) -> Result<u64, Error> {
+    fn add(&mut self, at: LineContext<'_>, column: usize, mapping: &Mapping) -> Result<u64, Error> {
         let length = at.table.whole(at.line, column)?;
         let time = at
             .table
@@ -309,7 +313,7 @@ impl Sums {
 }
 
 /// The column that steps are read from.
-fn steps(table: &Table, mapping: &Mapping) -> Result<usize, Error> {
+fn steps(table: &LogTable, mapping: &Mapping) -> Result<usize, Error> {
     let name = mapping.step.column();
     let found = table.column(name);
     let wrong = |problem: String| input(&table.path, table.head(), Some(name), problem);

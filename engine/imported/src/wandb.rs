@@ -7,7 +7,7 @@
 
 use super::{
     content::Content,
-    table::{Line, Table},
+    table::{LogLine, LogTable},
 };
 use contract::Error;
 use csv::StringRecord;
@@ -55,7 +55,7 @@ struct Step {
 }
 
 /// The table of a run: a line for every call of `wandb.log`, a column for every name, nested ones joined by `/`.
-pub(super) fn table(file: &Content) -> Result<Table, Error> {
+pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     let (records, is_torn) = records(file)?;
     let mut names: Vec<String> = Vec::new();
     let mut places: BTreeMap<String, usize> = BTreeMap::new();
@@ -75,7 +75,7 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
             }
             cells[place] = text;
         }
-        lines.push(Line {
+        lines.push(LogLine {
             number: lines.len() as u64 + 1,
             begins_again: false,
             cells: StringRecord::from(cells),
@@ -85,12 +85,12 @@ pub(super) fn table(file: &Content) -> Result<Table, Error> {
         "the last record of `{}` was not written to its end and is left out",
         file.name()
     );
-    Ok(Table {
+    Ok(LogTable {
         path: file.path.clone(),
         names,
         lines,
         notes: is_torn.then_some(torn).into_iter().collect(),
-        ..Table::default()
+        ..LogTable::default()
     })
 }
 
@@ -185,11 +185,11 @@ mod tests {
     /// Written by W&B 0.31.0 with 40 calls of `wandb.log`: numbers, a nested dictionary, a text, and NaN at step 70.
     const RUN: &[u8] = include_bytes!("fixtures/run.wandb");
 
-    fn read(bytes: &[u8]) -> Result<Table, String> {
+    fn read(bytes: &[u8]) -> Result<LogTable, String> {
         table(&content("run-1.wandb", bytes)).map_err(|error| error.to_string())
     }
 
-    fn column(table: &Table, name: &str) -> Vec<String> {
+    fn column(table: &LogTable, name: &str) -> Vec<String> {
         let place = table.column(name).unwrap();
         table
             .lines

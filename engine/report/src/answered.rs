@@ -2,7 +2,7 @@
 //! from its verdicts.
 
 use super::{
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
     verdicts::{AnswerLine, Verdicts, Word},
 };
 use presentation::table::{escape_markdown, markdown_row};
@@ -13,15 +13,15 @@ const SHARE: &str = "share of the source's training";
 /// The answers of some studies by family, each study with the link to its report. Studies without a family stand
 /// together under an empty name. Lines without verdicts, and families without a line, are left out.
 pub(super) fn sheets(studies: &[(String, &Verdicts)]) -> Vec<(String, Sheet)> {
-    let mut families: BTreeMap<String, Vec<Line<'_>>> = BTreeMap::new();
+    let mut families: BTreeMap<String, Vec<AnswerRow<'_>>> = BTreeMap::new();
     for (way, study) in studies {
         let family = study.family.clone().unwrap_or_default();
         let lines = study.answers.iter().filter(|it| !it.lines.is_empty());
-        let lines = lines.map(|answered| Line { way, study, answered });
+        let lines = lines.map(|answered| AnswerRow { way, study, answered });
         families.entry(family).or_default().extend(lines);
     }
     families.retain(|_, lines| !lines.is_empty());
-    let sheet = |(family, mut lines): (String, Vec<Line<'_>>)| {
+    let sheet = |(family, mut lines): (String, Vec<AnswerRow<'_>>)| {
         lines.sort_by_key(|line| natural(&line.answered.item));
         (family, sheet(&lines))
     };
@@ -50,8 +50,8 @@ pub fn counts_as_markdown<'a>(studies: impl Iterator<Item = &'a Verdicts>) -> St
     }
     families.remove("");
     let row = |(family, counts): (String, [usize; Word::ALL.len()])| {
-        let counts = counts.map(|count| Entry::plain(count.to_string()));
-        std::iter::once(Entry::plain(family)).chain(counts).collect()
+        let counts = counts.map(|count| SheetEntry::plain(count.to_string()));
+        std::iter::once(SheetEntry::plain(family)).chain(counts).collect()
     };
     let head = std::iter::once("family").chain(Word::ALL.map(Word::text));
     let sheet = Sheet {
@@ -66,27 +66,27 @@ pub fn counts_as_markdown<'a>(studies: impl Iterator<Item = &'a Verdicts>) -> St
 /// The items of sources in their order, each with the studies about it and the links to their files.
 #[must_use]
 pub fn items_as_markdown(studies: &[(String, &Verdicts)]) -> String {
-    let mut items: BTreeMap<Vec<(String, u64)>, (&str, Vec<Entry>)> = BTreeMap::new();
+    let mut items: BTreeMap<Vec<(String, u64)>, (&str, Vec<SheetEntry>)> = BTreeMap::new();
     for (way, study) in studies {
         for answered in study.answers.iter().filter(|it| !it.item.is_empty()) {
             let (_, found) = items
                 .entry(natural(&answered.item))
                 .or_insert((&answered.item, Vec::new()));
-            let entry = Entry::plain(&study.study).to(way);
+            let entry = SheetEntry::plain(&study.study).to(way);
             if !found.contains(&entry) {
                 found.push(entry);
             }
         }
     }
     let rows = items.into_values().map(|(item, studies)| {
-        let studies: Vec<String> = studies.iter().map(Entry::markdown).collect();
+        let studies: Vec<String> = studies.iter().map(SheetEntry::markdown).collect();
         markdown_row([escape_markdown(item), studies.join(", ")].into_iter())
     });
     let rows: Vec<String> = rows.collect();
     format!("| item | studies |\n|---|---|\n{}", rows.join("\n"))
 }
 
-struct Line<'a> {
+struct AnswerRow<'a> {
     way: &'a str,
     study: &'a Verdicts,
     answered: &'a AnswerLine,
@@ -95,7 +95,7 @@ struct Line<'a> {
 /// The answers of one study; `None` where it has none.
 pub(super) fn of_study(study: &Verdicts) -> Option<Sheet> {
     let lines = study.answers.iter().filter(|it| !it.lines.is_empty());
-    let lines = lines.map(|answered| Line {
+    let lines = lines.map(|answered| AnswerRow {
         way: "",
         study,
         answered,
@@ -108,7 +108,7 @@ pub(super) fn of_study(study: &Verdicts) -> Option<Sheet> {
     (!sheet.rows.is_empty()).then_some(sheet)
 }
 
-fn sheet(lines: &[Line<'_>]) -> Sheet {
+fn sheet(lines: &[AnswerRow<'_>]) -> Sheet {
     let has_items = lines.iter().any(|line| !line.answered.item.is_empty());
     let has_shares = has_items && lines.iter().any(|line| line.study.training_share.is_some());
     let mut head = if has_items {
@@ -127,12 +127,12 @@ fn sheet(lines: &[Line<'_>]) -> Sheet {
     }
 }
 
-impl Line<'_> {
-    fn entries(&self, has_items: bool, has_shares: bool) -> Vec<Entry> {
+impl AnswerRow<'_> {
+    fn entries(&self, has_items: bool, has_shares: bool) -> Vec<SheetEntry> {
         let Self { way, study, answered } = self;
         let text = |text: &str| match text {
-            "" => Entry::plain(NONE),
-            text => Entry::of(Tone::Sentence, text),
+            "" => SheetEntry::plain(NONE),
+            text => SheetEntry::of(Tone::Sentence, text),
         };
         let system = match answered.system.as_str() {
             "" => "yes",
@@ -145,14 +145,14 @@ impl Line<'_> {
         let entries = entries.chain(has_items.then(|| text(system)));
         let entries = entries.chain(has_shares.then(|| text(share)));
         entries
-            .chain([self.answer(), Entry::plain(&study.study).to(*way)])
+            .chain([self.answer(), SheetEntry::plain(&study.study).to(*way)])
             .collect()
     }
 
-    fn answer(&self) -> Entry {
+    fn answer(&self) -> SheetEntry {
         let verdicts = &self.study.verdicts;
         let Some(word) = self.answered.word(self.study) else {
-            return Entry::plain(NONE);
+            return SheetEntry::plain(NONE);
         };
         let (word, colour) = word.written();
         let is_exploratory = |at: &usize| verdicts.get(*at).is_some_and(|it| it.exploratory);
@@ -161,7 +161,7 @@ impl Line<'_> {
         } else {
             ""
         };
-        Entry::of(Tone::Verdict(colour), format!("{word}{note}"))
+        SheetEntry::of(Tone::Verdict(colour), format!("{word}{note}"))
     }
 }
 

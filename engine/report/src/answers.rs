@@ -2,7 +2,7 @@
 
 use super::{
     ClaimLine, Contents,
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
 };
 use presentation::table::{Cell, Grid};
 use statistics::Verdict;
@@ -17,7 +17,7 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
     let values = grids.flat_map(values);
     let claims = contents.claims.iter().filter(|line| !line.is_exploratory());
-    let rows: Vec<Vec<Entry>> = values.chain(claims.map(claim)).collect();
+    let rows: Vec<Vec<SheetEntry>> = values.chain(claims.map(claim)).collect();
     (!rows.is_empty()).then(|| Sheet {
         head: HEAD.map(String::from).to_vec(),
         words: 2,
@@ -26,18 +26,18 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     })
 }
 
-fn values(grid: &Grid) -> Vec<Vec<Entry>> {
+fn values(grid: &Grid) -> Vec<Vec<SheetEntry>> {
     let published = |(place, cell): (String, &Cell)| {
         let published = cell.published().filter(|_| !grid.is_exploratory(cell))?;
         let verdict = cell.verdict()?;
         Some(vec![
-            Entry::plain(place),
-            Entry::of(Tone::Verdict(verdict.word()), value_in_words(cell, verdict)),
-            Entry::plain(
+            SheetEntry::plain(place),
+            SheetEntry::of(Tone::Verdict(verdict.word()), value_in_words(cell, verdict)),
+            SheetEntry::plain(
                 cell.estimate
                     .map_or(NONE.into(), |value| grid.format.write(value)),
             ),
-            Entry::plain(grid.format.published(published)),
+            SheetEntry::plain(grid.format.published(published)),
         ])
     };
     grid.places().filter_map(published).collect()
@@ -51,7 +51,7 @@ fn value_in_words(cell: &Cell, verdict: Verdict) -> String {
     }
 }
 
-fn claim(line: &ClaimLine) -> Vec<Entry> {
+fn claim(line: &ClaimLine) -> Vec<SheetEntry> {
     let about = match line.spec.about.as_str() {
         "" => line.spec.claim.clone(),
         about => about.to_owned(),
@@ -61,9 +61,9 @@ fn claim(line: &ClaimLine) -> Vec<Entry> {
         place => format!(" ({place})"),
     };
     vec![
-        Entry::plain(format!("{about}{place}")),
-        Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
-        Entry::plain(line.difference().unwrap_or_else(|| NONE.into())),
-        Entry::plain(NONE),
+        SheetEntry::plain(format!("{about}{place}")),
+        SheetEntry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
+        SheetEntry::plain(line.difference().unwrap_or_else(|| NONE.into())),
+        SheetEntry::plain(NONE),
     ]
 }

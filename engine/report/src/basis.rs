@@ -202,7 +202,7 @@ mod tests {
         claim_spec::ClaimSpec,
         table::{Cell, Comparison, Grid, TableSpec},
     };
-    use statistics::Design;
+    use statistics::SequentialDesign;
     use testing::synthetic::{ended, trial};
 
     /// Results with so many seeds of each agent; an agent is named by its place.
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn a_design_says_what_it_allowed_and_what_combinations_used() {
         let results = Results {
-            design: Some(Design::new(vec![4, 7, 10])),
+            design: Some(SequentialDesign::new(vec![4, 7, 10])),
             ..results(&[4, 10, 4, 4])
         };
         assert_eq!(
@@ -281,7 +281,7 @@ mod tests {
             line(&results)
                 .contains("Seeds: 5, not fixed before the first trial: verdicts were seen with 3 before.")
         );
-        results.design = Some(Design::new(vec![5, 8]));
+        results.design = Some(SequentialDesign::new(vec![5, 8]));
         assert!(
             line(&results).contains(
                 "a design of 5 or 8, planned after verdicts were seen with 3; 1 combination used 5."

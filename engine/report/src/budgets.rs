@@ -2,7 +2,7 @@
 
 use super::{
     StudyInfo,
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
 };
 use analysis::results::{Cost, Printed, Ran, Results, Told};
 use contract::{Phase, standard_metrics::EPISODE_LENGTH, trial::Purpose, trial_result::TrialResult};
@@ -45,7 +45,7 @@ pub fn told(study: &StudyInfo, results: &Results) -> Told {
 
 impl From<Sheet> for Printed {
     fn from(sheet: Sheet) -> Self {
-        let texts = |row: Vec<Entry>| row.into_iter().map(|entry| entry.text).collect();
+        let texts = |row: Vec<SheetEntry>| row.into_iter().map(|entry| entry.text).collect();
         Self {
             head: sheet.head,
             words: sheet.words,
@@ -63,7 +63,7 @@ impl From<&Printed> for Sheet {
             } else {
                 Tone::Plain
             };
-            Entry::of(tone, text)
+            SheetEntry::of(tone, text)
         };
         let row = |texts: &Vec<String>| texts.iter().map(entry).collect();
         Self {
@@ -167,11 +167,11 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
 }
 
 impl Budget<'_> {
-    fn row(&self, study: &StudyInfo) -> Vec<Entry> {
+    fn row(&self, study: &StudyInfo) -> Vec<SheetEntry> {
         let cost = Cost::of(self.trials.iter().copied());
         let mut row = vec![
-            Entry::plain(self.environment),
-            Entry::plain(if self.is_imported() {
+            SheetEntry::plain(self.environment),
+            SheetEntry::plain(if self.is_imported() {
                 marked(self.agent)
             } else {
                 self.agent.to_owned()
@@ -179,9 +179,9 @@ impl Budget<'_> {
             self.count(),
         ];
         row.extend([self.steps(study.learners.contains(self.agent)), self.updates()]);
-        row.extend([Phase::Evaluate, Phase::Final].map(|phase| Entry::plain(self.episodes(phase))));
-        row.push(Entry::plain(cost.mean().map_or(NONE.into(), duration)));
-        row.push(Entry::plain(if cost.trials > 0 {
+        row.extend([Phase::Evaluate, Phase::Final].map(|phase| SheetEntry::plain(self.episodes(phase))));
+        row.push(SheetEntry::plain(cost.mean().map_or(NONE.into(), duration)));
+        row.push(SheetEntry::plain(if cost.trials > 0 {
             duration(cost.seconds)
         } else {
             NONE.into()
@@ -197,9 +197,9 @@ impl Budget<'_> {
         self.trials.iter().copied().filter(|trial| trial.is_ok())
     }
 
-    fn count(&self) -> Entry {
+    fn count(&self) -> SheetEntry {
         let (ok, all) = (self.ok().count(), self.trials.len());
-        Entry::plain(if ok == all {
+        SheetEntry::plain(if ok == all {
             all.to_string()
         } else {
             format!("{ok} of {all} ok")
@@ -212,7 +212,7 @@ impl Budget<'_> {
     }
 
     /// Steps behind the learning of the agent: those up to its last measurement.
-    fn steps(&self, learns: bool) -> Entry {
+    fn steps(&self, learns: bool) -> SheetEntry {
         let learning = self.ok().filter(|trial| learns || trial.trains());
         let last = |trial: &TrialResult| {
             trial
@@ -224,14 +224,14 @@ impl Budget<'_> {
         };
         #[allow(clippy::cast_precision_loss, reason = "a budget is far below 2^52 steps")]
         let steps = learning.filter_map(last).map(|steps| steps as f64);
-        Entry::plain(range(steps))
+        SheetEntry::plain(range(steps))
     }
 
-    fn updates(&self) -> Entry {
+    fn updates(&self) -> SheetEntry {
         let text = range(self.ok().filter_map(TrialResult::updates));
         match self.untrained() {
-            0 => Entry::plain(text),
-            _ => Entry::of(Tone::Alarm, text + NOT_TRAINED),
+            0 => SheetEntry::plain(text),
+            _ => SheetEntry::of(Tone::Alarm, text + NOT_TRAINED),
         }
     }
 
@@ -401,7 +401,7 @@ mod tests {
     fn agents_without_updates_are_flagged() {
         let results = Results::of(vec![learner(0, "", 20, 0.0), learner(1, "", 20, 4.0)]);
         let row = &sheet(&StudyInfo::default(), &results).unwrap().rows[0];
-        assert_eq!(row[3], Entry::of(Tone::Alarm, "0–4: not trained"));
+        assert_eq!(row[3], SheetEntry::of(Tone::Alarm, "0–4: not trained"));
         assert_eq!(
             untrained(&results),
             ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]

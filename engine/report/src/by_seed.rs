@@ -1,6 +1,6 @@
 //! The values of single seeds behind the cells of a table.
 
-use super::sheet::{Entry, NONE, Sheet};
+use super::sheet::{NONE, Sheet, SheetEntry};
 use contract::Error;
 use presentation::table::{Cell, Grid, write_csv};
 use std::collections::{BTreeMap, BTreeSet};
@@ -52,7 +52,7 @@ pub(super) fn sheet(grid: &Grid) -> Sheet {
         };
         std::iter::once(place)
             .chain(seeds.iter().map(value))
-            .map(Entry::plain)
+            .map(SheetEntry::plain)
             .collect()
     };
     // Cells without a trial are left out.

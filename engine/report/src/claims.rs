@@ -3,7 +3,7 @@
 use super::{
     Contents,
     contents::ClaimLine,
-    sheet::{Entry, Sheet, Tone},
+    sheet::{Sheet, SheetEntry, Tone},
 };
 use analysis::claim::ClaimVerdict;
 use contract::standard_metrics::{TIMES_ARE_OF_THE_MACHINE, names_times};
@@ -15,11 +15,11 @@ const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", 
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let row = |line: &ClaimLine| {
         vec![
-            Entry::of(Tone::Code, &line.spec.claim),
-            Entry::plain(&line.place),
-            Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
-            Entry::plain(line.numbers()),
-            Entry::of(Tone::Sentence, in_one_line(&line.notes())),
+            SheetEntry::of(Tone::Code, &line.spec.claim),
+            SheetEntry::plain(&line.place),
+            SheetEntry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
+            SheetEntry::plain(line.numbers()),
+            SheetEntry::of(Tone::Sentence, in_one_line(&line.notes())),
         ]
     };
     let rows: Vec<_> = contents.claims.iter().map(row).collect();

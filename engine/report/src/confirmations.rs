@@ -9,7 +9,7 @@ use super::{
     contents::{ClaimLine, Contents, claim_lines, make_table},
     passed::words,
     rounds::{ConfirmedVerdict, RoundVerdict},
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
     study_info::StudyInfo,
 };
 use analysis::results::{Cost, Results};
@@ -204,20 +204,20 @@ fn seeds(cells: &BTreeSet<Combination>, results: &Results) -> String {
 /// A row for each round and one for all rounds together; `None` without a confirmed claim or value.
 pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     let rows = |it: &ConfirmedVerdict| {
-        let row = |about: Entry, round: &RoundVerdict, seeds: String| {
-            let verdict = Entry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone());
+        let row = |about: SheetEntry, round: &RoundVerdict, seeds: String| {
+            let verdict = SheetEntry::of(Tone::Verdict(known_word(&round.verdict)), round.verdict.clone());
             vec![
                 about,
-                Entry::plain(seeds),
+                SheetEntry::plain(seeds),
                 verdict,
-                Entry::plain(round.value.clone()),
+                SheetEntry::plain(round.value.clone()),
             ]
         };
-        let about = Entry::of(Tone::Code, it.about.clone());
+        let about = SheetEntry::of(Tone::Code, it.about.clone());
         let all = row(about, &it.all, format!("all: {}", it.all.seeds));
         // A single round equals all rounds together.
         let rounds = it.rounds.iter().filter(|_| it.rounds.len() > 1);
-        let rounds = rounds.map(|round| row(Entry::default(), round, round.seeds.clone()));
+        let rounds = rounds.map(|round| row(SheetEntry::default(), round, round.seeds.clone()));
         std::iter::once(all).chain(rounds).collect::<Vec<_>>()
     };
     (!contents.confirmed.is_empty()).then(|| Sheet {

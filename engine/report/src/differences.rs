@@ -3,7 +3,7 @@
 
 use super::{
     StudyInfo,
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
 };
 use analysis::results::Results;
 use contract::{complete_config::CompleteConfig, part::Part, trial::Purpose, trial_result::TrialResult};
@@ -15,9 +15,9 @@ const MOST_VALUES: usize = 6;
 /// The most characters of one value that are written out.
 const MOST_CHARACTERS: usize = 48;
 
-/// Kind of a trial's part.
+/// Part of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum TrialPart {
     Agent,
     Protocol,
     Environment,
@@ -45,40 +45,40 @@ struct Plugin<'a> {
 /// A table for every plugin whose configs differ from each other or from its default: agents, protocols,
 /// environments.
 pub(super) fn sheets(study: &StudyInfo, results: &Results) -> Vec<Sheet> {
-    let of_kind = |kind: Kind| {
+    let of_kind = |kind: TrialPart| {
         let plugins = plugins(kind, study, results);
         plugins
             .iter()
             .filter_map(|plugin| sheet(kind, plugin, study))
             .collect::<Vec<_>>()
     };
-    [Kind::Agent, Kind::Protocol, Kind::Environment]
+    [TrialPart::Agent, TrialPart::Protocol, TrialPart::Environment]
         .into_iter()
         .flat_map(of_kind)
         .collect()
 }
 
-impl Kind {
+impl TrialPart {
     fn name(self) -> &'static str {
         match self {
-            Kind::Agent => "agent",
-            Kind::Protocol => "protocol",
-            Kind::Environment => "environment",
+            TrialPart::Agent => "agent",
+            TrialPart::Protocol => "protocol",
+            TrialPart::Environment => "environment",
         }
     }
 
     /// The trial's part of this kind; `None` for the agent of a trial that measures policies of others.
     fn part(self, trial: &TrialResult) -> Option<&Part> {
         match self {
-            Kind::Agent => trial.trial.key.agent.agent(),
-            Kind::Protocol => Some(&trial.trial.key.protocol),
-            Kind::Environment => Some(&trial.trial.key.environment),
+            TrialPart::Agent => trial.trial.key.agent.agent(),
+            TrialPart::Protocol => Some(&trial.trial.key.protocol),
+            TrialPart::Environment => Some(&trial.trial.key.environment),
         }
     }
 
     /// The user of a trial's part. The user of a protocol is the agent that it trains.
     fn user(self, trial: &TrialResult) -> &str {
-        if self == Kind::Environment {
+        if self == TrialPart::Environment {
             &trial.trial.cell.environment
         } else {
             &trial.trial.cell.agent
@@ -88,9 +88,9 @@ impl Kind {
 
 /// Plugins of a kind with their users. A protocol is shown for agents that learn, since training budgets do not
 /// affect the others.
-fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugin<'a>> {
+fn plugins<'a>(kind: TrialPart, study: &StudyInfo, results: &'a Results) -> Vec<Plugin<'a>> {
     let learns = |trial: &TrialResult| study.learners.contains(&trial.trial.cell.agent);
-    let all = kind != Kind::Protocol || !results.trials.iter().any(learns);
+    let all = kind != TrialPart::Protocol || !results.trials.iter().any(learns);
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
     // Trials of a plan share their configs, and neighbours mostly have the same one.
     let mut last: Option<(&str, &str, &str, &CompleteConfig)> = None;
@@ -165,7 +165,7 @@ fn shown(part: &Part) -> Value {
     config
 }
 
-fn sheet(kind: Kind, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
+fn sheet(kind: TrialPart, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
     let default = study.defaults.get(&format!("{} {}", kind.name(), plugin.name));
     let configs = plugin
         .users
@@ -186,15 +186,15 @@ fn sheet(kind: Kind, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
     head.extend(default.map(|_| "default".into()));
     head.extend(columns.iter().map(|(names, _)| names.join(", ")));
     let row = |(index, path): (usize, &Vec<&str>)| {
-        let mut row = vec![Entry::plain(path.join("."))];
-        row.extend(default.map(|_| Entry::of(Tone::Quiet, normal[index].clone())));
+        let mut row = vec![SheetEntry::plain(path.join("."))];
+        row.extend(default.map(|_| SheetEntry::of(Tone::Quiet, normal[index].clone())));
         row.extend(columns.iter().map(|(_, texts)| {
             let tone = if default.is_some() && texts[index] == normal[index] {
                 Tone::Quiet
             } else {
                 Tone::Plain
             };
-            Entry::of(tone, texts[index].clone())
+            SheetEntry::of(tone, texts[index].clone())
         }));
         row
     };

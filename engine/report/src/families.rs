@@ -3,7 +3,7 @@
 
 use super::{
     passed::Passed,
-    sheet::{Entry, Sheet},
+    sheet::{Sheet, SheetEntry},
     verdicts::Verdicts,
 };
 use serde::Serialize;
@@ -89,8 +89,8 @@ pub(super) fn sheet(families: &[Family]) -> Option<Sheet> {
             it.against,
             it.confirmed,
         ];
-        std::iter::once(Entry::plain(it.family.clone()))
-            .chain(counts.map(|count| Entry::plain(count.to_string())))
+        std::iter::once(SheetEntry::plain(it.family.clone()))
+            .chain(counts.map(|count| SheetEntry::plain(count.to_string())))
             .collect()
     };
     (!families.is_empty()).then(|| Sheet {

@@ -3,7 +3,7 @@
 use super::{Contents, Counts, StudyInfo};
 
 /// A line of the head: a quantity, and the number of each word that occurs.
-pub(super) struct Line {
+pub(super) struct CountLine {
     /// The quantity that is counted.
     pub(super) what: String,
     /// Words with their numbers, all above 0.
@@ -12,7 +12,7 @@ pub(super) struct Line {
 
 /// Published values and claims, taken together (Holm), and one by one where that differs, and exploratory ones. Words
 /// without a count are left out, and so is everything where nothing is judged.
-pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<Line> {
+pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<CountLine> {
     if study.is_rehearsal {
         return Vec::new();
     }
@@ -42,24 +42,24 @@ struct Families {
 
 impl Families {
     /// The line with all taken together, then the line one by one where that differs.
-    fn lines(self, what: &str) -> Vec<Line> {
+    fn lines(self, what: &str) -> Vec<CountLine> {
         let differs = self.together != self.alone;
         let named = if differs {
             format!("{what}, all together (Holm)")
         } else {
             what.to_owned()
         };
-        let mut lines = vec![Line {
+        let mut lines = vec![CountLine {
             what: named,
             words: self.together,
         }];
         if differs {
-            lines.push(Line {
+            lines.push(CountLine {
                 what: format!("{what}, one by one"),
                 words: self.alone,
             });
         }
-        lines.push(Line {
+        lines.push(CountLine {
             what: format!("{what}, exploratory"),
             words: self.exploratory,
         });

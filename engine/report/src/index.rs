@@ -5,7 +5,7 @@ use super::{
     Verdicts, answered, families, open,
     page::{Extra, counted, document},
     passed::words,
-    sheet::{Entry, NONE, Sheet},
+    sheet::{NONE, Sheet, SheetEntry},
 };
 use document::count::duration;
 use maud::{Markup, html};
@@ -192,7 +192,7 @@ fn cost(entries: &[IndexEntry]) -> Sheet {
         [entry.folder.clone(), trials, time]
             .into_iter()
             .chain(counts)
-            .map(Entry::plain)
+            .map(SheetEntry::plain)
             .collect()
     };
     let mut rows: Vec<&IndexEntry> = entries.iter().collect();

@@ -122,7 +122,7 @@ fn section(heading: &str, items: &[String]) -> Option<String> {
     (!items.is_empty()).then(|| format!("## {heading}\n\n{}", items.join(joint)))
 }
 
-fn counts(counts: &head::Line) -> String {
+fn counts(counts: &head::CountLine) -> String {
     let words: Vec<String> = counts
         .words
         .iter()

@@ -16,16 +16,16 @@ const TURNED: f64 = 723.0;
 const CHARACTER: f64 = 0.64;
 const GAP: f64 = 0.6;
 
-/// Lengths of the texts of a column.
+/// Widths of the texts of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Column {
+pub(super) struct ColumnWidths {
     /// Characters of its longest text.
     whole: usize,
     /// Characters of its longest word.
     broken: usize,
 }
 
-impl Column {
+impl ColumnWidths {
     /// A column with a heading and texts. The heading breaks at spaces; the texts do so where `words` is set.
     pub(super) fn of<'a>(head: &str, texts: impl Iterator<Item = &'a str>, words: bool) -> Self {
         let (mut whole, mut broken) = (longest_word(head), longest_word(head));
@@ -45,16 +45,16 @@ fn longest_word(text: &str) -> usize {
 }
 
 /// The columns of a table as the page has it.
-pub(super) fn columns(grid: &Grid) -> Vec<Column> {
+pub(super) fn columns(grid: &Grid) -> Vec<ColumnWidths> {
     let labels = grid.rows.iter().map(|row| row.label.as_str());
-    let first = Column::of(grid.corner(), labels, true);
+    let first = ColumnWidths::of(grid.corner(), labels, true);
     let of_column = |(column, heading): (usize, &Heading)| {
         let texts = |row| {
             let under = published_and_verdict(grid, row, column).join(" ");
             [grid.text(row, Part::Value(column)), under]
         };
         let texts: Vec<String> = (0..grid.rows.len()).flat_map(texts).collect();
-        Column::of(&heading.label, texts.iter().map(String::as_str), false)
+        ColumnWidths::of(&heading.label, texts.iter().map(String::as_str), false)
     };
     std::iter::once(first)
         .chain(grid.columns.iter().enumerate().map(of_column))
@@ -72,8 +72,8 @@ pub(super) struct PaperFit {
 
 impl PaperFit {
     /// Upright where the table fits; else turned, then smaller, then with broken values, and then as small as needed.
-    pub(super) fn of(columns: &[Column]) -> Self {
-        let width = |of: fn(&Column) -> usize| {
+    pub(super) fn of(columns: &[ColumnWidths]) -> Self {
+        let width = |of: fn(&ColumnWidths) -> usize| {
             let characters = columns.iter().map(of).sum::<usize>();
             #[allow(
                 clippy::cast_precision_loss,
@@ -111,7 +111,10 @@ mod tests {
     use super::*;
 
     fn table(columns: usize, text: &str) -> PaperFit {
-        PaperFit::of(&vec![Column::of("a", std::iter::once(text), false); columns])
+        PaperFit::of(&vec![
+            ColumnWidths::of("a", std::iter::once(text), false);
+            columns
+        ])
     }
 
     #[test]
@@ -137,7 +140,7 @@ mod tests {
 
     #[test]
     fn words_are_broken_and_values_are_not() {
-        let column = |words| Column::of("time per trial", ["one two", "three"].into_iter(), words);
+        let column = |words| ColumnWidths::of("time per trial", ["one two", "three"].into_iter(), words);
         assert_eq!((column(true).whole, column(false).whole), (5, 7));
         assert_eq!(column(false).broken, 5);
     }

@@ -4,7 +4,7 @@
 use super::{
     effort::Effort,
     passed::Passed,
-    sheet::{Entry, NONE, Sheet, Tone},
+    sheet::{NONE, Sheet, SheetEntry, Tone},
     verdicts::Verdicts,
 };
 use analysis::claim::ClaimOutcome;
@@ -124,12 +124,12 @@ pub(super) fn sheet(open: &[OpenVerdict]) -> Option<Sheet> {
             Some(effort) => [effort.seeds.to_string(), duration(effort.trial_time_s)],
             None => [NONE, NONE].map(Into::into),
         };
-        let about = Entry::of(Tone::Code, it.about.clone());
+        let about = SheetEntry::of(Tone::Code, it.about.clone());
         vec![
-            Entry::plain(it.study.clone()),
+            SheetEntry::plain(it.study.clone()),
             about,
-            Entry::plain(seeds),
-            Entry::plain(time),
+            SheetEntry::plain(seeds),
+            SheetEntry::plain(time),
         ]
     };
     (!open.is_empty()).then(|| Sheet {

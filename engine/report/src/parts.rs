@@ -1,6 +1,8 @@
 //! The input of the renderers of a report.
 
-use super::{contents::Contents, head::Line, provenance::Provenance, sheet::Sheet, study_info::StudyInfo};
+use super::{
+    contents::Contents, head::CountLine, provenance::Provenance, sheet::Sheet, study_info::StudyInfo,
+};
 use analysis::results::{Ran, Results};
 use std::collections::BTreeMap;
 
@@ -21,7 +23,7 @@ pub(super) struct Parts<'a> {
     /// Every published value and claim with its verdict.
     pub(super) answers: Option<Sheet>,
     /// Counted words at the head of the report.
-    pub(super) head: Vec<Line>,
+    pub(super) head: Vec<CountLine>,
     pub(super) claims: Option<Sheet>,
     pub(super) confirmed: Option<Sheet>,
     pub(super) budgets: Option<Sheet>,

@@ -1,7 +1,7 @@
 //! A table about the study itself, of words and numbers that are already text; one renderer each for Markdown and the
 //! page.
 
-use super::on_paper::{Column, PaperFit};
+use super::on_paper::{ColumnWidths, PaperFit};
 use maud::{Markup, html};
 use presentation::table::{escape_markdown, markdown_row, prose, verdict_word};
 
@@ -18,14 +18,14 @@ pub(super) struct Sheet {
     /// Number of columns with words, from the left; the others have numbers.
     pub(super) words: usize,
     /// The rows, an entry per column.
-    pub(super) rows: Vec<Vec<Entry>>,
+    pub(super) rows: Vec<Vec<SheetEntry>>,
     /// Sentences under the table.
     pub(super) notes: Vec<String>,
 }
 
 /// One entry of a sheet.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct SheetEntry {
     /// Text of the entry.
     pub(super) text: String,
     /// Kind of the entry.
@@ -53,7 +53,7 @@ pub(super) enum Tone {
     Sentence,
 }
 
-impl Entry {
+impl SheetEntry {
     /// An entry like any other.
     pub(super) fn plain(text: impl Into<String>) -> Self {
         Self::of(Tone::Plain, text)
@@ -89,7 +89,7 @@ impl Sheet {
         lines.extend(
             self.rows
                 .iter()
-                .map(|row| markdown_row(row.iter().map(Entry::markdown))),
+                .map(|row| markdown_row(row.iter().map(SheetEntry::markdown))),
         );
         let title = (!self.title.is_empty()).then(|| format!("### {}", prose::markdown(&self.title)));
         let notes = self.notes.iter().map(|note| prose::markdown(note));
@@ -126,14 +126,14 @@ impl Sheet {
         }
     }
 
-    fn columns(&self) -> Vec<Column> {
+    fn columns(&self) -> Vec<ColumnWidths> {
         let column = |(index, head): (usize, &String)| {
             let texts = self
                 .rows
                 .iter()
                 .filter_map(|row| row.get(index))
                 .map(|entry| entry.text.as_str());
-            Column::of(head, texts, index < self.words)
+            ColumnWidths::of(head, texts, index < self.words)
         };
         self.head.iter().enumerate().map(column).collect()
     }
@@ -167,7 +167,7 @@ impl Sheet {
     }
 }
 
-impl Entry {
+impl SheetEntry {
     pub(super) fn markdown(&self) -> String {
         let text = self.words_in_markdown();
         if self.link.is_empty() {

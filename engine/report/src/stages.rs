@@ -1,6 +1,6 @@
 //! The graph of a study whose trials take artifacts from each other: its entries, their artifacts, and a drawing.
 
-use super::sheet::{Entry, NONE, Sheet};
+use super::sheet::{NONE, Sheet, SheetEntry};
 use document::count::count;
 use maud::{Markup, html};
 use serde::Serialize;
@@ -57,12 +57,12 @@ pub(super) fn sheet(stages: &[Stage]) -> Option<Sheet> {
             takes.join(", ")
         };
         vec![
-            Entry::plain(stage.name.as_str()),
-            Entry::plain(takes),
-            Entry::plain(stage.trials.to_string()),
+            SheetEntry::plain(stage.name.as_str()),
+            SheetEntry::plain(takes),
+            SheetEntry::plain(stage.trials.to_string()),
         ]
     };
-    let rows: Vec<Vec<Entry>> = connected(stages).iter().map(row).collect();
+    let rows: Vec<Vec<SheetEntry>> = connected(stages).iter().map(row).collect();
     let head = ["entry", "takes", "trials"].map(String::from).into();
     (!rows.is_empty()).then(|| Sheet {
         head,

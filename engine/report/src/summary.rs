@@ -189,7 +189,7 @@ fn verdicts(contents: &Contents, width: usize) -> String {
 }
 
 fn counts(study: &StudyInfo, contents: &Contents) -> Vec<String> {
-    let line = |counts: &head::Line| {
+    let line = |counts: &head::CountLine| {
         let words: Vec<String> = counts
             .words
             .iter()

@@ -21,7 +21,7 @@ use presentation::{
     table::{Axis, Comparison, Form, Improvement, Intervals, Margin, PublishedRow, TableSpec},
 };
 use serde_json::{Value, json};
-use statistics::Design;
+use statistics::SequentialDesign;
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -732,7 +732,7 @@ fn many_claims_together_are_held_to_more() {
 #[test]
 fn open_statements_ask_for_the_next_look() {
     let mut results = two_agents([1.0, -0.8, 0.6, 1.6, -0.4], |_, _| {});
-    results.design = Some(Design::new(vec![5, 10]));
+    results.design = Some(SequentialDesign::new(vec![5, 10]));
     let claims = vec![
         claim("dsac.cycle_length > equal.cycle_length"),
         claim("dsac.cycle_length < 50"),

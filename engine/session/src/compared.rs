@@ -35,7 +35,7 @@ impl Session<'_> {
             )));
         };
         let own = &self.settings.store;
-        let asked = |path: &Path, store: Option<&PathBuf>| Asked {
+        let asked = |path: &Path, store: Option<&PathBuf>| ComparisonInput {
             session: self,
             path: path.to_owned(),
             store: store.unwrap_or(own).clone(),
@@ -56,14 +56,14 @@ impl Session<'_> {
     }
 }
 
-/// One of the two, as it was asked for.
-struct Asked<'a> {
+/// One of the two inputs, as it was asked for.
+struct ComparisonInput<'a> {
     session: &'a Session<'a>,
     path: PathBuf,
     store: PathBuf,
 }
 
-impl Asked<'_> {
+impl ComparisonInput<'_> {
     /// Reads it. Files that a study names are named as `other` names them, where that is a folder of results.
     fn side(&self, other: &Path) -> Result<Side, Failure> {
         if fs::is_folder(&self.path) {

@@ -11,7 +11,7 @@ use execution::{
 };
 use report::{
     Manifest,
-    export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
+    export::{Crate, ExportFormat, Piece, Subject, write_event_files, write_tables, write_trace},
 };
 use std::{
     collections::BTreeSet,
@@ -36,7 +36,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// More than one study, a study without numbers, and a folder that is there or cannot be written.
-    pub fn export(&self, form: Form, to: &Path, license: &str) -> Result<Exported, Failure> {
+    pub fn export(&self, form: ExportFormat, to: &Path, license: &str) -> Result<Exported, Failure> {
         let store = self.store()?;
         let planned = self.load_with_looks()?;
         let [one] = &*joined(planned) else {
@@ -65,13 +65,13 @@ impl Session<'_> {
         };
         let whole = Whole::begin(to)?;
         match form {
-            Form::Parquet | Form::Csv => {
-                write_tables(&subject, form == Form::Csv, whole.folder())?;
+            ExportFormat::Parquet | ExportFormat::Csv => {
+                write_tables(&subject, form == ExportFormat::Csv, whole.folder())?;
             }
-            Form::Tensorboard => write_event_files(&subject, whole.folder())?,
-            Form::Trace => write_trace(&subject, whole.folder())?,
-            Form::RoCrate => pack(self, &subject, one, license, whole.folder())?,
-            Form::Onnx => export_policy::of_study(self, &subject, whole.folder())?,
+            ExportFormat::Tensorboard => write_event_files(&subject, whole.folder())?,
+            ExportFormat::Trace => write_trace(&subject, whole.folder())?,
+            ExportFormat::RoCrate => pack(self, &subject, one, license, whole.folder())?,
+            ExportFormat::Onnx => export_policy::of_study(self, &subject, whole.folder())?,
         }
         whole.end()?;
         let ok = results.iter().filter(|result| result.is_ok()).count();

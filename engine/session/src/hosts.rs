@@ -2,7 +2,7 @@
 
 use crate::{Exit, Failure, Planned, compute::Compute};
 use contract::build;
-use execution::{executor::Access, scheduler::hosts::Found, world::fs};
+use execution::{executor::Access, scheduler::hosts::HostReachability, world::fs};
 
 /// Lets the hosts of `access` run what is computed.
 ///
@@ -17,7 +17,7 @@ pub(crate) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access)
     planned.iter().try_for_each(refuse)?;
     let settings = &how.session.settings;
     let version = build::version(how.session.registry.build.as_ref());
-    let found = Found::reach(access, &settings.store, &version, settings.lease_expiry)?;
+    let found = HostReachability::reach(access, &settings.store, &version, settings.lease_expiry)?;
     for (host, problem) in &found.left_out {
         how.session
             .notice(&format!("warning: {host} is left out: {problem}"));

@@ -6,7 +6,7 @@ use execution::{
     store::{self, write_durably},
     world::fs,
 };
-use imported::{Columns, Found, ImportedText, Patterns, columns, read};
+use imported::{Columns, ImportedText, Patterns, RunCollection, columns, read};
 use serde_json::json;
 use std::{
     collections::BTreeSet,
@@ -55,7 +55,7 @@ impl Import<'_> {
     ///
     /// # Errors
     /// Where there is no such study, the files are not as the entry says, or a copy cannot be written.
-    pub fn read(&self) -> Result<(ImportedText, Found), Failure> {
+    pub fn read(&self) -> Result<(ImportedText, RunCollection), Failure> {
         self.has_study()?;
         let mut files = self.files.to_vec();
         files.sort();
@@ -83,7 +83,7 @@ impl Import<'_> {
     }
 
     /// Copies the files beside the study; the folder appears whole or not at all.
-    fn copied(&self, beside: &Path, found: &Found) -> Result<Vec<PathBuf>, Failure> {
+    fn copied(&self, beside: &Path, found: &RunCollection) -> Result<Vec<PathBuf>, Failure> {
         let folder = beside.join("imported").join(self.name);
         let whole = Whole::begin(&folder)?;
         let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());

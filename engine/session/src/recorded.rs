@@ -12,7 +12,7 @@ use execution::{store::Announcements, world::fs};
 use report::{
     Contents, Manifest, Provenance, Round, StudyInfo,
     compare::{changed_keys, parse_study},
-    record::{self, Record, Source, forget_success},
+    record::{self, Record, ResultIndex, forget_success},
 };
 use std::{
     path::{Path, PathBuf},
@@ -20,7 +20,7 @@ use std::{
 };
 
 /// A study with the record of its results.
-struct Found {
+struct StudyRecord {
     record: Record,
     manifest: Manifest,
     folder: PathBuf,
@@ -89,7 +89,7 @@ fn find(
     session: &Session<'_>,
     path: &Path,
     reporting: &ReportOptions,
-) -> Result<Option<(Planned, Found)>, Failure> {
+) -> Result<Option<(Planned, StudyRecord)>, Failure> {
     let (registry, selection) = (session.registry, &session.selection);
     let refused = |problems: Vec<_>| Failure::study(&problems);
     let mut options = loading::options(selection, None);
@@ -130,7 +130,7 @@ fn find(
         let (one, record) = confirming(session, one, reporting)?;
         Ok((one, record))
     });
-    let found = Found {
+    let found = StudyRecord {
         confirming: confirming.collect::<Result<_, Failure>>()?,
         record,
         manifest,
@@ -189,9 +189,9 @@ fn round(registry: &Registry, one: &Planned, found: Option<Confirming>) -> Resul
 }
 
 /// The material of a report, from a record.
-fn gathered(session: &Session<'_>, one: &Planned, found: Found) -> Result<Gathered, Failure> {
+fn gathered(session: &Session<'_>, one: &Planned, found: StudyRecord) -> Result<Gathered, Failure> {
     let registry = session.registry;
-    let Found {
+    let StudyRecord {
         mut record,
         manifest,
         folder,
@@ -249,7 +249,7 @@ fn gathered(session: &Session<'_>, one: &Planned, found: Found) -> Result<Gather
 fn results(one: &Planned, record: &Record, manifest: &Manifest, folder: &Path) -> Result<Results, Error> {
     let bytes = manifest.checked(folder, record::EVALUATIONS)?;
     let blocks = record::decode(bytes, &folder.join(record::EVALUATIONS))?;
-    let mut trials = Source::of(record, blocks).results(&one.plan.trials);
+    let mut trials = ResultIndex::of(record, blocks).results(&one.plan.trials);
     if one.study.success.is_some() {
         trials.iter_mut().for_each(forget_success);
     }

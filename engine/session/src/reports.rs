@@ -12,7 +12,7 @@ use execution::{
 };
 use report::{
     Contents, FigureFacts, Manifest, Period, Provenance, ReportPaths, Round, StudyInfo,
-    record::{self, Asks, Cell, Record, Searched},
+    record::{self, Asks, Record, RecordedCell, Searched},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -189,7 +189,7 @@ impl Stored {
         seen: SeenVerdicts,
     ) -> Record {
         Record {
-            cells: Cell::all(results),
+            cells: RecordedCell::all(results),
             told: report::told(study, results),
             provenance: provenance::of(registry, one, self.builds),
             ended: self.ended,

@@ -5,7 +5,7 @@ use crate::{
     seen, submit::Submitting,
 };
 use contract::Registry;
-use execution::executor::{self, Kind, Way};
+use execution::executor::{self, ExecutorKind, Way};
 
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +62,7 @@ impl Session<'_> {
     fn compute_all(
         &self,
         how: &mut Compute<'_>,
-        kind: Option<&Kind>,
+        kind: Option<&ExecutorKind>,
         planned: &mut [Planned],
         options: &RunOptions,
     ) -> Result<Computed, Failure> {
@@ -110,7 +110,11 @@ impl Session<'_> {
 }
 
 /// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.
-fn place(how: &mut Compute<'_>, planned: &[Planned], options: &RunOptions) -> Result<Option<Kind>, Failure> {
+fn place(
+    how: &mut Compute<'_>,
+    planned: &[Planned],
+    options: &RunOptions,
+) -> Result<Option<ExecutorKind>, Failure> {
     let settings = &how.session.settings;
     let mut kind = elsewhere(
         how.session.registry,
@@ -132,7 +136,7 @@ fn place(how: &mut Compute<'_>, planned: &[Planned], options: &RunOptions) -> Re
 }
 
 /// The executor of a name that starts workers on other machines.
-fn elsewhere(registry: &Registry, name: &str) -> Option<Kind> {
+fn elsewhere(registry: &Registry, name: &str) -> Option<ExecutorKind> {
     executor::find(registry, name).filter(|kind| kind.options().is_some())
 }
 

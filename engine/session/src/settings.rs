@@ -28,7 +28,7 @@ use crate::{Failure, MachineOptions};
 use contract::Registry;
 use document::reach;
 use execution::{
-    executor::{self, Executor, Kind, LOCAL},
+    executor::{self, Executor, ExecutorKind, LOCAL},
     limits::Limits,
     store::{Bucket, LONGEST_EXPIRY, Store},
     world::fs,
@@ -77,7 +77,7 @@ type Tables = BTreeMap<&'static str, Value>;
 /// The keys outside the tables of executors, at the top or in a profile.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct Table {
+struct ProfileTable {
     store: Option<PathBuf>,
     bucket: Option<String>,
     workers: Option<usize>,
@@ -139,7 +139,7 @@ impl Cards {
 }
 
 /// Refuses the name of an executor that runs no trials.
-fn refuse_idle(executor: &Spanned<String>, kinds: &[Kind], text: &str) -> Result<(), Failure> {
+fn refuse_idle(executor: &Spanned<String>, kinds: &[ExecutorKind], text: &str) -> Result<(), Failure> {
     let names: Vec<&str> = kinds
         .iter()
         .filter(|kind| kind.runs())
@@ -160,7 +160,7 @@ fn refuse_idle(executor: &Spanned<String>, kinds: &[Kind], text: &str) -> Result
 /// One level of the file: the top, or a profile.
 #[derive(Debug, Clone, Default)]
 struct Level {
-    table: Table,
+    table: ProfileTable,
     executors: Tables,
 }
 
@@ -199,7 +199,11 @@ impl Settings {
     }
 
     /// An executor with its options; `tasks` takes the place of the most that may run at a time.
-    pub(crate) fn executor(&self, kind: &Kind, tasks: Option<usize>) -> Result<Box<dyn Executor>, Failure> {
+    pub(crate) fn executor(
+        &self,
+        kind: &ExecutorKind,
+        tasks: Option<usize>,
+    ) -> Result<Box<dyn Executor>, Failure> {
         let name = kind.name;
         let options = kind
             .options()
@@ -214,7 +218,12 @@ impl Settings {
     }
 }
 
-fn combine(text: &str, folder: &Path, machine: &MachineOptions, kinds: &[Kind]) -> Result<Settings, Failure> {
+fn combine(
+    text: &str,
+    folder: &Path,
+    machine: &MachineOptions,
+    kinds: &[ExecutorKind],
+) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text, kinds).map_err(|error| unreadable(error, text, kinds))?;
     let profile = match &machine.machine {
         None => Level::default(),
@@ -270,7 +279,7 @@ fn combine(text: &str, folder: &Path, machine: &MachineOptions, kinds: &[Kind]) 
 }
 
 /// The failure for a text that is none of settings.
-fn unreadable(mut error: toml::de::Error, text: &str, kinds: &[Kind]) -> Failure {
+fn unreadable(mut error: toml::de::Error, text: &str, kinds: &[ExecutorKind]) -> Failure {
     error.set_input(Some(text));
     let tables = if error.message().starts_with("unknown field `trusted`") {
         TRUSTED.to_owned()
@@ -287,7 +296,7 @@ const TRUSTED: &str = "a project cannot say that its own programs are trusted: `
                        own file, `regimen/regimen.toml` in $XDG_CONFIG_HOME or ~/.config\n";
 
 /// The tables that a file may have besides its keys.
-fn known_tables(kinds: &[Kind]) -> String {
+fn known_tables(kinds: &[ExecutorKind]) -> String {
     let names = kinds
         .iter()
         .filter(|kind| kind.options().is_some())
@@ -302,7 +311,7 @@ fn known_tables(kinds: &[Kind]) -> String {
 }
 
 /// The top of the file, and its profiles by name.
-fn levels(text: &str, kinds: &[Kind]) -> Result<(Level, BTreeMap<String, Level>), toml::de::Error> {
+fn levels(text: &str, kinds: &[ExecutorKind]) -> Result<(Level, BTreeMap<String, Level>), toml::de::Error> {
     let mut top = DeTable::parse(text)?;
     let profiles = top.get_mut().remove("profile");
     let mut named = BTreeMap::new();
@@ -328,7 +337,7 @@ fn table(value: Spanned<DeValue<'_>>) -> Result<DeTable<'_>, toml::de::Error> {
 }
 
 /// Reads the tables of executors, each as its executor says, and then what is left.
-fn level(mut keys: Spanned<DeTable<'_>>, kinds: &[Kind]) -> Result<Level, toml::de::Error> {
+fn level(mut keys: Spanned<DeTable<'_>>, kinds: &[ExecutorKind]) -> Result<Level, toml::de::Error> {
     let mut executors = Tables::new();
     for kind in kinds {
         if let Some((options, table)) = kind.options().zip(keys.get_mut().remove(kind.name)) {
@@ -336,7 +345,7 @@ fn level(mut keys: Spanned<DeTable<'_>>, kinds: &[Kind]) -> Result<Level, toml::
         }
     }
     Ok(Level {
-        table: Table::deserialize(Deserializer::from(keys))?,
+        table: ProfileTable::deserialize(Deserializer::from(keys))?,
         executors,
     })
 }
@@ -426,7 +435,7 @@ mod tests {
     fn cards_are_those_that_are_said_of_those_that_are_seen() {
         let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
         let of = |said: Option<&str>, seen: Option<&str>| {
-            let table: Table = toml::from_str(said.unwrap_or_default()).unwrap();
+            let table: ProfileTable = toml::from_str(said.unwrap_or_default()).unwrap();
             Cards::among(table.gpus, seen, || 3)
         };
         assert_eq!(of(None, None), names(&["0", "1", "2"]));

@@ -14,7 +14,7 @@ use study::plan::{self, Estimate, Novelty};
 const MOST_STORED: usize = 500_000;
 
 /// How far a study is.
-pub struct State {
+pub struct StudyState {
     /// How its trials ended; `None` where one is missing.
     pub ends: Vec<Option<TrialEnd>>,
     /// Why missing trials are not stored, where that was asked for.
@@ -31,7 +31,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// A store that cannot be opened.
-    pub fn state(&self, one: &mut Planned, explained: bool) -> Result<State, Failure> {
+    pub fn state(&self, one: &mut Planned, explained: bool) -> Result<StudyState, Failure> {
         let store = self.store()?;
         one.plan.keep_once();
         let (ends, is_damaged) = self.ends_and_damage(store, one);
@@ -50,7 +50,7 @@ impl Session<'_> {
             false => store.cells(&known, 0),
         };
         let waiting = Waiting::of(trials, &ends, store);
-        Ok(State {
+        Ok(StudyState {
             novelties: match explained {
                 true => plan::novelties(trials, &ends, &cells),
                 false => Vec::new(),

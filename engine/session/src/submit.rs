@@ -9,8 +9,8 @@ use crate::{
 use contract::trial_end::is_missing;
 use execution::{
     executor::{
-        self, Dispatch, Error, Executor, Holding, Kind, Outcome, Stop, Submission, Task, View, Wanted, Watch,
-        Way, Work, describe,
+        self, Dispatch, Error, Executor, ExecutorKind, Holding, Stop, Submission, Task, View, WaitEnd,
+        Wanted, Watch, Way, Work, describe,
     },
     limits::Limits,
     scheduler::{self, Event},
@@ -37,7 +37,7 @@ impl From<Error> for Failure {
 /// Studies, to be handed to a queue.
 pub(crate) struct Submitting<'a> {
     /// The executor with the queue.
-    pub(crate) kind: &'a Kind,
+    pub(crate) kind: &'a ExecutorKind,
     /// The studies and their trials.
     pub(crate) planned: &'a [Planned],
     /// How trials are computed.
@@ -49,7 +49,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// An executor that cannot be reached or takes no submissions.
-    pub fn submit(&self, planned: &[Planned], kind: &Kind) -> Result<Exit, Failure> {
+    pub fn submit(&self, planned: &[Planned], kind: &ExecutorKind) -> Result<Exit, Failure> {
         if let Way::Written(_, command) = &kind.way {
             let title = kind.title;
             return Err(Failure::refusal(format!(
@@ -74,7 +74,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// Options of the executor that are wrong, and trials that fit no task.
-    pub fn written(&self, planned: &[Planned], kind: &Kind) -> Result<String, Failure> {
+    pub fn written(&self, planned: &[Planned], kind: &ExecutorKind) -> Result<String, Failure> {
         let how = self.of_parts();
         let submitting = Submitting {
             kind,
@@ -162,9 +162,9 @@ impl Submitting<'_> {
         let outcome = dispatch.follow(view, &mut watching)?;
         drop(watching);
         match outcome {
-            Outcome::Ended => Ok(None),
-            Outcome::Stopped => leave(&self.going_on()),
-            Outcome::Cancelled => {
+            WaitEnd::Ended => Ok(None),
+            WaitEnd::Stopped => leave(&self.going_on()),
+            WaitEnd::Cancelled => {
                 leave("the submission was cancelled; the same command submits what is missing")
             }
         }

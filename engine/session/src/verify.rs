@@ -13,7 +13,7 @@ use execution::{
     limits::Limits,
     scheduler::Task,
     store::{Fingerprint, Store, TrialFile},
-    verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
+    verification::{Receipt, ReceiptEntry, VerificationOutcome, cannot, id_here, rounds, sample},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -51,7 +51,7 @@ pub struct Verifiable {
     /// By id.
     candidates: BTreeMap<String, Candidate>,
     /// Trials that cannot be computed again.
-    others: Vec<Entry>,
+    others: Vec<ReceiptEntry>,
     missing: usize,
     not_ok: usize,
     studies: Vec<String>,
@@ -105,9 +105,9 @@ impl Session<'_> {
 /// How a command ends with this receipt.
 #[must_use]
 pub fn exit_of_receipt(receipt: &Receipt) -> Exit {
-    if receipt.count(|it| matches!(it, Outcome::Different { .. })) > 0 {
+    if receipt.count(|it| matches!(it, VerificationOutcome::Different { .. })) > 0 {
         Exit::Differs
-    } else if receipt.count(|it| *it != Outcome::Same) > 0 {
+    } else if receipt.count(|it| *it != VerificationOutcome::Same) > 0 {
         Exit::Incomplete
     } else {
         Exit::Ok
@@ -158,7 +158,7 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Verifiable, Failure> {
         match ended.or_else(paused) {
             Some(key) => match cannot(&key, how.session.registry) {
                 Some(problem) => {
-                    let entry = entry(&named(&id, key), Outcome::CannotVerify { problem });
+                    let entry = entry(&named(&id, key), VerificationOutcome::CannotVerify { problem });
                     found.others.push(entry);
                 }
                 None if has_ended => drop(found.look(named(&id, key).into(), &limits, store)?),
@@ -170,8 +170,8 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Verifiable, Failure> {
     Ok(found)
 }
 
-fn entry(trial: &Trial, outcome: Outcome) -> Entry {
-    Entry {
+fn entry(trial: &Trial, outcome: VerificationOutcome) -> ReceiptEntry {
+    ReceiptEntry {
         trial: trial.id.clone(),
         environment: trial.cell.environment.clone(),
         agent: trial.cell.agent.clone(),
@@ -204,7 +204,8 @@ impl Verifiable {
             }
             Err(error @ Error::Damaged { .. }) => {
                 let problem = error.to_string();
-                self.others.push(entry(&trial, Outcome::Damaged { problem }));
+                self.others
+                    .push(entry(&trial, VerificationOutcome::Damaged { problem }));
             }
             Err(error) => return Err(error.into()),
         }
@@ -231,7 +232,8 @@ impl Verifiable {
             Ok(_) => self.not_ok += 1,
             Err(error @ Error::Damaged { .. }) => {
                 let problem = error.to_string();
-                self.others.push(entry(trial, Outcome::Damaged { problem }));
+                self.others
+                    .push(entry(trial, VerificationOutcome::Damaged { problem }));
             }
             Err(error) => return Err(error.into()),
         }
@@ -241,7 +243,7 @@ impl Verifiable {
     /// A trial whose acknowledgement is damaged; one that has none has not run.
     fn unreadable(&mut self, id: &str, store: &Store) {
         if let Err(error) = store.file(id).and(store.partial(id).map(drop)) {
-            self.others.push(Entry {
+            self.others.push(ReceiptEntry {
                 trial: id.to_owned(),
                 environment: String::new(),
                 agent: String::new(),
@@ -249,7 +251,7 @@ impl Verifiable {
                 seed: 0,
                 stored: None,
                 now: None,
-                outcome: Outcome::Damaged {
+                outcome: VerificationOutcome::Damaged {
                     problem: error.to_string(),
                 },
             });
@@ -270,8 +272,8 @@ impl Verifiable {
             };
             if let Some(trial) = absent.get(&id_here(&file.key, registry)) {
                 let stored = Some(Fingerprint::of(&file, store));
-                let outcome = Outcome::CannotVerify { problem };
-                self.others.push(Entry {
+                let outcome = VerificationOutcome::CannotVerify { problem };
+                self.others.push(ReceiptEntry {
                     trial: id,
                     stored,
                     ..entry(trial, outcome)
@@ -308,9 +310,9 @@ fn receipt(
 }
 
 /// Computes trials again, round by round, each round in a store of its own that is thrown away.
-fn compute(how: &Compute<'_>, drawn: &[&Candidate], store: &Store) -> Result<Vec<Entry>, Failure> {
+fn compute(how: &Compute<'_>, drawn: &[&Candidate], store: &Store) -> Result<Vec<ReceiptEntry>, Failure> {
     let trials: Vec<&Trial> = drawn.iter().map(|candidate| &*candidate.trial).collect();
-    let mut entries: BTreeMap<usize, Entry> = BTreeMap::new();
+    let mut entries: BTreeMap<usize, ReceiptEntry> = BTreeMap::new();
     for round in rounds(&trials) {
         let folder = tempfile::Builder::new()
             .prefix("regimen-verify-")
@@ -333,8 +335,8 @@ fn one_round(
     members: &[&Candidate],
     store: &Store,
     beside: &Store,
-) -> Result<Vec<Entry>, Failure> {
-    let mut entries: Vec<Entry> = members
+) -> Result<Vec<ReceiptEntry>, Failure> {
+    let mut entries: Vec<ReceiptEntry> = members
         .iter()
         .map(|member| begun(member, store, beside))
         .collect();
@@ -365,8 +367,8 @@ fn one_round(
 /// The problem of a trial before it has ended.
 const NOT_ENDED: &str = "it did not end";
 
-fn is_open(entry: &Entry) -> bool {
-    matches!(&entry.outcome, Outcome::NotComputed { problem } if problem == NOT_ENDED)
+fn is_open(entry: &ReceiptEntry) -> bool {
+    matches!(&entry.outcome, VerificationOutcome::NotComputed { problem } if problem == NOT_ENDED)
 }
 
 /// The file that acknowledges a trial in a store, at its end or at its pause, once all that it names was looked at.
@@ -378,11 +380,11 @@ fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Err
 }
 
 /// Checks what is stored of a trial, and lends what it takes to the store in which it is computed.
-fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
+fn begun(member: &Candidate, store: &Store, beside: &Store) -> ReceiptEntry {
     let trial = &*member.trial;
     let open = entry(
         trial,
-        Outcome::NotComputed {
+        VerificationOutcome::NotComputed {
             problem: NOT_ENDED.into(),
         },
     );
@@ -390,13 +392,13 @@ fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
         Ok(Some(file)) => Fingerprint::of(&file, store),
         Ok(None) => {
             let problem = "it was stored a moment ago, and is gone".into();
-            let outcome = Outcome::Damaged { problem };
-            return Entry { outcome, ..open };
+            let outcome = VerificationOutcome::Damaged { problem };
+            return ReceiptEntry { outcome, ..open };
         }
         Err(error) => {
             let problem = error.to_string();
-            let outcome = Outcome::Damaged { problem };
-            return Entry { outcome, ..open };
+            let outcome = VerificationOutcome::Damaged { problem };
+            return ReceiptEntry { outcome, ..open };
         }
     };
     let lent = trial
@@ -404,14 +406,14 @@ fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
         .taken()
         .iter()
         .try_for_each(|taken| store.lend(taken, beside));
-    let open = Entry {
+    let open = ReceiptEntry {
         stored: Some(stored),
         ..open
     };
     match lent {
         Ok(()) => open,
-        Err(error) => Entry {
-            outcome: Outcome::NotComputed {
+        Err(error) => ReceiptEntry {
+            outcome: VerificationOutcome::NotComputed {
                 problem: error.to_string(),
             },
             ..open
@@ -440,16 +442,16 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
     members.iter().zip(costs).map(task).collect()
 }
 
-fn ended(entry: Entry, file: Option<TrialFile>, store: &Store) -> Entry {
+fn ended(entry: ReceiptEntry, file: Option<TrialFile>, store: &Store) -> ReceiptEntry {
     match file {
         Some(file) if matches!(file.end.state, EndState::Ok | EndState::Paused) => {
             entry.compared(Fingerprint::of(&file, store))
         }
         Some(file) => {
             let problem = format!("it ended as {} now: {}", file.end.state.name(), file.end.reason);
-            Entry {
+            ReceiptEntry {
                 now: Some(Fingerprint::of(&file, store)),
-                outcome: Outcome::NotComputed { problem },
+                outcome: VerificationOutcome::NotComputed { problem },
                 ..entry
             }
         }

@@ -26,7 +26,7 @@ pub struct Waiting {
 
 /// Whether what a trial leaves can be taken.
 #[derive(Debug, Clone, PartialEq)]
-enum Source {
+enum Availability {
     /// It is there.
     There,
     /// The trial is missing.
@@ -56,9 +56,9 @@ impl Waiting {
             .filter(|(_, (_, end))| is_missing(end.as_ref()))
         {
             match sources.of_all(trial) {
-                Source::There => {}
-                Source::ToCome => waiting.to_come += 1,
-                Source::Never(because) => {
+                Availability::There => {}
+                Availability::ToCome => waiting.to_come += 1,
+                Availability::Never(because) => {
                     waiting.blocked.insert(place);
                     *waiting.because.entry(because).or_default() += 1;
                 }
@@ -100,43 +100,43 @@ impl Waiting {
 struct Known<'a> {
     store: &'a Store,
     trials: BTreeMap<&'a str, &'a Trial>,
-    seen: BTreeMap<String, Source>,
+    seen: BTreeMap<String, Availability>,
 }
 
 impl Known<'_> {
     /// The obstacle of a trial: an artifact that never comes counts before one that is to come.
-    fn of_all(&mut self, trial: &Trial) -> Source {
-        let mut answer = Source::There;
+    fn of_all(&mut self, trial: &Trial) -> Availability {
+        let mut answer = Availability::There;
         for taken in trial.key.taken() {
             let left = self.source(&taken.trial);
             let left = match left {
                 // It ended well; what it left may still be damaged or of another kind.
-                Source::There => self
-                    .store
-                    .artifact(&taken)
-                    .map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
+                Availability::There => self.store.artifact(&taken).map_or_else(
+                    |error| Availability::Never(error.to_string()),
+                    |_| Availability::There,
+                ),
                 other => other,
             };
             match left {
-                Source::Never(because) => return Source::Never(because),
-                Source::ToCome => answer = Source::ToCome,
-                Source::There => {}
+                Availability::Never(because) => return Availability::Never(because),
+                Availability::ToCome => answer = Availability::ToCome,
+                Availability::There => {}
             }
         }
         answer
     }
 
     /// How a source ended or, where it is missing, whether it can run.
-    fn source(&mut self, id: &str) -> Source {
+    fn source(&mut self, id: &str) -> Availability {
         if let Some(known) = self.seen.get(id) {
             return known.clone();
         }
         let found = match self.store.end(id).unwrap_or(None) {
-            Some(end) if end.state == EndState::Ok => Source::There,
-            Some(end) if !is_missing(Some(&end)) => Source::Never(self.line(&end, id)),
+            Some(end) if end.state == EndState::Ok => Availability::There,
+            Some(end) if !is_missing(Some(&end)) => Availability::Never(self.line(&end, id)),
             _ => match self.trials.get(id).copied().map(|trial| self.of_all(trial)) {
-                Some(Source::Never(because)) => Source::Never(because),
-                _ => Source::ToCome,
+                Some(Availability::Never(because)) => Availability::Never(because),
+                _ => Availability::ToCome,
             },
         };
         self.seen.insert(id.to_owned(), found.clone());

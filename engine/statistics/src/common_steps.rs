@@ -4,8 +4,8 @@
 //! at which the first of them ended. So every run has a value at each of them, and no value comes from before a run
 //! began or from after it ended. Runs with the same steps have these, and their own values.
 
-/// A run: steps in ascending order, with a value each.
-pub type Run = Vec<(u64, f64)>;
+/// Values of a run by step, in ascending order.
+pub type StepSeries = Vec<(u64, f64)>;
 
 /// Calls `see` with each shared step and the values of all runs there, in their order.
 pub fn at_common_steps(runs: &[&[(u64, f64)]], mut see: impl FnMut(u64, &[f64])) {
@@ -46,7 +46,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    fn common(runs: &[Run]) -> Vec<(u64, Vec<f64>)> {
+    fn common(runs: &[StepSeries]) -> Vec<(u64, Vec<f64>)> {
         let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
         let mut seen = Vec::new();
         at_common_steps(&slices, |step, values| seen.push((step, values.to_vec())));
@@ -75,7 +75,7 @@ mod tests {
         assert!(common(&[]).is_empty());
     }
 
-    fn run() -> impl Strategy<Value = Run> {
+    fn run() -> impl Strategy<Value = StepSeries> {
         prop::collection::btree_map(0u64..60, -1e3f64..1e3, 1..30).prop_map(|run| run.into_iter().collect())
     }
 
@@ -94,7 +94,7 @@ mod tests {
 
         #[test]
         fn runs_with_the_same_steps_keep_their_values(steps in prop::collection::btree_set(0u64..500, 1..40), n in 1usize..5) {
-            let runs: Vec<Run> = (0..n).map(|run| steps.iter().map(|step| (*step, (*step * 7 + run as u64) as f64)).collect()).collect();
+            let runs: Vec<StepSeries> = (0..n).map(|run| steps.iter().map(|step| (*step, (*step * 7 + run as u64) as f64)).collect()).collect();
             let own: BTreeMap<u64, Vec<f64>> = steps.iter().enumerate()
                 .map(|(at, step)| (*step, runs.iter().map(|run| run[at].1).collect())).collect();
             prop_assert_eq!(common(&runs), own.into_iter().collect::<Vec<_>>());

@@ -28,12 +28,12 @@ pub struct MeanEstimate {
 struct Sample {
     n: usize,
     variance: f64,
-    source: Source,
+    source: SampleOrigin,
 }
 
-/// Source of a sample.
+/// Origin of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
+enum SampleOrigin {
     /// Seeds of a study, which may have more.
     Seeds,
     /// Runs of others, to which none can be added.
@@ -47,14 +47,14 @@ impl Sample {
         Self {
             n: values.len(),
             variance: variance(values),
-            source: Source::Seeds,
+            source: SampleOrigin::Seeds,
         }
     }
 
     /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number
     /// less one.
     fn error_with(&self, more: u32) -> (f64, f64) {
-        let grows = self.source == Source::Seeds;
+        let grows = self.source == SampleOrigin::Seeds;
         let n = count(self.n) + if grows { f64::from(more) } else { 0.0 };
         (self.variance / n, n - 1.0)
     }
@@ -94,7 +94,7 @@ impl MeanEstimate {
     #[must_use]
     pub fn of_others(mut self, others: &[bool]) -> Self {
         for (sample, _) in self.samples.iter_mut().zip(others).filter(|(_, others)| **others) {
-            sample.source = Source::Runs;
+            sample.source = SampleOrigin::Runs;
         }
         self
     }
@@ -106,7 +106,7 @@ impl MeanEstimate {
         let theirs = Sample {
             n: published.n as usize,
             variance: published.sd.powi(2),
-            source: Source::Published,
+            source: SampleOrigin::Published,
         };
         Self {
             value: mean(values) - published.value,
@@ -120,7 +120,7 @@ impl MeanEstimate {
         let counted = self
             .samples
             .iter()
-            .filter(|sample| sample.source != Source::Published);
+            .filter(|sample| sample.source != SampleOrigin::Published);
         counted.map(|sample| sample.n).min().unwrap_or(0)
     }
 
@@ -144,7 +144,7 @@ impl MeanEstimate {
     }
 
     /// The Student-t interval whose ends are each a bound at the one-sided level `nominal`, as those of a
-    /// [`Design`](super::Design): the interval at level `1 - 2 nominal`.
+    /// [`SequentialDesign`](super::SequentialDesign): the interval at level `1 - 2 nominal`.
     #[must_use]
     pub fn interval_one_sided(&self, nominal: f64) -> Option<Interval> {
         self.interval(1.0 - 2.0 * nominal)
@@ -204,7 +204,7 @@ impl MeanEstimate {
         let growing = self
             .samples
             .iter()
-            .filter(|sample| sample.source == Source::Seeds);
+            .filter(|sample| sample.source == SampleOrigin::Seeds);
         let largest = growing.map(|sample| sample.n).max();
         let room = |largest| MOST_SEEDS.saturating_sub(u32::try_from(largest).unwrap_or(MOST_SEEDS));
         largest.map_or(0, room)

@@ -10,7 +10,7 @@ use super::{
     thinning,
 };
 
-pub use super::common_steps::Run;
+pub use super::common_steps::StepSeries;
 
 /// Intervals are made at so many steps at most, or at those that `thinning` keeps.
 const MOST_INTERVALS: usize = 1000;
@@ -18,12 +18,12 @@ const MOST_INTERVALS: usize = 1000;
 /// The interquartile mean at the common steps of all runs; `tasks[k]` holds the runs of task `k`. Empty where there is
 /// no such step, or a task has no run.
 #[must_use]
-pub fn sample_efficiency(tasks: &[Vec<Run>], bootstrap: Bootstrap) -> Vec<(u64, Estimate)> {
+pub fn sample_efficiency(tasks: &[Vec<StepSeries>], bootstrap: Bootstrap) -> Vec<(u64, Estimate)> {
     if tasks.iter().any(Vec::is_empty) {
         return Vec::new();
     }
     let runs: Vec<&[(u64, f64)]> = tasks.iter().flatten().map(Vec::as_slice).collect();
-    let mut middles: Run = Vec::new();
+    let mut middles: StepSeries = Vec::new();
     at_common_steps(&runs, |step, values| {
         middles.push((
             step,
@@ -50,8 +50,8 @@ pub fn sample_efficiency(tasks: &[Vec<Run>], bootstrap: Bootstrap) -> Vec<(u64, 
 }
 
 /// The values of all runs, task by task.
-fn by_task(tasks: &[Vec<Run>], mut values: &[f64]) -> Vec<Vec<f64>> {
-    let of_task = |runs: &Vec<Run>| {
+fn by_task(tasks: &[Vec<StepSeries>], mut values: &[f64]) -> Vec<Vec<f64>> {
+    let of_task = |runs: &Vec<StepSeries>| {
         let (own, rest) = values.split_at(runs.len());
         values = rest;
         own.to_vec()
@@ -68,11 +68,11 @@ mod tests {
     fn curves_agree_with_rliable() {
         let reference = suite_reference();
         let curve = &reference["sample_efficiency"];
-        let runs = |task: &serde_json::Value| -> Vec<Run> {
+        let runs = |task: &serde_json::Value| -> Vec<StepSeries> {
             let run = |run: &serde_json::Value| (0..).step_by(1000).zip(numbers(run)).collect();
             task.as_array().unwrap().iter().map(run).collect()
         };
-        let tasks: Vec<Vec<Run>> = curve["scores"].as_array().unwrap().iter().map(runs).collect();
+        let tasks: Vec<Vec<StepSeries>> = curve["scores"].as_array().unwrap().iter().map(runs).collect();
         let points = sample_efficiency(&tasks, Bootstrap::TABLE);
         assert_eq!(points.len(), numbers(&curve["values"]).len());
         for (index, (step, estimate)) in points.iter().enumerate() {
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn runs_count_with_their_last_value_where_all_have_one() {
-        let run = |steps: &[u64]| -> Run { steps.iter().map(|step| (*step, *step as f64)).collect() };
+        let run = |steps: &[u64]| -> StepSeries { steps.iter().map(|step| (*step, *step as f64)).collect() };
         let tasks = [vec![run(&[0, 5, 10]), run(&[0, 10])], vec![run(&[0, 5, 10, 20])]];
         let points = sample_efficiency(&tasks, Bootstrap::CURVE);
         let steps: Vec<u64> = points.iter().map(|(step, _)| *step).collect();

@@ -1,10 +1,11 @@
 //! Group-sequential levels: the nominal level of each of several planned looks at a growing number of seeds.
 //!
-//! Testing at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A [`Design`] names
-//! its looks before the first seed and spends the error step by step, by the function of Pocock's type of Lan and
-//! DeMets (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with `t = n / most`. At every look
-//! an interval at the look's nominal level may be compared with any edge, independently of earlier results (repeated
-//! confidence intervals, Jennison and Turnbull 1989, Journal of the Royal Statistical Society B 51, 305-361).
+//! Testing at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A
+//! [`SequentialDesign`] names its looks before the first seed and spends the error step by step, by the function of
+//! Pocock's type of Lan and DeMets (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with
+//! `t = n / most`. At every look an interval at the look's nominal level may be compared with any edge, independently
+//! of earlier results (repeated confidence intervals, Jennison and Turnbull 1989, Journal of the Royal Statistical
+//! Society B 51, 305-361).
 //!
 //! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969,
 //! doi:10.2307/2343787) for normal increments. Levels have a relative error below 1e-7. They hold for normal
@@ -30,7 +31,7 @@ const FARTHEST: f64 = 10.0;
 /// Planned numbers of seeds, rising; the last is the largest. It is written as the list of these numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<u32>", into = "Vec<u32>")]
-pub struct Design {
+pub struct SequentialDesign {
     looks: Vec<u32>,
 }
 
@@ -56,7 +57,7 @@ pub enum DesignError {
     },
 }
 
-impl TryFrom<Vec<u32>> for Design {
+impl TryFrom<Vec<u32>> for SequentialDesign {
     type Error = DesignError;
 
     fn try_from(looks: Vec<u32>) -> Result<Self, DesignError> {
@@ -75,13 +76,13 @@ impl TryFrom<Vec<u32>> for Design {
     }
 }
 
-impl From<Design> for Vec<u32> {
-    fn from(design: Design) -> Self {
+impl From<SequentialDesign> for Vec<u32> {
+    fn from(design: SequentialDesign) -> Self {
         design.looks
     }
 }
 
-impl Design {
+impl SequentialDesign {
     /// The design with these looks.
     ///
     /// # Panics
@@ -259,7 +260,8 @@ mod tests {
         let text = include_str!("../../../tests/fixtures/statistics/spending.json");
         let cases: Vec<serde_json::Value> = serde_json::from_str(text).unwrap();
         for case in &cases {
-            let levels = Design::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
+            let levels =
+                SequentialDesign::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
             for (level, expected) in levels.iter().zip(numbers(&case["levels"])) {
                 assert!(
                     (level - expected).abs() < 2e-8,
@@ -274,7 +276,8 @@ mod tests {
     #[test]
     fn levels_agree_with_a_fine_grid() {
         for case in sequential_reference()["spending"].as_array().unwrap() {
-            let levels = Design::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
+            let levels =
+                SequentialDesign::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
             for (level, expected) in levels.iter().zip(numbers(&case["levels"])) {
                 assert!(
                     (level / expected - 1.0).abs() < 1e-7,
@@ -286,18 +289,21 @@ mod tests {
 
     #[test]
     fn one_look_is_not_divided() {
-        assert_eq!(Design::fixed(5).nominal_levels(0.05), [0.05]);
+        assert_eq!(SequentialDesign::fixed(5).nominal_levels(0.05), [0.05]);
         assert_eq!(
-            (Design::fixed(5).most(), Design::fixed(5)),
-            (5, Design::new(vec![5]))
+            (SequentialDesign::fixed(5).most(), SequentialDesign::fixed(5)),
+            (5, SequentialDesign::new(vec![5]))
         );
-        assert_eq!(Design::new(vec![5, 10]).nominal_levels(f64::NAN).len(), 2);
-        assert!(Design::fixed(5).nominal_levels(1.0)[0].is_nan());
+        assert_eq!(
+            SequentialDesign::new(vec![5, 10]).nominal_levels(f64::NAN).len(),
+            2
+        );
+        assert!(SequentialDesign::fixed(5).nominal_levels(1.0)[0].is_nan());
     }
 
     #[test]
     fn what_is_no_design() {
-        let error = |looks: &[u32]| Design::try_from(looks.to_vec()).unwrap_err();
+        let error = |looks: &[u32]| SequentialDesign::try_from(looks.to_vec()).unwrap_err();
         assert_eq!(error(&[]), DesignError::Empty);
         assert_eq!(error(&[1, 4]), DesignError::TooEarly { first: 1 });
         assert_eq!(error(&[5, 10, 10]), DesignError::NotRising { look: 10, next: 10 });
@@ -306,10 +312,13 @@ mod tests {
 
     #[test]
     fn it_is_written_as_a_list() {
-        let design = Design::new(vec![5, 10, 30]);
+        let design = SequentialDesign::new(vec![5, 10, 30]);
         assert_eq!(serde_json::to_string(&design).unwrap(), "[5,10,30]");
-        assert_eq!(serde_json::from_str::<Design>("[5,10,30]").unwrap(), design);
-        let error = serde_json::from_str::<Design>("[5,10,8]")
+        assert_eq!(
+            serde_json::from_str::<SequentialDesign>("[5,10,30]").unwrap(),
+            design
+        );
+        let error = serde_json::from_str::<SequentialDesign>("[5,10,8]")
             .unwrap_err()
             .to_string();
         assert!(error.contains("8 does not follow 10"), "{error}");
@@ -390,7 +399,7 @@ mod tests {
 
     #[test]
     fn the_level_holds_over_all_looks() {
-        let levels = Design::new(LOOKS.to_vec()).nominal_levels(0.05);
+        let levels = SequentialDesign::new(LOOKS.to_vec()).nominal_levels(0.05);
         assert_characteristics(&levels, [0.034, 0.052, 0.053], 13.3);
     }
 
@@ -408,7 +417,7 @@ mod tests {
             looks in prop::collection::btree_set(2_u32..200, 2..8),
             alpha in prop::sample::select(vec![1e-5, 0.001, 0.05, 0.4]),
         ) {
-            let design = Design::new(looks.into_iter().collect());
+            let design = SequentialDesign::new(looks.into_iter().collect());
             let levels = design.nominal_levels(alpha);
             let mut before = 0.0;
             for (level, n) in levels.iter().zip(design.looks()) {

@@ -4,7 +4,7 @@
 //! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
 //! statement holds, outside it fails, across an edge it is open. Where only some differences matter, the whole interval
 //! must be one of these to hold; one that lies among those that do not matter is alike. Where looks were planned
-//! ([`Design`]), the interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
+//! ([`SequentialDesign`]), the interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
 //! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
 //! decides is final, even if other statements ask for further seeds.
 //!
@@ -12,7 +12,7 @@
 //! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until
 //! one is not.
 
-use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Design};
+use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::SequentialDesign};
 
 /// Below this many seeds nothing is decided, unless seeds make no difference at all.
 pub const FEWEST_SEEDS: usize = 3;
@@ -120,11 +120,11 @@ impl Region {
         }
     }
 
-    fn outcome(&self, interval: Interval) -> Outcome {
+    fn outcome(&self, interval: Interval) -> StatementOutcome {
         match interval {
-            it if self.holds(it) => Outcome::Holds,
-            it if self.fails(it) => Outcome::Fails,
-            _ => Outcome::Open,
+            it if self.holds(it) => StatementOutcome::Holds,
+            it if self.fails(it) => StatementOutcome::Fails,
+            _ => StatementOutcome::Open,
         }
     }
 
@@ -181,7 +181,7 @@ pub struct Statement {
     /// The looks that are complete, in order; at least one.
     pub looks: Vec<Look>,
     /// The looks that were planned; `None` where the number of seeds is fixed.
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
     /// Whether the last complete look decides, and not an earlier one: looks that were not planned together.
     pub by_last: bool,
     /// Probability of a wrong decision on each side, all looks together.
@@ -190,7 +190,7 @@ pub struct Statement {
 
 /// The outcome of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub enum StatementOutcome {
     /// The whole interval lies in the region.
     Holds,
     /// The whole interval lies outside.
@@ -203,10 +203,10 @@ pub enum Outcome {
     Open,
 }
 
-impl Outcome {
+impl StatementOutcome {
     /// Whether further looks, or a less strict level, cannot change the outcome.
     fn is_final(self) -> bool {
-        !matches!(self, Outcome::Direction | Outcome::Open)
+        !matches!(self, StatementOutcome::Direction | StatementOutcome::Open)
     }
 }
 
@@ -214,7 +214,7 @@ impl Outcome {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decision {
     /// The outcome at that look.
-    pub outcome: Outcome,
+    pub outcome: StatementOutcome,
     /// Index of the look that decided; of the last complete one where none did.
     pub look: usize,
     /// The interval at that look.
@@ -237,7 +237,7 @@ impl Statement {
             .as_ref()
             .map_or_else(|| vec![alpha], |design| design.nominal_levels(alpha));
         let mut last = Decision {
-            outcome: Outcome::Open,
+            outcome: StatementOutcome::Open,
             look: 0,
             interval: None,
         };
@@ -288,10 +288,10 @@ impl Statement {
 }
 
 impl Look {
-    fn outcome(&self, nominal: f64) -> Outcome {
+    fn outcome(&self, nominal: f64) -> StatementOutcome {
         let enough = self.evidence.n() >= FEWEST_SEEDS && !self.evidence.has_no_spread();
         if !enough && !self.deterministic {
-            return Outcome::Open;
+            return StatementOutcome::Open;
         }
         if let Evidence::BetweenMeans {
             above_low,
@@ -305,27 +305,29 @@ impl Look {
             );
         }
         let interval = self.evidence.interval(nominal);
-        interval.map_or(Outcome::Open, |interval| self.outcome_by(interval))
+        interval.map_or(StatementOutcome::Open, |interval| self.outcome_by(interval))
     }
 
     /// One interval decides whether the statement holds, whether it fails and whether it matters, so that the three
     /// err together no more often than the interval.
-    fn outcome_by(&self, interval: Interval) -> Outcome {
+    fn outcome_by(&self, interval: Interval) -> StatementOutcome {
         let outcome = self.region.outcome(interval);
         match self.alike {
-            Some(alike) if alike.holds(interval) => Outcome::Alike,
-            Some(alike) if outcome == Outcome::Holds && !alike.fails(interval) => Outcome::Direction,
+            Some(alike) if alike.holds(interval) => StatementOutcome::Alike,
+            Some(alike) if outcome == StatementOutcome::Holds && !alike.fails(interval) => {
+                StatementOutcome::Direction
+            }
             _ => outcome,
         }
     }
 }
 
 /// Two one-sided tests against limits that are means: of the value less the lower limit, and less the upper one.
-fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome {
+fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> StatementOutcome {
     match (above_low, above_high) {
-        (Some(low), Some(high)) if low.low >= 0.0 && high.high <= 0.0 => Outcome::Holds,
-        (Some(low), Some(high)) if low.high < 0.0 || high.low > 0.0 => Outcome::Fails,
-        _ => Outcome::Open,
+        (Some(low), Some(high)) if low.low >= 0.0 && high.high <= 0.0 => StatementOutcome::Holds,
+        (Some(low), Some(high)) if low.high < 0.0 || high.low > 0.0 => StatementOutcome::Fails,
+        _ => StatementOutcome::Open,
     }
 }
 
@@ -375,16 +377,16 @@ mod tests {
     #[test]
     fn ends_belong_to_a_closed_region_only() {
         let exactly = |region| fixed(&[1.0, 1.0], region).decide().outcome;
-        assert_eq!(exactly(Region::between(1.0, 2.0)), Outcome::Holds);
+        assert_eq!(exactly(Region::between(1.0, 2.0)), StatementOutcome::Holds);
         assert_eq!(
             exactly(Region {
                 low: 1.0,
                 high: f64::INFINITY,
                 closed: false
             }),
-            Outcome::Fails
+            StatementOutcome::Fails
         );
-        assert_eq!(exactly(Region::between(0.0, 0.5)), Outcome::Fails);
+        assert_eq!(exactly(Region::between(0.0, 0.5)), StatementOutcome::Fails);
     }
 
     #[test]
@@ -392,7 +394,7 @@ mod tests {
         let region = Region::between(-1.0, 1.0);
         let near = [0.0, 0.1, -0.1, 0.05, -0.05];
         let far = [0.0, 0.1, -0.1, 0.05, -0.05, 30.0, 31.0, 32.0, 33.0, 34.0];
-        let design = Some(Design::new(vec![5, 10]));
+        let design = Some(SequentialDesign::new(vec![5, 10]));
         let statement = Statement {
             looks: vec![at(&near, region), at(&far, region)],
             design,
@@ -401,7 +403,7 @@ mod tests {
         };
         assert_eq!(
             (statement.decide().outcome, statement.decide().look),
-            (Outcome::Holds, 0)
+            (StatementOutcome::Holds, 0)
         );
         let only = Statement {
             looks: vec![at(&far, region)],
@@ -409,7 +411,7 @@ mod tests {
             by_last: false,
             alpha: 0.05,
         };
-        assert_ne!(only.decide().outcome, Outcome::Holds);
+        assert_ne!(only.decide().outcome, StatementOutcome::Holds);
     }
 
     #[test]
@@ -421,25 +423,31 @@ mod tests {
             high: f64::INFINITY,
             closed: false,
         };
-        assert_eq!(fixed(&values, region).decide().outcome, Outcome::Holds);
+        assert_eq!(fixed(&values, region).decide().outcome, StatementOutcome::Holds);
         let planned = Statement {
-            design: Some(Design::new(vec![5, 10, 15])),
+            design: Some(SequentialDesign::new(vec![5, 10, 15])),
             by_last: false,
             ..fixed(&values, region)
         };
-        assert_eq!(planned.decide().outcome, Outcome::Open);
+        assert_eq!(planned.decide().outcome, StatementOutcome::Open);
     }
 
     #[test]
     fn fewer_than_three_seeds_decide_only_without_spread() {
         let region = Region::between(0.0, 100.0);
-        assert_eq!(fixed(&[50.0, 50.1], region).decide().outcome, Outcome::Open);
+        assert_eq!(
+            fixed(&[50.0, 50.1], region).decide().outcome,
+            StatementOutcome::Open
+        );
         assert_eq!(
             fixed(&[50.0, 50.1, 50.2], region).decide().outcome,
-            Outcome::Holds
+            StatementOutcome::Holds
         );
-        assert_eq!(fixed(&[50.0, 50.0], region).decide().outcome, Outcome::Holds);
-        assert_eq!(fixed(&[50.0], region).decide().outcome, Outcome::Open);
+        assert_eq!(
+            fixed(&[50.0, 50.0], region).decide().outcome,
+            StatementOutcome::Holds
+        );
+        assert_eq!(fixed(&[50.0], region).decide().outcome, StatementOutcome::Open);
     }
 
     /// Mean 0.1 with a standard error of 0.2 over five seeds: the 90 % interval is 0.1 -+ 2.132 * 0.2.
@@ -460,16 +468,16 @@ mod tests {
             statement.looks[0].alike = min_effect.map(|it| Region::between(-it, it));
             statement.decide().outcome
         };
-        assert_eq!(outcome(0.0, None), Outcome::Open);
-        assert_eq!(outcome(0.0, Some(0.52)), Outcome::Open);
-        assert_eq!(outcome(0.0, Some(0.53)), Outcome::Alike);
+        assert_eq!(outcome(0.0, None), StatementOutcome::Open);
+        assert_eq!(outcome(0.0, Some(0.52)), StatementOutcome::Open);
+        assert_eq!(outcome(0.0, Some(0.53)), StatementOutcome::Alike);
         // On the right side by 0.074 to 0.926: all of it matters, a part of it, none of it.
-        assert_eq!(outcome(0.4, Some(0.05)), Outcome::Holds);
-        assert_eq!(outcome(0.4, Some(0.5)), Outcome::Direction);
-        assert_eq!(outcome(0.4, Some(0.93)), Outcome::Alike);
+        assert_eq!(outcome(0.4, Some(0.05)), StatementOutcome::Holds);
+        assert_eq!(outcome(0.4, Some(0.5)), StatementOutcome::Direction);
+        assert_eq!(outcome(0.4, Some(0.93)), StatementOutcome::Alike);
         // On the wrong side by 0.074 to 0.926.
-        assert_eq!(outcome(-0.6, Some(0.5)), Outcome::Fails);
-        assert_eq!(outcome(-0.6, Some(0.93)), Outcome::Alike);
+        assert_eq!(outcome(-0.6, Some(0.5)), StatementOutcome::Fails);
+        assert_eq!(outcome(-0.6, Some(0.93)), StatementOutcome::Alike);
     }
 
     /// Three seeds of three give 97.5 % limits of 0.2924 and 1.
@@ -491,7 +499,10 @@ mod tests {
             .decide()
             .outcome
         };
-        assert_eq!((outcome(0.292), outcome(0.293)), (Outcome::Holds, Outcome::Open));
+        assert_eq!(
+            (outcome(0.292), outcome(0.293)),
+            (StatementOutcome::Holds, StatementOutcome::Open)
+        );
         let apart = Look {
             evidence: Evidence::Shares(Share { successes: 20, n: 20 }, Share { successes: 0, n: 20 }),
             region: Region {
@@ -511,7 +522,7 @@ mod tests {
             }
             .decide()
             .outcome,
-            Outcome::Holds
+            StatementOutcome::Holds
         );
     }
 
@@ -553,14 +564,14 @@ mod tests {
         let values = [1.0, 1.2, 0.8, 1.1, 0.9, -2.0, -1.0, 1.0];
         let of = |by_last| Statement {
             looks: vec![at(&values[..5], above), at(&values, above)],
-            design: Some(Design::new(vec![5, 8])),
+            design: Some(SequentialDesign::new(vec![5, 8])),
             by_last,
             alpha: 0.025,
         };
         let planned = of(false).decide();
-        assert_eq!((planned.outcome, planned.look), (Outcome::Holds, 0));
+        assert_eq!((planned.outcome, planned.look), (StatementOutcome::Holds, 0));
         let rounds = of(true).decide();
-        assert_eq!((rounds.outcome, rounds.look), (Outcome::Open, 1));
+        assert_eq!((rounds.outcome, rounds.look), (StatementOutcome::Open, 1));
         // The level of the last look is less than that of a single one.
         let single = MeanEstimate::of(&values).interval(0.95).unwrap();
         let interval = rounds.interval.unwrap();
@@ -579,7 +590,7 @@ mod tests {
             let level = statement.alpha * level.min(1.0);
             prop_assert_eq!(statement.decide_at(level).outcome, statement.decide().outcome);
             if strictest > LEAST_SHARE {
-                prop_assert_eq!(statement.decide_at(statement.alpha * strictest * 0.998).outcome, Outcome::Open);
+                prop_assert_eq!(statement.decide_at(statement.alpha * strictest * 0.998).outcome, StatementOutcome::Open);
             }
         }
     }

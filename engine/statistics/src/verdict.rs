@@ -12,8 +12,8 @@ use super::{
     binomial::Share,
     mean_estimate::PublishedMean,
     power::{POWER, Room},
-    spending::Design,
-    statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
+    spending::SequentialDesign,
+    statement::{Decision, Evidence, FEWEST_SEEDS, Look, Region, Statement, StatementOutcome},
 };
 use crate::TrainingShare;
 use document::count::count;
@@ -100,12 +100,14 @@ impl Verdict {
 
     /// The verdict on a published value for an outcome of the seeds.
     #[must_use]
-    pub fn of(outcome: Outcome) -> Self {
+    pub fn of(outcome: StatementOutcome) -> Self {
         match outcome {
-            Outcome::Holds => Verdict::Reproduced,
-            Outcome::Fails => Verdict::Differs,
+            StatementOutcome::Holds => Verdict::Reproduced,
+            StatementOutcome::Fails => Verdict::Differs,
             // A published value has one band, inside which it counts as reproduced.
-            Outcome::Alike | Outcome::Direction | Outcome::Open => Verdict::Inconclusive,
+            StatementOutcome::Alike | StatementOutcome::Direction | StatementOutcome::Open => {
+                Verdict::Inconclusive
+            }
         }
     }
 }
@@ -156,7 +158,7 @@ impl Reference {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seeds {
     /// The looks that were planned; `None` where the number of seeds is fixed.
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
     /// The number below which seeds count, for each look that is complete.
     pub limits: Vec<u64>,
     /// Number of rounds of seeds that are taken together, none planned with the one before; 0 for one round.

@@ -2,7 +2,7 @@
 
 use super::overlay::{TAKE, below, overlay, without_nothing};
 use document::{
-    DEEPEST, Entry, Kind, MOST_NODES, Node,
+    DEEPEST, Entry, MOST_NODES, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::View,
 };
@@ -24,7 +24,7 @@ pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), 
         left: MOST_NODES,
         found: Vec::new(),
     };
-    if let Kind::Mapping(entries) = &mut root.kind {
+    if let NodeKind::Mapping(entries) = &mut root.kind {
         let study = View::new(schema, schema);
         for entry in entries.iter_mut().filter(|entry| entry.key != "blocks") {
             let place = study.property(&entry.key);
@@ -52,15 +52,15 @@ impl Blocks<'_> {
     /// Puts blocks into everything below `node`, which stands at the dotted path `at`.
     fn fill(&mut self, node: &mut Node, at: &str, place: Option<&View<'_>>) {
         match &mut node.kind {
-            Kind::Scalar(_) => {}
-            Kind::Sequence(items) => {
+            NodeKind::Scalar(_) => {}
+            NodeKind::Sequence(items) => {
                 for (index, item) in items.iter_mut().enumerate() {
                     let places = place.map_or_else(Vec::new, View::alternatives);
                     let below = places.iter().find_map(|place| place.item(index));
                     self.fill(item, &format!("{at}[{index}]"), below.as_ref());
                 }
             }
-            Kind::Mapping(entries) => {
+            NodeKind::Mapping(entries) => {
                 for entry in entries.iter_mut() {
                     let below = match (entry.key.as_str(), place) {
                         (TAKE, place) => place.cloned(),
@@ -83,7 +83,7 @@ impl Blocks<'_> {
     fn under(&mut self, taken: &Node, own: &Node, at: &str, place: Option<&View<'_>>) -> Node {
         let mut whole = Node::empty_mapping(taken.span);
         let wanted = match &taken.kind {
-            Kind::Sequence(items) => items.iter().collect(),
+            NodeKind::Sequence(items) => items.iter().collect(),
             _ => vec![taken],
         };
         for one in wanted {
@@ -106,7 +106,7 @@ impl Blocks<'_> {
     /// A mapping that an alias put here, or the block of this name.
     fn block(&mut self, wanted: &Node, at: &str, place: Option<&View<'_>>) -> Option<Node> {
         let name = match &wanted.kind {
-            Kind::Mapping(_) => return Some(wanted.clone()),
+            NodeKind::Mapping(_) => return Some(wanted.clone()),
             _ => wanted.as_str(),
         };
         let Some(name) = name else {
@@ -119,7 +119,7 @@ impl Blocks<'_> {
             let help = suggest(name, named.iter().map(|entry| entry.key.as_str()));
             return self.refuse(wanted.span, at, format!("no block is named `{name}`"), &help);
         };
-        if !matches!(entry.value.kind, Kind::Mapping(_)) {
+        if !matches!(entry.value.kind, NodeKind::Mapping(_)) {
             // The check of `blocks` reports it where the block is written.
             return None;
         }
@@ -164,7 +164,7 @@ fn differs(one: &Node, other: &Node, own: &Node, at: &str) -> Option<(String, Sp
         } else {
             format!("{at}.{}", entry.key)
         };
-        let mappings = [known, &entry.value].map(|node| matches!(node.kind, Kind::Mapping(_)));
+        let mappings = [known, &entry.value].map(|node| matches!(node.kind, NodeKind::Mapping(_)));
         match (mappings, own.get(&entry.key)) {
             ([true, true], beside) => {
                 let nothing = Node::empty_mapping(own.span);
@@ -179,9 +179,9 @@ fn differs(one: &Node, other: &Node, own: &Node, at: &str) -> Option<(String, Sp
 /// Number of values of a node.
 fn size(node: &Node) -> usize {
     let below: usize = match &node.kind {
-        Kind::Scalar(_) => 0,
-        Kind::Sequence(items) => items.iter().map(size).sum(),
-        Kind::Mapping(entries) => entries.iter().map(|entry| size(&entry.value)).sum(),
+        NodeKind::Scalar(_) => 0,
+        NodeKind::Sequence(items) => items.iter().map(size).sum(),
+        NodeKind::Mapping(entries) => entries.iter().map(|entry| size(&entry.value)).sum(),
     };
     below + 1
 }

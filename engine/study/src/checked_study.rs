@@ -18,7 +18,7 @@ use presentation::{
     vocabulary::Play,
 };
 use serde_json::Value;
-use statistics::spending::Design;
+use statistics::spending::SequentialDesign;
 use std::{collections::BTreeMap, path::PathBuf};
 
 /// A study that passed every check.
@@ -46,7 +46,7 @@ pub struct Study {
     pub seeds: Vec<u64>,
     /// The looks at which seeds are added until all that is judged is decided; `None` where their number is
     /// fixed.
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
     /// The criterion by which a seed counts as a success.
     pub success: Option<Success>,
     /// Length of the source's training.

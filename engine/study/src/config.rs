@@ -3,7 +3,7 @@
 
 use contract::{Error, data_file::hash_of, part::Part, plugin::About};
 use document::{
-    Kind, Node,
+    Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span},
     reach::{Outside, Reach},
     schema_check::{At, Checker, View},
@@ -282,10 +282,10 @@ fn missing_files(
     found: &mut Vec<Diagnostic>,
 ) {
     match &config.kind {
-        Kind::Sequence(items) => items
+        NodeKind::Sequence(items) => items
             .iter()
             .for_each(|item| missing_files(item, at, files, sources, found)),
-        Kind::Mapping(entries) => {
+        NodeKind::Mapping(entries) => {
             for entry in entries {
                 let below = format!("{at}.{}", entry.key);
                 match entry
@@ -303,7 +303,7 @@ fn missing_files(
                 }
             }
         }
-        Kind::Scalar(_) => {}
+        NodeKind::Scalar(_) => {}
     }
 }
 
@@ -348,7 +348,7 @@ pub fn locate(config: &Node, key: &str) -> Option<Span> {
             continue;
         }
         let Some(entry) = here.entry(word) else { break };
-        span = Some(if matches!(entry.value.kind, Kind::Scalar(_)) {
+        span = Some(if matches!(entry.value.kind, NodeKind::Scalar(_)) {
             entry.value.span
         } else {
             entry.key_span

@@ -12,7 +12,7 @@ use document::{
 use presentation::{claim_spec::ClaimSpec, table::TableSpec};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use statistics::spending::Design;
+use statistics::spending::SequentialDesign;
 
 /// A confirmation as it is written.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -58,7 +58,7 @@ pub struct Confirmation {
     pub seeds: Vec<u64>,
     /// The looks at which seeds are added; `None` where their number is fixed.
     #[serde(skip)]
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
     /// The smallest difference that matters from now on; `None` where it stays as it was.
     #[serde(skip)]
     pub min_effect: Option<f64>,

@@ -24,7 +24,7 @@ pub fn link(
     let mut found = Vec::new();
     let mut all: BTreeMap<usize, Arc<[Source]>> = BTreeMap::new();
     for index in cells.naming() {
-        let mut reader = Reader {
+        let mut reader = SourceReader {
             sections,
             cells: &cells,
             seeds,
@@ -49,7 +49,7 @@ pub fn link(
     Ok((cells, order))
 }
 
-struct Reader<'a> {
+struct SourceReader<'a> {
     sections: &'a Sections<'a>,
     cells: &'a Cells,
     seeds: &'a [u64],
@@ -57,7 +57,7 @@ struct Reader<'a> {
     found: Vec<Diagnostic>,
 }
 
-impl Reader<'_> {
+impl SourceReader<'_> {
     fn sources(&mut self) -> Vec<Source> {
         let mut sources = Vec::new();
         for part in 0..self.cell.parts.len() {

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 /// Options of `describe`: facts that it finds by building plugins.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Asked {
+pub struct FitOptions {
     /// Whether to find the agents that fit an environment, and the environments that fit an agent.
     pub fits: bool,
     /// Whether to find why the others do not fit.

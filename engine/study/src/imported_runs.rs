@@ -4,11 +4,11 @@ use super::{checked_sections::Sections, relative_path::name_written_out, seeds::
 use analysis::results::Origin;
 use contract::Metric;
 use document::{
-    Entry, Kind, Node,
+    Entry, Node, NodeKind,
     diagnostic::{Diagnostic, Span, suggest},
     reach::{Outside, Reach},
 };
-use imported::{FIRST_SEED, Found, Imported, ImportedText, PatternError, matching, read};
+use imported::{FIRST_SEED, Imported, ImportedText, PatternError, RunCollection, matching, read};
 use presentation::vocabulary::Vocabulary;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -87,7 +87,7 @@ impl Reader<'_> {
         let agent = self.vocabulary.agents.len();
         self.vocabulary.agents.push(entry.key.clone());
         let parts = match &entry.value.kind {
-            Kind::Sequence(items) => items.iter().collect(),
+            NodeKind::Sequence(items) => items.iter().collect(),
             _ => vec![&entry.value],
         };
         let mut whole = Imported {
@@ -160,7 +160,7 @@ impl Reader<'_> {
         at: &str,
         (agent, block): (usize, u64),
         whole: &mut Imported,
-    ) -> Option<(ImportedText, Found)> {
+    ) -> Option<(ImportedText, RunCollection)> {
         let text: ImportedText = serde_json::from_value(node.to_value()).ok()?;
         let environment = self.environment(&text, node, entry, at)?;
         if self.vocabulary.recorded.contains_key(&(environment, agent)) {
@@ -267,7 +267,7 @@ fn span_of(node: &Node, key: &str) -> Span {
 }
 
 /// Description of the runs of a part, as in `3 runs of runs/*.csv, final values are means of the last 10`.
-fn sentence(text: &ImportedText, found: &Found) -> String {
+fn sentence(text: &ImportedText, found: &RunCollection) -> String {
     let runs = match found.runs.len() {
         1 => "1 run".to_owned(),
         n => format!("{n} runs"),

@@ -5,7 +5,7 @@ use super::{
     relative_path::{along, name_from, way},
 };
 use document::{
-    Entry, Kind, Node,
+    Entry, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span},
     input_file,
     reach::{Outside, Reach},
@@ -137,7 +137,7 @@ impl Reader<'_> {
 
     /// The sections of an included file, with data files as seen from the study's folder.
     fn sections(&self, mut root: Node) -> Result<Node, Vec<Diagnostic>> {
-        if !matches!(root.kind, Kind::Mapping(_)) {
+        if !matches!(root.kind, NodeKind::Mapping(_)) {
             let message = "an included file is a mapping of sections";
             return Err(vec![
                 self.sources
@@ -148,7 +148,7 @@ impl Reader<'_> {
         let name = self.sources.place(root.span).file;
         let folder = Path::new(&name).parent().unwrap_or(Path::new(""));
         if along(Path::new(""), folder) != along(Path::new(""), self.study) {
-            let Kind::Mapping(entries) = &mut root.kind else {
+            let NodeKind::Mapping(entries) = &mut root.kind else {
                 return Ok(root);
             };
             for Entry { key, value, .. } in entries {
@@ -178,7 +178,7 @@ pub fn named(root: &Node, section: &str) -> Vec<(String, Span)> {
 }
 
 fn forget(node: &mut Node, keys: &[&str]) {
-    if let Kind::Mapping(entries) = &mut node.kind {
+    if let NodeKind::Mapping(entries) = &mut node.kind {
         entries.retain(|entry| !keys.contains(&entry.key.as_str()));
     }
 }
@@ -187,7 +187,7 @@ fn forget(node: &mut Node, keys: &[&str]) {
 fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &Path), reach: &Reach) {
     let is_file = key.rsplit('.').next() == Some(names_files);
     match &mut node.kind {
-        Kind::Scalar(_) => {
+        NodeKind::Scalar(_) => {
             if let Some(text) = node.as_str().filter(|text| is_file && !text.is_empty()) {
                 // A name that leads out stays relative, and is refused where its file is read.
                 let path = match reach.find(from, text) {
@@ -197,15 +197,15 @@ fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &
                 *node = Node::scalar(node.span, path.display().to_string().into());
             }
         }
-        Kind::Sequence(items) => items
+        NodeKind::Sequence(items) => items
             .iter_mut()
             .for_each(|item| relocate(item, key, names_files, (from, to), reach)),
-        Kind::Mapping(entries) => {
+        NodeKind::Mapping(entries) => {
             for Entry {
                 key: below, value, ..
             } in entries
             {
-                let is_list_of_files = is_file && !matches!(value.kind, Kind::Scalar(_));
+                let is_list_of_files = is_file && !matches!(value.kind, NodeKind::Scalar(_));
                 let key = if is_list_of_files { key } else { below };
                 relocate(value, key, names_files, (from, to), reach);
             }

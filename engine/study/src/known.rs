@@ -15,13 +15,13 @@ use contract::{complete_config::CompleteConfig, part::Part, sweep_point::SweepPo
 use document::{Node, diagnostic::Diagnostic};
 use std::{collections::BTreeMap, sync::Arc};
 
-pub(super) type Outcome = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
+pub(super) type PartResult = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
 
 /// Parts that were resolved already, for all cells that share them.
 pub(super) struct PartCache<'a> {
     pub(super) sections: &'a Sections<'a>,
     pub(super) files: Files<'a>,
-    parts: BTreeMap<ConfigOrigin, Outcome>,
+    parts: BTreeMap<ConfigOrigin, PartResult>,
     /// By the origin of the config at the first point.
     grids: BTreeMap<ConfigOrigin, Result<Arc<Grid>, Vec<Diagnostic>>>,
 }
@@ -208,7 +208,7 @@ impl<'a> PartCache<'a> {
         }
     }
 
-    pub(super) fn part(&mut self, given: ConfigOrigin) -> Outcome {
+    pub(super) fn part(&mut self, given: ConfigOrigin) -> PartResult {
         if let Some(known) = self.parts.get(&given) {
             return known.clone();
         }

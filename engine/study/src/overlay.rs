@@ -2,7 +2,7 @@
 //!
 //! A key without a value removes the value under it, unless the schema allows `null` there.
 
-use document::{Entry, Kind, Node, schema_check::View};
+use document::{Entry, Node, NodeKind, schema_check::View};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The key that takes blocks.
@@ -14,7 +14,7 @@ pub fn overlay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
     let merges =
         |mine: &[Entry], theirs: &[Entry]| !place.is_some_and(one_of_several) || same_keys(mine, theirs);
     match (&mut under.kind, over.kind) {
-        (Kind::Mapping(mine), Kind::Mapping(theirs)) if merges(mine, &theirs) => {
+        (NodeKind::Mapping(mine), NodeKind::Mapping(theirs)) if merges(mine, &theirs) => {
             overlay_entries(mine, theirs, place);
             under.span = over.span;
         }
@@ -55,7 +55,7 @@ fn overlay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&Vie
 
 /// Removes the keys without a value where a value is wanted.
 pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
-    if let Kind::Mapping(entries) = &mut node.kind {
+    if let NodeKind::Mapping(entries) = &mut node.kind {
         entries.retain(|entry| {
             let below = place.and_then(|place| below(place, &entry.key));
             !takes_away(&entry.value, below.as_ref())
@@ -68,7 +68,7 @@ fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
     let wanted: Vec<&str> = place.map_or_else(Vec::new, |place| {
         place.alternatives().iter().flat_map(View::types).collect()
     });
-    let is_null = matches!(&over.kind, Kind::Scalar(scalar) if scalar.value.is_null());
+    let is_null = matches!(&over.kind, NodeKind::Scalar(scalar) if scalar.value.is_null());
     is_null && !wanted.is_empty() && !wanted.contains(&"null")
 }
 

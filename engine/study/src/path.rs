@@ -2,7 +2,7 @@
 
 use super::written::{NamedPart, PartKind, PreparedPart, Target, Written};
 use document::{
-    Kind, Node,
+    Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::{At, Checker, View},
 };
@@ -93,7 +93,7 @@ fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w NamedPart>) -> Option<(
     };
     let below = names.into_iter().find(is_marked)?;
     let entries = match &named?.config.get(below)?.kind {
-        Kind::Mapping(entries) => entries.iter(),
+        NodeKind::Mapping(entries) => entries.iter(),
         _ => return None,
     };
     Some((below, entries.map(|entry| entry.key.as_str()).collect()))
@@ -344,7 +344,7 @@ pub fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, v
     let Some((first, rest)) = keys.split_first() else {
         match schema
             .as_struct()
-            .filter(|_| matches!(value.kind, Kind::Mapping(_)))
+            .filter(|_| matches!(value.kind, NodeKind::Mapping(_)))
         {
             Some(_) => value.entries().iter().for_each(|entry| {
                 assign(
@@ -360,7 +360,7 @@ pub fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, v
         return;
     };
     let places = schema.alternatives();
-    if let Kind::Mapping(entries) = &mut node.kind
+    if let NodeKind::Mapping(entries) = &mut node.kind
         && places.len() > 1
         && places.iter().any(|place| place.variant() == Some(first))
     {

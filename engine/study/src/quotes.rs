@@ -12,7 +12,7 @@
 
 use super::resolved::Section;
 use document::{
-    Kind, Node,
+    Node, NodeKind,
     diagnostic::{Diagnostic, Sources},
 };
 use serde_json::Value;
@@ -44,7 +44,7 @@ pub(super) fn fill(
         found: Vec::new(),
     };
     let mut filled = root.clone();
-    if let Kind::Mapping(entries) = &mut filled.kind {
+    if let NodeKind::Mapping(entries) = &mut filled.kind {
         let texts = entries
             .iter_mut()
             .filter(|entry| TEXTS.contains(&entry.key.as_str()));
@@ -68,7 +68,7 @@ impl Filler<'_> {
     fn node(&mut self, node: &mut Node, at: &str) {
         let span = node.span;
         match &mut node.kind {
-            Kind::Scalar(scalar) => {
+            NodeKind::Scalar(scalar) => {
                 let Some(text) = scalar.value.as_str().filter(|text| text.contains('{')) else {
                     return;
                 };
@@ -84,8 +84,8 @@ impl Filler<'_> {
                     }
                 }
             }
-            Kind::Sequence(items) => items.iter_mut().for_each(|item| self.node(item, at)),
-            Kind::Mapping(entries) => entries
+            NodeKind::Sequence(items) => items.iter_mut().for_each(|item| self.node(item, at)),
+            NodeKind::Mapping(entries) => entries
                 .iter_mut()
                 .for_each(|entry| self.node(&mut entry.value, at)),
         }

@@ -143,7 +143,7 @@ pub fn read<'a>(
 ) -> Result<Vec<LocatedSearch<'a>>, Vec<Diagnostic>> {
     let (mut searches, mut found) = (Vec::<LocatedSearch<'a>>::new(), Vec::new());
     for named in &written.searches {
-        let reader = Reader {
+        let reader = SearchReader {
             named,
             written,
             schema,
@@ -175,7 +175,7 @@ pub(super) fn progress(searched: &LocatedSearch<'_>) -> (Search, Progress) {
     (searched.search.clone(), progress)
 }
 
-struct Reader<'a, 's> {
+struct SearchReader<'a, 's> {
     named: &'s NamedPart,
     written: &'s Written,
     schema: &'a Value,
@@ -184,7 +184,7 @@ struct Reader<'a, 's> {
     dimensions: &'s [Dimension<'s>],
 }
 
-impl<'a> Reader<'a, '_> {
+impl<'a> SearchReader<'a, '_> {
     fn search(
         &self,
         progress: &BTreeMap<String, Progress>,

@@ -3,7 +3,7 @@
 
 use super::{overlay::below, path::assign};
 use document::{
-    Entry, Kind, Node,
+    Entry, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::View,
 };
@@ -56,8 +56,8 @@ impl PathAssignment<'_> {
     /// Writes the value below `node`, which the words before `first` name.
     fn put(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         match &mut node.kind {
-            Kind::Sequence(items) => self.put_into_list(items, place, first),
-            Kind::Mapping(entries) => {
+            NodeKind::Sequence(items) => self.put_into_list(items, place, first),
+            NodeKind::Mapping(entries) => {
                 let Some((count, below)) = self.known(entries, place, first) else {
                     return self.put_here(node, place, first);
                 };
@@ -71,7 +71,7 @@ impl PathAssignment<'_> {
                 let entry = entries.iter_mut().find(|entry| entry.key == name);
                 entry.map_or(Ok(()), |entry| self.put(&mut entry.value, &below, next))
             }
-            Kind::Scalar(_) => self.put_here(node, place, first),
+            NodeKind::Scalar(_) => self.put_here(node, place, first),
         }
     }
 
@@ -126,7 +126,7 @@ impl PathAssignment<'_> {
             Err(unknown) => unknown,
         };
         // Sections of free names: a new entry is given as a whole, and its name may have dots.
-        if place.descend(&whole).is_ok() && matches!(self.value.kind, Kind::Mapping(_)) {
+        if place.descend(&whole).is_ok() && matches!(self.value.kind, NodeKind::Mapping(_)) {
             assign(node, place, &whole, self.span, self.value);
             return Ok(());
         }

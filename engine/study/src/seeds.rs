@@ -6,7 +6,7 @@ use document::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use statistics::{spending::Design, statement::FEWEST_SEEDS};
+use statistics::{spending::SequentialDesign, statement::FEWEST_SEEDS};
 use std::collections::BTreeSet;
 
 /// Largest number of seeds of a study.
@@ -69,7 +69,7 @@ pub struct SeedPlan {
     /// All seeds that it may use.
     pub seeds: Vec<u64>,
     /// The looks at which `run` adds seeds until every claim and judged value is decided.
-    pub design: Option<Design>,
+    pub design: Option<SequentialDesign>,
 }
 
 impl SeedPlan {
@@ -94,7 +94,7 @@ impl SeedPlan {
                 let most = looks.last().copied().unwrap_or(1);
                 Ok(Self {
                     seeds: (written.first..written.first + u64::from(most)).collect(),
-                    design: Some(Design::new(looks)),
+                    design: Some(SequentialDesign::new(looks)),
                 })
             }
             Ok(SeedsText::Listed(list)) => fixed(list),

@@ -5,7 +5,7 @@
 //!
 //! Metrics, means over the batches since the last measurement: `cross_entropy`.
 
-use crate::feature_network::{FeatureNetwork, Form};
+use crate::feature_network::{FeatureNetwork, NetworkSizes};
 use burn::{
     module::Module,
     tensor::{Tensor, TensorData, activation::log_softmax},
@@ -53,7 +53,7 @@ impl contract::Config for Config {}
 /// The agent.
 #[derive(Debug, Clone)]
 pub struct ImageClassifier {
-    form: Form,
+    form: NetworkSizes,
     network: TrainedNetwork<FeatureNetwork>,
     n_updates: u64,
 }
@@ -86,7 +86,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     }))
 }
 
-fn form(config: &Config, interface: &Interface) -> Result<Form, Error> {
+fn form(config: &Config, interface: &Interface) -> Result<NetworkSizes, Error> {
     let mismatch = |problem: String| Error::Mismatch { agent: NAME, problem };
     let [seat] = interface.seats.as_slice() else {
         let seats = interface.seats.len();
@@ -114,7 +114,7 @@ fn form(config: &Config, interface: &Interface) -> Result<Form, Error> {
         );
         return Err(mismatch(problem));
     }
-    Ok(Form {
+    Ok(NetworkSizes {
         size,
         channels: config.channels,
         classes: classes.len(),
@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn the_gradient_is_that_of_the_cross_entropy() {
         let (mut shows, mut rng) = (shapes(), stream(&["slope"]));
-        let form = Form {
+        let form = NetworkSizes {
             size: 8,
             channels: 2,
             classes: 10,

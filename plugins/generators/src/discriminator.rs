@@ -35,7 +35,7 @@ pub(crate) struct LastLayers {
 
 /// Kind of a block, by its input and its change of size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum BlockKind {
     /// Takes the image, and halves the sides.
     First,
     /// Halves the sides.
@@ -51,14 +51,14 @@ pub(crate) struct Residual {
     second: Convolution,
     shortcut: Option<Convolution>,
     #[module(skip)]
-    kind: Kind,
+    kind: BlockKind,
 }
 
 impl Discriminator {
     /// The last block and the linear layer, for maps with `n_channels`; it must grow at least once before use.
     pub fn new(n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let ending = LastLayers {
-            block: Residual::new(Kind::Keeping, n_channels, rng, device),
+            block: Residual::new(BlockKind::Keeping, n_channels, rng, device),
             linear: SpectralLinear::new([n_channels, 1], rng, device),
         };
         Self {
@@ -71,9 +71,9 @@ impl Discriminator {
     /// Adds a block before the last one; the other parts keep their numbers.
     pub fn grow(&mut self, rng: &mut impl RngCore, device: &Device) {
         let kind = match self.blocks.len() {
-            0 => Kind::First,
-            1 => Kind::Halving,
-            _ => Kind::Keeping,
+            0 => BlockKind::First,
+            1 => BlockKind::Halving,
+            _ => BlockKind::Keeping,
         };
         self.blocks
             .push(Residual::new(kind, self.n_channels, rng, device));
@@ -102,8 +102,8 @@ impl StatefulModule for Discriminator {
 }
 
 impl Residual {
-    fn new(kind: Kind, n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
-        let n_inputs = if kind == Kind::First {
+    fn new(kind: BlockKind, n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+        let n_inputs = if kind == BlockKind::First {
             IMAGE_CHANNELS
         } else {
             n_channels
@@ -113,13 +113,13 @@ impl Residual {
         Self {
             first: convolution(3, n_inputs),
             second: convolution(3, n_channels),
-            shortcut: (kind != Kind::Keeping).then(|| convolution(1, n_inputs)),
+            shortcut: (kind != BlockKind::Keeping).then(|| convolution(1, n_inputs)),
             kind,
         }
     }
 
     fn forward(&mut self, input: Tensor<4>, pass: PassMode) -> Tensor<4> {
-        let rectified = if self.kind == Kind::First {
+        let rectified = if self.kind == BlockKind::First {
             input.clone()
         } else {
             relu(input.clone())
@@ -127,7 +127,7 @@ impl Residual {
         let hidden = relu(self.first.forward(rectified, pass));
         let residual = self.second.forward(hidden, pass);
         match (&mut self.shortcut, self.kind) {
-            (Some(shortcut), Kind::First) => {
+            (Some(shortcut), BlockKind::First) => {
                 average_pool(residual) + shortcut.forward(average_pool(input), pass)
             }
             (Some(shortcut), _) => average_pool(residual) + average_pool(shortcut.forward(input, pass)),

@@ -32,7 +32,7 @@ const PREFIX: &str = "network";
 
 /// Sizes of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Form {
+pub struct NetworkSizes {
     /// Height and width of the images that the network was made for, pixels, a multiple of 4.
     pub size: usize,
     /// Channels `c` of the first layer.
@@ -44,7 +44,7 @@ pub struct Form {
 /// Largest height and width that a stored network may name; images are interpolated to it.
 const LARGEST: usize = 1024;
 
-impl Form {
+impl NetworkSizes {
     /// Compares the sizes in a file with its tensors, before any network is made of these sizes.
     fn fits(self, file: &TensorFile) -> Result<(), TensorFileError> {
         let last = &file.get(&format!("{PREFIX}.last.0"))?.shape;
@@ -95,9 +95,9 @@ pub struct ImageFeatures {
 
 impl FeatureNetwork {
     /// A network with random weights, tracked for gradients.
-    pub fn new(form: Form, rng: &mut impl RngCore) -> Self {
+    pub fn new(form: NetworkSizes, rng: &mut impl RngCore) -> Self {
         let device = device().autodiff();
-        let Form {
+        let NetworkSizes {
             channels, classes, ..
         } = form;
         let widths = [crate::images::CHANNELS, channels, 2 * channels, 4 * channels];
@@ -141,7 +141,7 @@ impl FeatureNetwork {
 
     /// As [`see`](Self::see), for images of any size, which are interpolated to that of the network.
     #[must_use]
-    pub fn see_resized(&self, images: Tensor<4>, form: Form) -> ImageFeatures {
+    pub fn see_resized(&self, images: Tensor<4>, form: NetworkSizes) -> ImageFeatures {
         let [_, height, width, _] = images.dims();
         if [height, width] == [form.size; 2] {
             return self.see(images);
@@ -153,7 +153,7 @@ impl FeatureNetwork {
     ///
     /// # Errors
     /// [`TensorFileError::File`] where the file cannot be written.
-    pub fn write(&self, form: Form, folder: &Path) -> Result<(), TensorFileError> {
+    pub fn write(&self, form: NetworkSizes, folder: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         file.header = json!({ "kind": KIND, "form": form });
         store(self, PREFIX, &mut file);
@@ -164,14 +164,14 @@ impl FeatureNetwork {
     ///
     /// # Errors
     /// [`TensorFileError`] where the file is missing or is not such a network.
-    pub fn read(folder: &Path) -> Result<(Self, Form), TensorFileError> {
+    pub fn read(folder: &Path) -> Result<(Self, NetworkSizes), TensorFileError> {
         let path = folder.join(FILE_NAME);
         let file = TensorFile::read(&path)?;
         Self::of(&file).map_err(|problem| problem.in_file(&path))
     }
 
-    fn of(file: &TensorFile) -> Result<(Self, Form), TensorFileError> {
-        let form: Option<Form> = serde_json::from_value(file.header["form"].clone()).ok();
+    fn of(file: &TensorFile) -> Result<(Self, NetworkSizes), TensorFileError> {
+        let form: Option<NetworkSizes> = serde_json::from_value(file.header["form"].clone()).ok();
         let form = form
             .filter(|_| file.header["kind"] == KIND)
             .ok_or_else(|| TensorFileError::Format {
@@ -230,7 +230,7 @@ mod tests {
     use numerics::network::values;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-    const FORM: Form = Form {
+    const FORM: NetworkSizes = NetworkSizes {
         size: 8,
         channels: 2,
         classes: 3,
@@ -274,21 +274,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let much = 1 << 40;
         for form in [
-            Form { size: much, ..FORM },
-            Form { size: 6, ..FORM },
-            Form {
+            NetworkSizes { size: much, ..FORM },
+            NetworkSizes { size: 6, ..FORM },
+            NetworkSizes {
                 channels: much,
                 ..FORM
             },
-            Form {
+            NetworkSizes {
                 channels: usize::MAX,
                 ..FORM
             },
-            Form {
+            NetworkSizes {
                 classes: much,
                 ..FORM
             },
-            Form { classes: 0, ..FORM },
+            NetworkSizes { classes: 0, ..FORM },
         ] {
             network().write(form, folder.path()).unwrap();
             let text = FeatureNetwork::read(folder.path()).unwrap_err().to_string();

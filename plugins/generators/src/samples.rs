@@ -6,7 +6,7 @@
 
 use crate::{
     images::Images,
-    source::{Source, n_numbers},
+    source::{ImageSource, n_numbers},
 };
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Registry, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -22,7 +22,7 @@ const NAME: &str = "image_samples";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Source of the images.
-    pub images: Source,
+    pub images: ImageSource,
     /// Height and width, pixels.
     #[schemars(range(min = 4, max = 96))]
     pub size: usize,
@@ -34,7 +34,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            images: Source::default(),
+            images: ImageSource::default(),
             size: 16,
             held_out: 0.2,
         }

@@ -12,7 +12,7 @@ use std::{fs, sync::Arc};
 /// Source of the images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Source {
+pub enum ImageSource {
     /// Figures of ten classes that the program draws.
     Shapes {
         /// Number of images.
@@ -53,7 +53,7 @@ fn ten_thousand() -> u64 {
     10_000
 }
 
-impl Default for Source {
+impl Default for ImageSource {
     fn default() -> Self {
         Self::Shapes {
             count: ten_thousand(),
@@ -62,7 +62,7 @@ impl Default for Source {
     }
 }
 
-impl Source {
+impl ImageSource {
     /// The images with `size` pixels a side, from the cache if they are there.
     ///
     /// # Errors
@@ -254,7 +254,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn source(text: serde_json::Value) -> Source {
+    fn source(text: serde_json::Value) -> ImageSource {
         serde_json::from_value(text).unwrap()
     }
 
@@ -274,7 +274,7 @@ mod tests {
         assert!(Arc::ptr_eq(&shapes.load(8).unwrap(), &shapes.load(8).unwrap()));
         let text = shapes.load(12).unwrap_err().to_string();
         assert!(text.contains("4, 8, 16, 32 or 64 pixels"), "{text}");
-        assert_eq!(source(json!({ "shapes": {} })), Source::default());
+        assert_eq!(source(json!({ "shapes": {} })), ImageSource::default());
     }
 
     #[test]

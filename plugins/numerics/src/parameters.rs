@@ -17,7 +17,7 @@ pub struct Parameter {
 
 /// All parameters of a module, in the order of its fields.
 pub fn parameters<M: Module>(module: &M) -> Vec<Parameter> {
-    let mut reader = Reader::default();
+    let mut reader = ParameterReader::default();
     module.visit(&mut reader);
     reader.found
 }
@@ -81,16 +81,16 @@ pub fn restore<M: Module>(module: M, prefix: &str, file: &TensorFile) -> Result<
 
 /// Module after `change` was applied to the numbers of each parameter, in the order of its fields.
 pub fn map_values<M: Module>(module: M, change: &mut dyn FnMut(&mut [f32])) -> M {
-    module.map(&mut Writer { change })
+    module.map(&mut ParameterWriter { change })
 }
 
 #[derive(Default)]
-struct Reader {
+struct ParameterReader {
     path: Vec<String>,
     found: Vec<Parameter>,
 }
 
-impl ModuleVisitor for Reader {
+impl ModuleVisitor for ParameterReader {
     fn enter_module(&mut self, name: &str, _: &str) {
         self.path.push(name.into());
     }
@@ -109,11 +109,11 @@ impl ModuleVisitor for Reader {
     }
 }
 
-struct Writer<'a> {
+struct ParameterWriter<'a> {
     change: &'a mut dyn FnMut(&mut [f32]),
 }
 
-impl ModuleMapper for Writer<'_> {
+impl ModuleMapper for ParameterWriter<'_> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         param.map(|tensor| {
             let (shape, device, trained) = (tensor.dims(), tensor.device(), tensor.is_require_grad());

@@ -12,7 +12,7 @@ use crate::{
 };
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, OwnTraining, Rng, Seat,
-    own_training::{Advance, Assignment, Curve, Measured, Place},
+    own_training::{Advance, Assignment, Curve, Measured, TrainingAllocation},
 };
 use execution::guard::end_leftover;
 use std::{
@@ -181,7 +181,7 @@ impl OwnTraining for ProgramAgent {
         unused.map(doubt).collect()
     }
 
-    fn begin(&mut self, of: &Assignment, within: &Place) -> Result<(), Error> {
+    fn begin(&mut self, of: &Assignment, within: &TrainingAllocation) -> Result<(), Error> {
         let place = WorkingFolder::at(&within.folder, &self.config);
         end_leftover(&place.notes(), process::grace(&self.config));
         // Measurements by calls are in no file.

@@ -6,7 +6,7 @@
 //! measurement: the count of columns is then the length of a JSON text, which follows and holds the mean of
 //! each metric or `null`.
 
-use contract::{Error, own_training::Asked};
+use contract::{Error, own_training::MeasurementPoint};
 use serde::Deserialize;
 use std::{
     collections::BTreeMap,
@@ -34,8 +34,8 @@ pub struct Link {
 
 /// The line of a request.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Line {
+#[serde(deny_unknown_fields, expecting = "struct Line")]
+struct RequestLine {
     step: Option<u64>,
 }
 
@@ -68,7 +68,7 @@ impl Link {
     ///
     /// # Errors
     /// [`Error::Model`] for a line that is not a request.
-    pub fn asked(&mut self) -> Result<Option<Asked>, Error> {
+    pub fn asked(&mut self) -> Result<Option<MeasurementPoint>, Error> {
         let stream = match self.listener.accept() {
             Ok((stream, _)) => stream,
             Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(None),
@@ -79,10 +79,12 @@ impl Link {
             // The program was ended before it wrote a request.
             return Ok(None);
         }
-        let asked: Line = serde_json::from_str(&line)
+        let asked: RequestLine = serde_json::from_str(&line)
             .map_err(|error| wrong(format!("`{}` asks for no measurement: {error}", line.trim())))?;
         self.asking = Some(stream);
-        Ok(Some(asked.step.map_or(Asked::Last, Asked::At)))
+        Ok(Some(
+            asked.step.map_or(MeasurementPoint::Last, MeasurementPoint::At),
+        ))
     }
 
     /// The rows of `columns` numbers with which the program answers these rows.
@@ -194,7 +196,7 @@ mod tests {
     fn with(
         asks: impl FnOnce(UnixStream) + Send + 'static,
         patience: Option<Duration>,
-    ) -> (Link, Result<Option<Asked>, Error>) {
+    ) -> (Link, Result<Option<MeasurementPoint>, Error>) {
         let mut link = Link::open(patience).unwrap();
         assert!(link.asked().unwrap().is_none(), "nobody asks yet");
         let stream = UnixStream::connect(link.path()).unwrap();
@@ -218,7 +220,7 @@ mod tests {
             said.send(end).unwrap();
         };
         let (mut link, asked) = with(asks, None);
-        assert_eq!(asked.unwrap(), Some(Asked::At(40)));
+        assert_eq!(asked.unwrap(), Some(MeasurementPoint::At(40)));
         let rows = [[f64::MIN_POSITIVE, 1.0], [0.1, -0.0]];
         let actions = link.act(&rows.each_ref().map(|row| &row[..]), 1).unwrap();
         assert_eq!(actions, [[f64::MIN_POSITIVE], [0.1]]);
@@ -241,7 +243,7 @@ mod tests {
             stream
         };
         let (mut link, asked) = with(move |stream| drop(last(stream)), None);
-        assert_eq!(asked.unwrap(), Some(Asked::Last));
+        assert_eq!(asked.unwrap(), Some(MeasurementPoint::Last));
         let left = link.act(&[&[1.0]], 1).unwrap_err().to_string();
         assert!(left.contains("left a measurement before its end"), "{left}");
         let short = move |stream| {

@@ -10,7 +10,7 @@ use crate::{
 };
 use contract::{Error, own_training::Curve};
 use document::reach::Reach;
-use imported::{Copies, Found, Mapping, Restart, RunPer, SameStep, columns, matching, read};
+use imported::{Copies, Mapping, Restart, RunCollection, RunPer, SameStep, columns, matching, read};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -26,7 +26,7 @@ const WORK_PER_READING: u32 = 20;
 /// All metrics of a program, with their sources.
 #[derive(Debug)]
 pub struct Metrics {
-    sources: Vec<Source>,
+    sources: Vec<MetricGroup>,
     curves: Vec<Curve>,
     folder: PathBuf,
     notes: PathBuf,
@@ -38,7 +38,7 @@ pub struct Metrics {
 
 /// Metrics with the same files and the same steps.
 #[derive(Debug)]
-struct Source {
+struct MetricGroup {
     from: String,
     step: Option<StepText>,
     /// Keys by position in the list of all metrics.
@@ -62,13 +62,13 @@ fn now() -> Instant {
 impl Metrics {
     /// The metrics of a program that works in a folder; nothing is read yet.
     pub fn of(config: &ProgramConfig, folder: &Path, notes: &Path, goes_on: bool) -> Self {
-        let mut sources: Vec<Source> = Vec::new();
+        let mut sources: Vec<MetricGroup> = Vec::new();
         for (place, reading) in config.readings().into_iter().enumerate() {
             let Reading { key, from, step, .. } = reading;
             let known = sources.iter_mut().find(|it| it.from == from && it.step == step);
             match known {
                 Some(source) => drop(source.keys.insert(place, key)),
-                None => sources.push(Source::new(from, step, place, key)),
+                None => sources.push(MetricGroup::new(from, step, place, key)),
             }
         }
         let curve = |Reading { name, last, .. }: Reading| Curve {
@@ -158,7 +158,7 @@ impl Metrics {
     }
 
     /// The files of a source that exist.
-    fn files(&self, source: &Source) -> Result<Vec<PathBuf>, Error> {
+    fn files(&self, source: &MetricGroup) -> Result<Vec<PathBuf>, Error> {
         if is_noted(&source.from) {
             let path = noted(&self.notes, &source.from);
             let has_lines = path.metadata().is_ok_and(|it| it.len() > 0);
@@ -173,7 +173,7 @@ impl Metrics {
     }
 
     /// The values of all metrics of a source, without those that have no value yet.
-    fn read(&self, source: &Source, files: &[PathBuf]) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
+    fn read(&self, source: &MetricGroup, files: &[PathBuf]) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
         if files.is_empty() {
             return Ok(Vec::new());
         }
@@ -186,7 +186,7 @@ impl Metrics {
 
     fn read_these(
         &self,
-        source: &Source,
+        source: &MetricGroup,
         these: &[(&usize, &String)],
         files: &[PathBuf],
     ) -> Result<Vec<(usize, Vec<(u64, f64)>)>, Error> {
@@ -216,7 +216,7 @@ impl Metrics {
         Ok(these.iter().filter_map(values).collect())
     }
 
-    fn missing_metric(&self, source: &Source, place: usize, key: &str, seen: &[String]) -> Error {
+    fn missing_metric(&self, source: &MetricGroup, place: usize, key: &str, seen: &[String]) -> Error {
         let name = &self.curves[place].metric.name;
         let from = &source.from;
         let files = self.files(source).unwrap_or_default();
@@ -242,7 +242,7 @@ impl Metrics {
     }
 }
 
-impl Source {
+impl MetricGroup {
     fn new(from: String, step: Option<StepText>, place: usize, key: String) -> Self {
         Self {
             from,
@@ -261,7 +261,7 @@ fn seen(path: &Path) -> FileVersion {
     (path.to_owned(), length, found.and_then(|it| it.modified().ok()))
 }
 
-fn several(source: &Source, found: &Found) -> Error {
+fn several(source: &MetricGroup, found: &RunCollection) -> Error {
     let names: Vec<&str> = found.runs.iter().map(|run| run.name.as_str()).collect();
     Error::Input {
         path: source.from.clone().into(),

@@ -4,7 +4,7 @@
 use super::{own_training::own, train_evaluate::TrainEvaluate};
 use contract::{
     Error, Phase, Recorder,
-    own_training::{Asked, MEASURED, Measured},
+    own_training::{MEASURED, Measured, MeasurementPoint},
     protocol::{Measurement, Run, measure, record_static_trace},
 };
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ impl RequestedMeasurements {
     pub(super) fn answer(
         &mut self,
         of: &TrainEvaluate,
-        asked: Asked,
+        asked: MeasurementPoint,
         run: &mut Run<'_>,
     ) -> Result<(), Error> {
         let means = match self.due(of, asked)? {
@@ -41,17 +41,17 @@ impl RequestedMeasurements {
     }
 
     /// The measurement that is due: one for each multiple of `evaluate_every`, as for other agents.
-    fn due(&mut self, of: &TrainEvaluate, asked: Asked) -> Result<Option<Measurement>, Error> {
+    fn due(&mut self, of: &TrainEvaluate, asked: MeasurementPoint) -> Result<Option<Measurement>, Error> {
         let step = match asked {
-            Asked::Last if self.has_last => {
+            MeasurementPoint::Last if self.has_last => {
                 let problem = "the last measurement was asked for twice: `trial.measure(act)` without a step is made once";
                 return Err(Error::config(MEASURED, problem));
             }
-            Asked::Last => {
+            MeasurementPoint::Last => {
                 self.has_last = true;
                 return Ok(Some(of.last()));
             }
-            Asked::At(step) => step,
+            MeasurementPoint::At(step) => step,
         };
         self.reached = self.reached.max(Some(step));
         let index = step.checked_div(of.evaluate_every);
@@ -115,7 +115,7 @@ pub(super) fn end(of: &TrainEvaluate, run: &mut Run<'_>) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    fn asked(taken: &mut RequestedMeasurements, asked: Asked) -> Option<u64> {
+    fn asked(taken: &mut RequestedMeasurements, asked: MeasurementPoint) -> Option<u64> {
         let of = TrainEvaluate {
             steps: 100,
             evaluate_every: 10,
@@ -130,7 +130,7 @@ mod tests {
         let steps = [0, 5, 12, 19, 40, 30, 100, 101];
         let due: Vec<_> = steps
             .iter()
-            .map(|step| asked(&mut taken, Asked::At(*step)))
+            .map(|step| asked(&mut taken, MeasurementPoint::At(*step)))
             .collect();
         assert_eq!(
             due,
@@ -138,9 +138,11 @@ mod tests {
         );
         assert_eq!(taken.reached(), Some(101));
         assert!(taken.is_whole(Some(Measured::Calls)).is_err() && taken.is_whole(None).is_ok());
-        assert_eq!(asked(&mut taken, Asked::Last), Some(100));
+        assert_eq!(asked(&mut taken, MeasurementPoint::Last), Some(100));
         assert!(taken.is_whole(Some(Measured::Calls)).is_ok());
-        let twice = taken.due(&TrainEvaluate::default(), Asked::Last).unwrap_err();
+        let twice = taken
+            .due(&TrainEvaluate::default(), MeasurementPoint::Last)
+            .unwrap_err();
         assert!(twice.to_string().contains("asked for twice"), "{twice}");
     }
 
@@ -151,7 +153,9 @@ mod tests {
             ..TrainEvaluate::default()
         };
         assert_eq!(
-            RequestedMeasurements::default().due(&of, Asked::At(10)).unwrap(),
+            RequestedMeasurements::default()
+                .due(&of, MeasurementPoint::At(10))
+                .unwrap(),
             None
         );
     }

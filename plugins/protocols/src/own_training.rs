@@ -17,7 +17,7 @@ use super::{
 };
 use contract::{
     Error, OwnTraining, Phase, Recorder, clock,
-    own_training::{Advance, Assignment, Curve, Place},
+    own_training::{Advance, Assignment, Curve, TrainingAllocation},
     protocol::Run,
     resources::Share,
     standard_metrics::OWN_STEPS,
@@ -71,7 +71,7 @@ fn settle(grid: Grid, taken: RequestedMeasurements, run: &mut Run<'_>) -> Result
 /// Takes in values until the training ends, or until the step of a pause, which is returned.
 fn until_it_ends(
     of: &TrainEvaluate,
-    place: &Place,
+    place: &TrainingAllocation,
     taken: &mut RequestedMeasurements,
     run: &mut Run<'_>,
 ) -> Result<Option<u64>, Error> {
@@ -149,13 +149,13 @@ fn pause(grid: Grid, until: u64, run: &mut Run<'_>) -> Result<(), Error> {
 }
 
 /// The folder in which the training works: one of the trial, or a temporary one.
-fn place(run: &mut Run<'_>, temporary: &mut Option<tempfile::TempDir>) -> Result<Place, Error> {
+fn place(run: &mut Run<'_>, temporary: &mut Option<tempfile::TempDir>) -> Result<TrainingAllocation, Error> {
     if let Some(place) = run.keeper.place().map_err(Error::of_store)? {
         return Ok(place);
     }
     let made = tempfile::tempdir().map_err(Error::file("create a folder in", &std::env::temp_dir()))?;
     let folder = temporary.insert(made).path().to_owned();
-    Ok(Place {
+    Ok(TrainingAllocation {
         folder,
         until: None,
         patience: None,

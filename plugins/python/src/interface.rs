@@ -16,7 +16,7 @@ pub struct EnvironmentDescription {
     /// Whether the path is a file on a disk, which is removed once it is open.
     pub remove: bool,
     seats: Vec<SeatForm>,
-    state: Vec<Entry>,
+    state: Vec<BoxEntry>,
     /// Names of the metrics in an answer, in order.
     pub metrics: Vec<String>,
 }
@@ -31,13 +31,13 @@ struct SeatForm {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum SpaceForm {
-    Box(Vec<Entry>),
+    Box(Vec<BoxEntry>),
     Choices(Vec<Choice>),
 }
 
 /// An entry of a box; `None` for an absent limit.
 #[derive(Debug, Deserialize)]
-struct Entry {
+struct BoxEntry {
     name: String,
     low: Option<f64>,
     high: Option<f64>,
@@ -68,7 +68,7 @@ fn observed(form: &SpaceForm) -> Space {
 }
 
 /// An entry between two limits has its typical value in their middle and deviates by half their distance.
-fn channel(entry: &Entry) -> Channel {
+fn channel(entry: &BoxEntry) -> Channel {
     let channel = Channel::new(&entry.name, "").within(
         entry.low.unwrap_or(f64::NEG_INFINITY),
         entry.high.unwrap_or(f64::INFINITY),
@@ -84,7 +84,7 @@ fn channel(entry: &Entry) -> Channel {
 fn acted(form: &SpaceForm) -> Space {
     match form {
         SpaceForm::Box(entries) => {
-            let unit = |entry: &Entry| {
+            let unit = |entry: &BoxEntry| {
                 let channel = Channel::new(&entry.name, "").within(-1.0, 1.0);
                 match (entry.low, entry.high) {
                     (Some(low), Some(high)) => channel.standing_for(low, high),

@@ -34,7 +34,7 @@ pub struct Start {
 
 /// Environments that are stepped together.
 pub struct Episodes {
-    places: Vec<Place>,
+    places: Vec<SubEnvironment>,
     configured: ConfiguredEnvironment,
     /// Snapshot of the environment before its first episode.
     fresh: Value,
@@ -43,7 +43,7 @@ pub struct Episodes {
     layout: Layout,
 }
 
-struct Place {
+struct SubEnvironment {
     environment: Box<dyn Environment>,
     seed: Option<u64>,
     rng: Option<Rng>,
@@ -69,14 +69,14 @@ impl Episodes {
         autoreset: Autoreset,
     ) -> Result<Self, Refusal> {
         let place = |_| {
-            Ok::<_, Refusal>(Place {
+            Ok::<_, Refusal>(SubEnvironment {
                 environment: configured.build()?,
                 seed: None,
                 rng: None,
                 stage: Stage::Idle,
             })
         };
-        let places: Vec<Place> = (0..places).map(place).collect::<Result<_, _>>()?;
+        let places: Vec<SubEnvironment> = (0..places).map(place).collect::<Result<_, _>>()?;
         let first = places.first().map(|place| &*place.environment);
         let seats = first.map_or_else(Vec::new, |it| it.seats().to_vec());
         let metrics = first.map_or(0, |it| it.metrics().len());
@@ -180,7 +180,7 @@ impl Episodes {
         }
         let (seats, columns, autoreset) = (&self.seats, self.n_asked(), self.autoreset);
         let places = self.layout.places;
-        let of_one = |(number, place): (usize, &mut Place)| match place.stage {
+        let of_one = |(number, place): (usize, &mut SubEnvironment)| match place.stage {
             Stage::UnderWay => {
                 let own = &asked[number * columns..(number + 1) * columns];
                 let action = spaces::actions(seats, own).map_err(|error| of_place(error, number, places))?;
@@ -206,7 +206,7 @@ impl Episodes {
     }
 }
 
-impl Place {
+impl SubEnvironment {
     /// Restores the environment to the state before its first episode: some carry information from one episode
     /// to the next, such as the starting point of a solver.
     fn renew(&mut self, configured: &ConfiguredEnvironment, fresh: &Value) -> Result<(), Refusal> {

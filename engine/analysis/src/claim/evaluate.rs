@@ -29,7 +29,7 @@ use statistics::{
     binomial::Share,
     comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
     estimators::mean,
-    statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
+    statement::{Evidence, FEWEST_SEEDS, Look, Region, Statement, StatementOutcome},
     verdict::{self, Stage, share_of, too_few_seeds_in_words},
 };
 use std::{collections::BTreeMap, fmt};
@@ -131,13 +131,13 @@ impl ClaimOutcome {
 
     /// The outcome of a claim for a decision of the seeds.
     #[must_use]
-    pub fn of(outcome: Outcome) -> Self {
+    pub fn of(outcome: StatementOutcome) -> Self {
         match outcome {
-            Outcome::Holds => ClaimOutcome::Supported,
-            Outcome::Fails => ClaimOutcome::Refuted,
-            Outcome::Alike => ClaimOutcome::Equivalent,
-            Outcome::Direction => ClaimOutcome::DirectionOnly,
-            Outcome::Open => ClaimOutcome::Inconclusive,
+            StatementOutcome::Holds => ClaimOutcome::Supported,
+            StatementOutcome::Fails => ClaimOutcome::Refuted,
+            StatementOutcome::Alike => ClaimOutcome::Equivalent,
+            StatementOutcome::Direction => ClaimOutcome::DirectionOnly,
+            StatementOutcome::Open => ClaimOutcome::Inconclusive,
         }
     }
 }
@@ -240,12 +240,15 @@ pub fn evaluate(
 /// One side of a claim in numbers.
 enum Side {
     Number(f64),
-    BySeed { values: BTreeMap<u64, f64>, kind: Kind },
+    BySeed {
+        values: BTreeMap<u64, f64>,
+        kind: NumberKind,
+    },
 }
 
 /// The kind of the numbers of a side.
 #[derive(Debug, Clone, Copy)]
-struct Kind {
+struct NumberKind {
     /// Whether they are successes, 0 or 1 by seed.
     is_share: bool,
     /// Whether they are whole numbers before the factor, as counts are.
@@ -265,7 +268,7 @@ impl Side {
             Quantity::Number(number) => Some(Side::Number(*number)),
             Quantity::Measured { factor, operand } => {
                 let values = by_seed(&values(operand)?);
-                let kind = Kind {
+                let kind = NumberKind {
                     is_share: operand.metric == SUCCESS && *factor == 1.0,
                     is_whole: values.values().all(|value| value.fract() == 0.0),
                     is_imported: imported(operand),
@@ -339,7 +342,7 @@ fn values_of(seeds: &BTreeMap<u64, f64>) -> Vec<f64> {
 
 /// How the seeds of both sides are set against each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Design {
+enum ComparisonDesign {
     /// One agent against a number.
     OneSample,
     /// Two agents, seed by seed.
@@ -353,7 +356,7 @@ struct SideDifference {
     evidence: Evidence,
     sign: f64,
     offset: f64,
-    design: Design,
+    design: ComparisonDesign,
     permutation: Option<PermutationTest>,
     /// Whether neither side depends on the seed.
     has_no_spread: bool,
@@ -365,7 +368,7 @@ impl SideDifference {
         let imported = [left.is_imported(), right.is_imported()];
         let minus = |values: &BTreeMap<u64, f64>, number: f64, sign: f64| {
             let differences: Vec<f64> = values.values().map(|value| sign * (value - number)).collect();
-            Self::differences(&differences, Design::OneSample, imported)
+            Self::differences(&differences, ComparisonDesign::OneSample, imported)
         };
         let mut compared = match (left, right) {
             (Side::BySeed { values, .. }, Side::Number(number)) if left.is_share() => {
@@ -385,7 +388,7 @@ impl SideDifference {
             (Side::BySeed { values, .. }, Side::Number(number)) => minus(values, *number, 1.0),
             (Side::Number(number), Side::BySeed { values, .. }) => minus(values, *number, -1.0),
             (Side::Number(left), Side::Number(right)) => {
-                Self::differences(&[left - right], Design::OneSample, imported)
+                Self::differences(&[left - right], ComparisonDesign::OneSample, imported)
             }
         };
         compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
@@ -421,7 +424,7 @@ impl SideDifference {
             .filter_map(|(seed, l)| right.get(seed).map(|r| l - r))
             .collect();
         if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
-            return Self::differences(&common, Design::Paired, imported);
+            return Self::differences(&common, ComparisonDesign::Paired, imported);
         }
         let (left, right) = (values_of(left), values_of(right));
         let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right).of_others(&imported));
@@ -429,7 +432,7 @@ impl SideDifference {
     }
 
     /// Where one of both sides is imported no seed adds a difference.
-    fn differences(differences: &[f64], design: Design, imported: [bool; 2]) -> Self {
+    fn differences(differences: &[f64], design: ComparisonDesign, imported: [bool; 2]) -> Self {
         let others = imported.contains(&true);
         let evidence = Evidence::Mean(MeanEstimate::of(differences).of_others(&[others]));
         Self {
@@ -442,13 +445,13 @@ impl SideDifference {
         Self {
             sign,
             offset,
-            design: Design::OneSample,
+            design: ComparisonDesign::OneSample,
             ..Self::unpaired(share_of(&values_of(values)), None)
         }
     }
 
     fn unpaired(evidence: Evidence, permutation: Option<PermutationTest>) -> Self {
-        let design = Design::Unrelated;
+        let design = ComparisonDesign::Unrelated;
         Self {
             evidence,
             sign: 1.0,
@@ -557,7 +560,7 @@ fn judge(
         adjusted: None,
         strictest: None,
         n: taken.evidence.n(),
-        paired: taken.design == Design::Paired,
+        paired: taken.design == ComparisonDesign::Paired,
         difference: Some(taken.difference()).filter(|value| value.is_finite()),
         interval: decision.interval.map(|interval| taken.interval(interval)),
         permutation: taken.permutation.filter(|_| is_direction && !taken.has_no_spread),
@@ -579,7 +582,7 @@ fn notes(compared: &SideDifference) -> Vec<String> {
         compared.evidence,
         Evidence::Mean(_) | Evidence::BetweenMeans { .. }
     );
-    let unrelated = (compared.design == Design::Unrelated && is_mean)
+    let unrelated = (compared.design == ComparisonDesign::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
     let no_spread = compared
         .has_no_spread

@@ -8,7 +8,7 @@ use serde_json::Value;
 /// # Errors
 /// [`ClaimError`] with the byte position of the first thing that does not fit and what to write instead.
 pub fn parse(text: &str) -> Result<Claim, ClaimError> {
-    let mut reader = Reader { text, position: 0 };
+    let mut reader = ClaimParser { text, position: 0 };
     let mut left = reader.quantity()?;
     let of_left = reader.environment_of_left(&left)?;
     let relation = reader.relation()?;
@@ -61,12 +61,12 @@ impl Quantity {
     }
 }
 
-struct Reader<'a> {
+struct ClaimParser<'a> {
     text: &'a str,
     position: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ClaimParser<'a> {
     /// The rest of the text, without spaces in front.
     fn rest(&mut self) -> &'a str {
         let rest = &self.text[self.position..];

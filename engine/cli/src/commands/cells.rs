@@ -4,7 +4,7 @@ use super::Format;
 use contract::trial_end::{EndState, TrialEnd};
 use document::count::{count, duration};
 use serde_json::json;
-use session::{Planned, Session, State};
+use session::{Planned, Session, StudyState};
 use std::collections::BTreeMap;
 use study::plan::{self, Estimate};
 
@@ -12,7 +12,7 @@ use study::plan::{self, Estimate};
 pub(super) fn overview(
     session: &Session<'_>,
     one: &Planned,
-    state: &State,
+    state: &StudyState,
     explained: bool,
     format: Format,
 ) -> String {
@@ -37,7 +37,7 @@ pub(super) fn overview(
     lines.extend(session::searches_in_words(one));
     lines.extend(session::stages_in_words(one));
     lines.extend(Some(plan::explain(&state.novelties)).filter(|text| !text.is_empty()));
-    let sum = |of: fn(&Cell) -> usize| cells.iter().map(|(_, cell)| of(cell)).sum();
+    let sum = |of: fn(&CellCounts) -> usize| cells.iter().map(|(_, cell)| of(cell)).sum();
     let (blocked, failed) = (sum(|cell| cell.blocked), sum(|cell| cell.failed));
     lines.push(cost_line(
         &state.estimate,
@@ -50,7 +50,7 @@ pub(super) fn overview(
 
 /// Trials of one environment, agent and setting.
 #[derive(Default)]
-struct Cell {
+struct CellCounts {
     ok: usize,
     failed: usize,
     missing: usize,
@@ -61,8 +61,8 @@ struct Cell {
 /// Names of environment, agent and setting.
 type Names<'a> = (&'a str, &'a str, &'a str);
 
-fn cells<'a>(one: &'a Planned, state: &State) -> Vec<(Names<'a>, Cell)> {
-    let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) =
+fn cells<'a>(one: &'a Planned, state: &StudyState) -> Vec<(Names<'a>, CellCounts)> {
+    let (mut cells, mut places): (Vec<(Names<'a>, CellCounts)>, BTreeMap<Names<'a>, usize>) =
         (Vec::new(), BTreeMap::new());
     for (index, (trial, end)) in one.plan.trials.iter().zip(&state.ends).enumerate() {
         let names = (
@@ -73,7 +73,7 @@ fn cells<'a>(one: &'a Planned, state: &State) -> Vec<(Names<'a>, Cell)> {
         // The trials of a cell stand side by side in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());
         if place == cells.len() {
-            cells.push((names, Cell::default()));
+            cells.push((names, CellCounts::default()));
         }
         if state.waiting.is_blocked(index) {
             cells[place].1.blocked += 1;
@@ -84,7 +84,7 @@ fn cells<'a>(one: &'a Planned, state: &State) -> Vec<(Names<'a>, Cell)> {
     cells
 }
 
-impl Cell {
+impl CellCounts {
     fn add(&mut self, end: Option<&TrialEnd>) {
         match end {
             Some(end) if end.state == EndState::Ok => self.ok += 1,
@@ -95,7 +95,7 @@ impl Cell {
 }
 
 /// A line for each cell under one that says what they are; settings and blocked trials only where there are any.
-fn rows(cells: &[(Names<'_>, Cell)]) -> Vec<String> {
+fn rows(cells: &[(Names<'_>, CellCounts)]) -> Vec<String> {
     let width = |of: fn(&Names<'_>) -> usize, least: usize| {
         cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
     };
@@ -123,15 +123,15 @@ fn rows(cells: &[(Names<'_>, Cell)]) -> Vec<String> {
         ("environment", "agent", "setting"),
         ["ok", "failed", "missing", "blocked"],
     );
-    let of_cell = |(names, cell): &(Names<'_>, Cell)| {
+    let of_cell = |(names, cell): &(Names<'_>, CellCounts)| {
         let counts = [cell.ok, cell.failed, cell.missing, cell.blocked].map(|count| count.to_string());
         row(*names, counts.each_ref().map(String::as_str))
     };
     std::iter::once(head).chain(cells.iter().map(of_cell)).collect()
 }
 
-fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)]) -> serde_json::Value {
-    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| {
+fn as_json(one: &Planned, cells: &[(Names<'_>, CellCounts)]) -> serde_json::Value {
+    let row = |((environment, agent, setting), cell): &(Names<'_>, CellCounts)| {
         json!({"environment": environment,
         "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing,
         "blocked": cell.blocked})

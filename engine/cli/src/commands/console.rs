@@ -1,6 +1,6 @@
 //! Printing: results on standard output, progress and warnings on standard error.
 
-use super::progress::Progress;
+use super::progress::ProgressDisplay;
 use document::plain_text;
 use execution::scheduler::Task;
 use session::{Exit, Failure, Follower, Observer};
@@ -105,7 +105,7 @@ impl Observer for Person {
     }
 
     fn follow<'t>(&self, tasks: &'t [Task<'t>], workers: usize) -> Box<dyn Follower + 't> {
-        Box::new(Progress::new(tasks, workers))
+        Box::new(ProgressDisplay::new(tasks, workers))
     }
 
     fn stop(&self) -> Result<Arc<AtomicBool>, Failure> {

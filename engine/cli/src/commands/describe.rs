@@ -1,7 +1,7 @@
 //! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
 
 use super::{Common, Format, say};
-use crate::describe::{self, Asked, FORMAT, Group, markdown, text};
+use crate::describe::{self, FORMAT, FitOptions, Group, markdown, text};
 use contract::{Error, Registry};
 use execution::{store::write_durably, world::fs};
 use serde_json::{Value, json};
@@ -52,7 +52,7 @@ pub(super) fn describe(
         });
         return Ok(Exit::Ok);
     };
-    let found = describe::find(registry, name, Asked { fits: true, why }).map_err(Failure::refusal)?;
+    let found = describe::find(registry, name, FitOptions { fits: true, why }).map_err(Failure::refusal)?;
     say(&match common.format {
         Format::Text => text::write(&found),
         Format::Json => format!("{:#}", json!({ "format": FORMAT, "found": found })),

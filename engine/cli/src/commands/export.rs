@@ -4,7 +4,7 @@ use super::{Common, Studies, say};
 use clap::Args;
 use contract::Registry;
 use document::count::count;
-use report::export::Form;
+use report::export::ExportFormat;
 use session::{
     Exit, Failure, Settings,
     export_dataset::{self, TakenEpisodes},
@@ -26,7 +26,7 @@ pub(super) struct ExportOptions {
     to: PathBuf,
     /// Form to write.
     #[arg(long = "as", value_enum, value_name = "FORM", required_unless_present_any = ["onnx", "minari"])]
-    form: Option<Form>,
+    form: Option<ExportFormat>,
     /// In place of a study, the policy of one trial of the store, by the first digits of its id: `policy.onnx`, or
     /// `<seat>.onnx` for every seat that has its own.
     #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY, conflicts_with = "minari")]
@@ -91,7 +91,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
 
 fn of_study(
     registry: &Registry,
-    form: Form,
+    form: ExportFormat,
     options: &ExportOptions,
     common: &Common,
 ) -> Result<Exit, Failure> {

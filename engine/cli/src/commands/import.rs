@@ -3,7 +3,7 @@
 use super::{Common, Format, complain, say};
 use clap::Args;
 use imported::{
-    Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
+    Columns, Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunCollection, RunPer, SameStep, Step,
 };
 use serde_json::{Value, json};
 use session::{Exit, Failure, Import};
@@ -177,7 +177,7 @@ impl ImportOptions {
 }
 
 /// The runs, a line each.
-fn summary(options: &ImportOptions, found: &Found, mapping: &Mapping) -> String {
+fn summary(options: &ImportOptions, found: &RunCollection, mapping: &Mapping) -> String {
     let count = |n: usize, one: &str| {
         if n == 1 {
             format!("1 {one}")
@@ -214,7 +214,7 @@ fn summary(options: &ImportOptions, found: &Found, mapping: &Mapping) -> String 
 }
 
 /// The entry, and every value that was read.
-fn as_json(options: &ImportOptions, text: &ImportedText, found: &Found) -> Value {
+fn as_json(options: &ImportOptions, text: &ImportedText, found: &RunCollection) -> Value {
     let runs = found.runs.iter().map(|run| {
         let counts: BTreeMap<&String, usize> = run
             .curves

@@ -33,7 +33,7 @@ use console::{Person, complain, say};
 use contract::{Registry, panics};
 use document::input_file;
 use execution::{
-    executor::{self, Kind},
+    executor::{self, ExecutorKind},
     patience,
     scheduler::hosts::Relay,
 };
@@ -214,13 +214,13 @@ fn failed(failure: &Failure) -> ExitCode {
 /// The command line with the names of the registered executors.
 fn command(registry: &Registry) -> clap::Command {
     let kinds = executor::all(registry);
-    let named = |of: &'static str, which: fn(&Kind) -> bool| {
+    let named = |of: &'static str, which: fn(&ExecutorKind) -> bool| {
         let values = submit::values(&kinds, which);
         move |command: clap::Command| command.mut_arg(of, |argument| argument.value_parser(values))
     };
     <Command as CommandFactory>::command()
-        .mut_subcommand("run", named("executor", Kind::runs))
-        .mut_subcommand("submit", named("executor", Kind::takes))
+        .mut_subcommand("run", named("executor", ExecutorKind::runs))
+        .mut_subcommand("submit", named("executor", ExecutorKind::takes))
 }
 
 fn parse(registry: &Registry) -> Command {

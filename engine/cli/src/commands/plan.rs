@@ -10,7 +10,7 @@ use contract::{
     trial::Trial,
     trial_end::{EndState, TrialEnd},
 };
-use session::{Exit, Failure, Planned, Session, State, exit_of, exit_of_searches, failed_in_words};
+use session::{Exit, Failure, Planned, Session, StudyState, exit_of, exit_of_searches, failed_in_words};
 use std::sync::Arc;
 
 /// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
@@ -54,7 +54,7 @@ pub(super) fn status(registry: &Registry, studies: &Studies, common: &Common) ->
 }
 
 /// Says why missing trials wait, and which command runs failed ones again.
-fn say_open(session: &Session<'_>, one: &Planned, state: &State) {
+fn say_open(session: &Session<'_>, one: &Planned, state: &StudyState) {
     let lines = state.waiting.lines();
     if !lines.is_empty() {
         say(&lines.join("\n"));

@@ -18,7 +18,7 @@ use session::Follower;
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 
 /// The run as it was shown so far.
-pub(super) struct Progress<'a> {
+pub(super) struct ProgressDisplay<'a> {
     tasks: &'a [Task<'a>],
     done: usize,
     /// Trials that other programs have, each said once.
@@ -37,7 +37,7 @@ struct Bars {
     fresh: BTreeSet<usize>,
 }
 
-impl<'a> Progress<'a> {
+impl<'a> ProgressDisplay<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
         let bars = std::io::stderr()
@@ -194,7 +194,7 @@ impl<'a> Progress<'a> {
     }
 }
 
-impl Follower for Progress<'_> {
+impl Follower for ProgressDisplay<'_> {
     fn hear(&mut self, event: &Event) {
         match event {
             Event::Started { slot, trial } => self.started(*slot, *trial),
@@ -221,7 +221,7 @@ impl Follower for Progress<'_> {
     }
 }
 
-impl Drop for Progress<'_> {
+impl Drop for ProgressDisplay<'_> {
     fn drop(&mut self) {
         // Nothing of the bars stays on the screen; what was done is one line.
         if let Some(bars) = &self.bars {

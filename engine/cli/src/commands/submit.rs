@@ -7,7 +7,7 @@ use clap::{
 };
 use contract::Registry;
 use execution::{
-    executor::{self, Kind, describe},
+    executor::{self, ExecutorKind, describe},
     store::write_durably,
 };
 use serde_json::json;
@@ -15,7 +15,7 @@ use session::{Exit, Failure, Session};
 use std::path::PathBuf;
 
 /// The names of executors, as values of an option.
-pub(super) fn values(kinds: &[Kind], which: fn(&Kind) -> bool) -> PossibleValuesParser {
+pub(super) fn values(kinds: &[ExecutorKind], which: fn(&ExecutorKind) -> bool) -> PossibleValuesParser {
     let kinds = kinds.iter().filter(|kind| which(kind));
     kinds
         .map(|kind| PossibleValue::new(kind.name).help(kind.about))

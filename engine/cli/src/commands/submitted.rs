@@ -2,7 +2,7 @@
 
 use super::complain;
 use execution::{
-    executor::{State, Submission},
+    executor::{Submission, SubmissionState},
     world::clock,
 };
 use session::{Failure, Settings};
@@ -20,7 +20,7 @@ const LOOK: Duration = Duration::from_secs(2);
 pub(super) fn is_wanted(submission: Option<&str>, settings: &Settings) -> Result<bool, Failure> {
     let Some(id) = submission else { return Ok(true) };
     let store = settings.store.clone();
-    let open = Submission::find(&store, id)?.is_some_and(|found| found.state == State::Open);
+    let open = Submission::find(&store, id)?.is_some_and(|found| found.state == SubmissionState::Open);
     if open {
         let id = id.to_owned();
         std::thread::spawn(move || mind(store, &id));
@@ -47,5 +47,5 @@ fn mind(store: PathBuf, id: &str) {
 /// A record that cannot be read in this moment says nothing.
 fn is_cancelled(store: &Path, id: &str) -> bool {
     let found = Submission::find(store, id).unwrap_or(None);
-    found.is_some_and(|found| found.state == State::Cancelled)
+    found.is_some_and(|found| found.state == SubmissionState::Cancelled)
 }

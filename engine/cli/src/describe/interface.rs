@@ -35,12 +35,12 @@ pub struct SpaceFacts {
     pub channels: Vec<Channels>,
     /// The options, of which one is chosen; of each choice where there are several at once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub options: Vec<Options>,
+    pub options: Vec<ChoiceOptions>,
 }
 
 /// Options of which one is chosen.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Options {
+pub struct ChoiceOptions {
     /// Names of the choices; empty where there is one choice alone.
     pub choice: String,
     /// The names of the options.
@@ -84,7 +84,7 @@ pub(super) fn seats(interface: &Interface) -> Vec<SeatFacts> {
 }
 
 fn space(space: &Space) -> SpaceFacts {
-    let options = |choice: &str, among: &[String]| Options {
+    let options = |choice: &str, among: &[String]| ChoiceOptions {
         choice: choice.into(),
         among: among.to_vec(),
     };

@@ -38,7 +38,7 @@ pub struct Key {
     pub keys: Vec<Key>,
     /// The ways to write it, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub forms: Vec<Form>,
+    pub forms: Vec<Notation>,
     /// Each entry of a list, or of a mapping whose keys are free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub entries: Option<Box<Key>>,
@@ -46,7 +46,7 @@ pub struct Key {
 
 /// One way to write something.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Form {
+pub struct Notation {
     /// How it is written: a word, a mapping with its one key, or what it is in words.
     pub written: String,
     /// Meaning of the value.
@@ -141,7 +141,7 @@ fn expected(schema: &View<'_>) -> String {
 #[derive(Default)]
 struct Inside {
     keys: Vec<Key>,
-    forms: Vec<Form>,
+    forms: Vec<Notation>,
     entries: Option<Box<Key>>,
 }
 
@@ -176,8 +176,9 @@ fn inside(schema: &View<'_>, default: Option<&Value>, depth: usize) -> Inside {
 }
 
 /// Forms that say nothing but words are listed where the type is.
-fn said(forms: Vec<Form>) -> Vec<Form> {
-    let is_word_alone = |form: &Form| form.about.is_empty() && form.keys.is_empty() && form.entries.is_none();
+fn said(forms: Vec<Notation>) -> Vec<Notation> {
+    let is_word_alone =
+        |form: &Notation| form.about.is_empty() && form.keys.is_empty() && form.entries.is_none();
     if forms.iter().all(is_word_alone) {
         Vec::new()
     } else {
@@ -195,7 +196,7 @@ fn is_described_elsewhere(schema: &View<'_>) -> bool {
 }
 
 /// How one of several alternatives is written; several forms where it lists words.
-pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Form> {
+pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Notation> {
     let about = place
         .get("description")
         .and_then(Value::as_str)
@@ -203,10 +204,10 @@ pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Form> {
     let words = place.words();
     if !words.is_empty() {
         let about = if words.len() == 1 { about } else { "" };
-        let form = |word: &str| Form {
+        let form = |word: &str| Notation {
             written: format!("`{word}`"),
             about: about.into(),
-            ..Form::default()
+            ..Notation::default()
         };
         return words.into_iter().map(form).collect();
     }
@@ -214,7 +215,7 @@ pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Form> {
     let range = place.range();
     let in_words = [expected(place), range].join(" ").trim_end().to_owned();
     let fixed = place.get("properties").is_some();
-    vec![Form {
+    vec![Notation {
         written: written.unwrap_or(in_words),
         about: about.into(),
         example: String::new(),

@@ -1,7 +1,7 @@
 //! Contract of every kind of table and figure: it describes itself, refuses unknown names, and
 //! can be built.
 
-use crate::describe::{Asked, find, text};
+use crate::describe::{FitOptions, find, text};
 use analysis::{
     results::{Results, SearchResult},
     search::Progress,
@@ -151,7 +151,7 @@ fn every_kind_is_described_with_the_keys_of_its_schema() {
         let property = View::new(&schema, &schema).descend(&path).unwrap();
         assert_eq!(property.get("description").unwrap(), kind.about);
         let inner = property.as_struct().unwrap();
-        let text = text::write(&find(&toys(), kind.name, Asked::default()).unwrap());
+        let text = text::write(&find(&toys(), kind.name, FitOptions::default()).unwrap());
         // Long sentences are broken into lines.
         let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(

@@ -1,8 +1,8 @@
 //! Subjects as pages of the reference.
 
 use super::{
-    AgentFacts, Asked, Channels, EnvironmentFacts, Form, Group, Key, ProtocolFacts, SpaceFacts, Subject,
-    names, subject,
+    AgentFacts, Channels, EnvironmentFacts, FitOptions, Group, Key, Notation, ProtocolFacts, SpaceFacts,
+    Subject, names, subject,
     text::{article, as_yaml, channels, facts, in_words, metric},
 };
 use contract::{Preset, Registry};
@@ -34,7 +34,7 @@ fn page(registry: &Registry, group: Group) -> Page {
     out.line("<!-- Written by the program from the schemas that `check` reads; not to be edited. -->");
     out.line("");
     out.line(introduction(group));
-    let asked = Asked {
+    let asked = FitOptions {
         fits: true,
         why: false,
     };
@@ -163,7 +163,7 @@ impl Lines {
         subject.protocol.iter().for_each(|facts| self.protocol(facts));
     }
 
-    fn examples(&mut self, examples: &[Form]) {
+    fn examples(&mut self, examples: &[Notation]) {
         for example in examples {
             let comment = if example.written.is_empty() {
                 String::new()
@@ -189,7 +189,7 @@ impl Lines {
         ));
     }
 
-    fn claim_form(&mut self, form: &Form) {
+    fn claim_form(&mut self, form: &Notation) {
         let example = if form.example.is_empty() {
             String::new()
         } else {
@@ -216,7 +216,7 @@ impl Lines {
         self.entries(level, key.entries.as_deref());
     }
 
-    fn form(&mut self, level: usize, form: &Form) {
+    fn form(&mut self, level: usize, form: &Notation) {
         let about = prose(&form.about);
         let text = if about.is_empty() {
             prose(&form.written)

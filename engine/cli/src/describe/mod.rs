@@ -18,14 +18,14 @@ pub mod text;
 
 pub use group::Group;
 pub use interface::{Channels, SeatFacts, SpaceFacts};
-pub use key::{Form, Key};
+pub use key::{Key, Notation};
 pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
-pub use study::fit::{Asked, Unfit};
+pub use study::fit::{FitOptions, Unfit};
 
 use analysis::claim::{Aggregate, forms};
 use contract::{ArtifactKind, Better, Metric, PerEpisode, Preset, Registry};
 use document::{diagnostic, schema_check::View};
-use execution::executor::{self, Kind as ExecutorKind, Way};
+use execution::executor::{self, ExecutorKind, Way};
 use presentation::{kinds::Kind, request::Kinds};
 use schemars::SchemaGenerator;
 use serde::Serialize;
@@ -67,13 +67,13 @@ pub struct Subject {
     pub version: Option<u32>,
     /// Uses of it in a study: `written` says what is special, `example` is YAML.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub examples: Vec<Form>,
+    pub examples: Vec<Notation>,
     /// The grammar of claims.
     #[serde(skip_serializing_if = "str::is_empty")]
     pub grammar: &'static str,
     /// The forms of a claim, each with an example.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub forms: Vec<Form>,
+    pub forms: Vec<Notation>,
     /// Names of what may stand there, which is described under its own name.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub choice: Vec<String>,
@@ -169,7 +169,7 @@ impl From<&Metric> for MetricFacts {
 ///
 /// # Errors
 /// Where nothing has the name: the nearest one.
-pub fn find(registry: &Registry, name: &str, asked: Asked) -> Result<Vec<Subject>, UnknownName> {
+pub fn find(registry: &Registry, name: &str, asked: FitOptions) -> Result<Vec<Subject>, UnknownName> {
     let all: Vec<(Group, Vec<String>)> = Group::ALL
         .into_iter()
         .map(|group| (group, names(registry, group)))
@@ -203,7 +203,7 @@ pub fn names(registry: &Registry, group: Group) -> Vec<String> {
 
 /// One name of a group; `None` where the group does not have it.
 #[must_use]
-pub fn subject(registry: &Registry, group: Group, name: &str, asked: Asked) -> Option<Subject> {
+pub fn subject(registry: &Registry, group: Group, name: &str, asked: FitOptions) -> Option<Subject> {
     match group {
         Group::Sections => sections::subject(registry, name),
         Group::Environments => plugin::environment(registry, name, asked),
@@ -230,13 +230,13 @@ fn of_kind(kinds: &[Kind], section: &str, group: Group, name: &str) -> Option<Su
     let mut schema = (kind.schema)(&mut generator).to_value();
     schema["$defs"] = Value::Object(generator.take_definitions(true));
     let view = View::new(&schema, &schema);
-    let example = Form {
+    let example = Notation {
         example: format!(
             "{section}:\n  {}:\n    {name}: {}",
             name.replace('_', "-"),
             (kind.example)()
         ),
-        ..Form::default()
+        ..Notation::default()
     };
     Some(Subject {
         about: kind.about.into(),
@@ -246,10 +246,10 @@ fn of_kind(kinds: &[Kind], section: &str, group: Group, name: &str) -> Option<Su
     })
 }
 
-fn claim(example: &str) -> Vec<Form> {
-    vec![Form {
+fn claim(example: &str) -> Vec<Notation> {
+    vec![Notation {
         example: format!("claims:\n  - {example}"),
-        ..Form::default()
+        ..Notation::default()
     }]
 }
 

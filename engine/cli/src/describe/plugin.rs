@@ -2,10 +2,10 @@
 //! defaults.
 
 use super::{
-    Asked, Key, MetricFacts, Subject, Unfit, fit,
+    FitOptions, Key, MetricFacts, Subject, Unfit, fit,
     group::Group,
     interface::{self, Channels, SeatFacts},
-    key::{self, Form},
+    key::{self, Notation},
     text::as_yaml,
 };
 
@@ -76,7 +76,7 @@ pub struct ProtocolFacts {
     pub leaves: Vec<String>,
 }
 
-pub(super) fn environment(registry: &Registry, name: &str, asked: Asked) -> Option<Subject> {
+pub(super) fn environment(registry: &Registry, name: &str, asked: FitOptions) -> Option<Subject> {
     let about = &registry.environments.get(name)?.about;
     let example = format!("environments:\n  plant: {{ {name}: {{}} }}");
     let mut subject = of_plugin(name, Group::Environments, about, example);
@@ -102,7 +102,7 @@ pub(super) fn environment(registry: &Registry, name: &str, asked: Asked) -> Opti
     Some(subject)
 }
 
-pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Subject> {
+pub(super) fn agent(registry: &Registry, name: &str, asked: FitOptions) -> Option<Subject> {
     if name == cast::POLICY {
         let example = format!("agents:\n  again: {{ {name}: {{ from: learner }} }}");
         return Some(of_plugin(name, Group::Agents, cast::about_policy(), example));
@@ -139,7 +139,7 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: Asked) -> Option<Sub
 }
 
 /// Builds an agent in every environment; the first that it fits tells what it leaves.
-fn try_everywhere(registry: &Registry, entry: &AgentEntry, asked: Asked, facts: &mut AgentFacts) {
+fn try_everywhere(registry: &Registry, entry: &AgentEntry, asked: FitOptions, facts: &mut AgentFacts) {
     for name in registry.environments.keys() {
         let Some(environment) = fit::environment(registry, name) else {
             continue;
@@ -254,9 +254,9 @@ fn of_plugin(name: &str, group: Group, about: &About, example: String) -> Subjec
     Subject {
         about: about.about.into(),
         version: Some(about.version),
-        examples: vec![Form {
+        examples: vec![Notation {
             example,
-            ..Form::default()
+            ..Notation::default()
         }],
         keys: key::keys(&View::new(schema, schema), &about.defaults),
         presets: about.presets.clone(),

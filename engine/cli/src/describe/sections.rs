@@ -5,7 +5,7 @@
 use super::{
     Subject,
     group::Group,
-    key::{self, Form},
+    key::{self, Notation},
 };
 
 use analysis::claim::{
@@ -330,13 +330,13 @@ fn choice(registry: &Registry, section: &str) -> Vec<String> {
     }
 }
 
-fn examples(registry: &Registry, name: &str) -> Vec<Form> {
+fn examples(registry: &Registry, name: &str) -> Vec<Notation> {
     let own = EXAMPLES.iter().filter(|example| example.section == name);
-    let mut all: Vec<Form> = own
-        .map(|example| Form {
+    let mut all: Vec<Notation> = own
+        .map(|example| Notation {
             written: example.about.into(),
             example: example.text.into(),
-            ..Form::default()
+            ..Notation::default()
         })
         .collect();
     if let Some((environment, agent)) = registry.first_study {
@@ -345,25 +345,25 @@ fn examples(registry: &Registry, name: &str) -> Vec<Form> {
             "agents" => format!("agents:\n  learner: {{ {agent}: {{}} }}"),
             _ => return all,
         };
-        all.push(Form {
+        all.push(Notation {
             example: text,
-            ..Form::default()
+            ..Notation::default()
         });
     }
     all
 }
 
-fn claim_forms() -> Vec<Form> {
-    let form = |it: &ClaimForm| Form {
+fn claim_forms() -> Vec<Notation> {
+    let form = |it: &ClaimForm| Notation {
         written: it.written.into(),
         about: it.about.into(),
         example: it.example.into(),
-        ..Form::default()
+        ..Notation::default()
     };
-    let aggregate = |it: Aggregate| Form {
+    let aggregate = |it: Aggregate| Notation {
         written: format!("{}(AGENT.METRIC)", it.name()),
         about: it.about().into(),
-        ..Form::default()
+        ..Notation::default()
     };
     let quantities = QUANTITIES.iter().map(form);
     let aggregates = Aggregate::ALL.into_iter().map(aggregate);
@@ -374,7 +374,7 @@ fn claim_forms() -> Vec<Form> {
 }
 
 /// The ways to make the values of a swept key, by name.
-pub(super) fn samplers() -> Vec<(String, Form)> {
+pub(super) fn samplers() -> Vec<(String, Notation)> {
     let schema = study::json_schema(&Registry::default());
     let view = View::new(&schema, &schema);
     let generator = view.property("sweep").and_then(|sweep| sweep.property(""));
@@ -387,12 +387,12 @@ pub(super) fn samplers() -> Vec<(String, Form)> {
 }
 
 /// A sampler with the first example of a sweep that uses it.
-pub(super) fn sampler(name: &str, form: Form) -> Subject {
+pub(super) fn sampler(name: &str, form: Notation) -> Subject {
     let with = |example: &&Example| example.section == "sweep" && example.text.contains(&format!("{name}:"));
-    let example = EXAMPLES.iter().find(with).map(|example| Form {
+    let example = EXAMPLES.iter().find(with).map(|example| Notation {
         written: example.about.into(),
         example: example.text.into(),
-        ..Form::default()
+        ..Notation::default()
     });
     Subject {
         about: form.about,

@@ -33,7 +33,7 @@ fn found(name: &str) -> Vec<Subject> {
     find(
         &toys(),
         name,
-        Asked {
+        FitOptions {
             fits: true,
             why: true,
         },
@@ -95,7 +95,7 @@ fn a_registry_with_a_first_study_shows_its_plugins() {
         first_study: Some(("corridor", "q_learning")),
         ..toys()
     };
-    let text = text::write(&find(&registry, "agents", Asked::default()).unwrap());
+    let text = text::write(&find(&registry, "agents", FitOptions::default()).unwrap());
     assert!(text.contains("learner: { q_learning: {} }"), "{text}");
 }
 
@@ -103,7 +103,7 @@ fn a_registry_with_a_first_study_shows_its_plugins() {
 fn every_sampler_relation_and_aggregate_has_an_example_that_passes_check() {
     for group in [Group::Samplers, Group::Relations, Group::Aggregates] {
         for name in names(&toys(), group) {
-            let subject = subject(&toys(), group, &name, Asked::default()).unwrap();
+            let subject = subject(&toys(), group, &name, FitOptions::default()).unwrap();
             let [example] = subject.examples.as_slice() else {
                 panic!("{name}: {:?}", subject.examples)
             };
@@ -156,13 +156,13 @@ fn what_plugins_have_is_described() {
 fn all_of_a_name_are_found_and_a_wrong_name_gets_the_nearest() {
     let groups: Vec<Group> = found("policy").into_iter().map(|subject| subject.group).collect();
     assert_eq!(groups, [Group::Agents, Group::Artifacts]);
-    let error = find(&toys(), "coridor", Asked::default()).unwrap_err();
+    let error = find(&toys(), "coridor", FitOptions::default()).unwrap_err();
     assert_eq!(error.nearest.as_deref(), Some("corridor"));
     assert_eq!(
         error.to_string(),
         "nothing is named `coridor`; did you mean `corridor`?"
     );
-    let error = find(&toys(), "xyzzy", Asked::default()).unwrap_err();
+    let error = find(&toys(), "xyzzy", FitOptions::default()).unwrap_err();
     assert!(error.to_string().contains("`regimen describe` says"), "{error}");
 }
 
@@ -174,7 +174,7 @@ fn every_name_of_every_group_is_described_in_all_forms() {
     assert_eq!(pages.len(), Group::ALL.len());
     for (group, page) in Group::ALL.into_iter().zip(pages) {
         for (name, about) in group.entries(&registry) {
-            let subject = subject(&registry, group, &name, Asked::default()).unwrap();
+            let subject = subject(&registry, group, &name, FitOptions::default()).unwrap();
             assert!(!about.is_empty() && !subject.about.is_empty(), "{name}");
             assert_eq!(json!(subject)["group"], json!(group.word()), "{name}");
             assert!(overview.contains(&name), "{name} is not listed");

@@ -1,7 +1,7 @@
 //! Subjects as text for a terminal.
 
 use super::{
-    AgentFacts, Channels, EnvironmentFacts, Form, Group, Key, MetricFacts, ProtocolFacts, SpaceFacts,
+    AgentFacts, Channels, EnvironmentFacts, Group, Key, MetricFacts, Notation, ProtocolFacts, SpaceFacts,
     Subject, Unfit, interface::short, names,
 };
 use contract::{Preset, Registry};
@@ -103,7 +103,7 @@ impl Lines {
         subject.protocol.iter().for_each(|facts| self.protocol(facts));
     }
 
-    fn examples(&mut self, examples: &[Form]) {
+    fn examples(&mut self, examples: &[Notation]) {
         if !examples.is_empty() {
             self.heading("In a study");
         }
@@ -115,7 +115,7 @@ impl Lines {
         }
     }
 
-    fn claim_form(&mut self, form: &Form) {
+    fn claim_form(&mut self, form: &Notation) {
         self.line(1, &form.written);
         self.prose(2, &form.about);
         if !form.example.is_empty() {
@@ -138,7 +138,7 @@ impl Lines {
         self.entries(level + 1, key.entries.as_deref());
     }
 
-    fn form(&mut self, level: usize, form: &Form) {
+    fn form(&mut self, level: usize, form: &Notation) {
         let about = form.about.split_whitespace().collect::<Vec<_>>().join(" ");
         let text = if about.is_empty() {
             format!("- {}", form.written)

@@ -7,7 +7,7 @@ mod text;
 
 pub use error::FirstStudyError;
 
-use crate::describe::Asked;
+use crate::describe::FitOptions;
 use budget::{Budget, searching, training};
 use contract::{
     Protocol, Registry,
@@ -85,7 +85,7 @@ fn choose<'a>(
     let agents = candidates(agent, own.1, registry.agents.keys());
     let mut problem = None;
     for environment in &environments {
-        let place = Place::of(registry, environment);
+        let place = EnvironmentFit::of(registry, environment);
         if agent.is_none() && place.fitting.learners.is_empty() {
             problem.get_or_insert(place.nobody("learns"));
         }
@@ -118,13 +118,13 @@ fn candidates<'a>(
 }
 
 /// An environment with the agents that fit it.
-struct Place<'a> {
+struct EnvironmentFit<'a> {
     registry: &'a Registry,
     environment: &'a str,
     fitting: fit::Fitting,
 }
 
-impl<'a> Place<'a> {
+impl<'a> EnvironmentFit<'a> {
     fn of(registry: &'a Registry, environment: &'a str) -> Self {
         let built = fit::environment(registry, environment);
         let fitting = built.map_or_else(fit::Fitting::default, |it| fit::agents(registry, &it.interface()));
@@ -170,7 +170,7 @@ impl<'a> Place<'a> {
         let Some(unfit) = self.fitting.unfit.iter().find(|it| it.name == agent) else {
             return Ok(());
         };
-        let asked = Asked {
+        let asked = FitOptions {
             fits: true,
             why: false,
         };

@@ -10,7 +10,7 @@ use contract::{
 };
 use execution::{
     pace::{Paces, steps},
-    store::{Found, Owner, Store, metric_log},
+    store::{Owner, Store, TrialValues, metric_log},
     world::fs,
 };
 use rayon::prelude::*;
@@ -100,7 +100,7 @@ impl Watcher {
 
     fn study(&mut self, study: &Watched<'_>, somebody: bool) -> StudyView {
         let mut notes = Vec::new();
-        let Found { all, unreadable } = self.store.outcomes(study.trials);
+        let TrialValues { all, unreadable } = self.store.outcomes(study.trials);
         notes.extend(
             unreadable
                 .iter()

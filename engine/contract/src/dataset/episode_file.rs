@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     End, Error, panics,
-    parquet::{self, Table, Values},
+    parquet::{self, ParquetTable, Values},
 };
 use std::{fs, path::Path};
 
@@ -102,7 +102,7 @@ pub(super) fn read(path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
 }
 
 fn decode(bytes: Vec<u8>, path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
-    let table = Table::decode(bytes, path)?;
+    let table = ParquetTable::decode(bytes, path)?;
     let n_seats = layout.seats().len();
     let mut actions = rows(&table, "actions", layout.makes_choices, n_seats, path)?;
     let mut rewards = if layout.is_of_several() {
@@ -136,7 +136,7 @@ fn decode(bytes: Vec<u8>, path: &Path, layout: &Layout<'_>) -> Result<Episode, E
 }
 
 fn rows(
-    table: &Table<'_>,
+    table: &ParquetTable<'_>,
     name: &str,
     are_choices: bool,
     n_seats: usize,

@@ -1,7 +1,7 @@
 //! A digest of the values in a file: the same for the same columns with the same cells in the same order, whichever
 //! library, codec and version wrote the file.
 
-use super::{Cells, Column, Table};
+use super::{NullableValues, ParquetColumn, ParquetTable};
 use crate::{Error, digest, panics};
 use std::path::Path;
 
@@ -13,7 +13,7 @@ const FORMAT: &[u8] = b"regimen values 1\n";
 /// # Errors
 /// [`Error::Damaged`] where it is no such file.
 pub fn values_digest(bytes: Vec<u8>, path: &Path) -> Result<String, Error> {
-    let table = panics::or_damaged(path, || Table::decode(bytes, path))?;
+    let table = panics::or_damaged(path, || ParquetTable::decode(bytes, path))?;
     let mut values = FORMAT.to_vec();
     for (name, column) in &table.columns {
         push_bytes(&mut values, name.as_bytes());
@@ -23,22 +23,22 @@ pub fn values_digest(bytes: Vec<u8>, path: &Path) -> Result<String, Error> {
     Ok(digest::of_bytes(&values))
 }
 
-fn push_column(to: &mut Vec<u8>, column: &Column) {
+fn push_column(to: &mut Vec<u8>, column: &ParquetColumn) {
     match column {
-        Column::Text(cells) => push_cells(to, cells, |to, it| push_bytes(to, it.data())),
-        Column::U64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
-        Column::U32(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
-        Column::I64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
-        Column::F64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
-        Column::Bool(cells) => push_cells(to, cells, |to, it| to.push(u8::from(*it))),
-        Column::Vectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
-        Column::WholeVectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
-        Column::Other(_) => {}
+        ParquetColumn::Text(cells) => push_cells(to, cells, |to, it| push_bytes(to, it.data())),
+        ParquetColumn::U64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        ParquetColumn::U32(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        ParquetColumn::I64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        ParquetColumn::F64(cells) => push_cells(to, cells, |to, it| to.extend(it.to_le_bytes())),
+        ParquetColumn::Bool(cells) => push_cells(to, cells, |to, it| to.push(u8::from(*it))),
+        ParquetColumn::Vectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
+        ParquetColumn::WholeVectors(rows) => push_rows(to, rows, |it| it.to_le_bytes()),
+        ParquetColumn::Other(_) => {}
     }
 }
 
 /// The number of the cells; then for an empty cell a 0, for another one a 1 and its value.
-fn push_cells<T>(to: &mut Vec<u8>, cells: &Cells<T>, value: impl Fn(&mut Vec<u8>, &T)) {
+fn push_cells<T>(to: &mut Vec<u8>, cells: &NullableValues<T>, value: impl Fn(&mut Vec<u8>, &T)) {
     push_count(to, cells.len());
     for cell in cells.iter() {
         to.push(u8::from(cell.is_some()));

@@ -13,7 +13,7 @@ pub use writing::encode;
 use crate::Error;
 use document::reach::quoted_names;
 use parquet::{data_type::ByteArray, errors::ParquetError};
-use reading::Cells;
+use reading::NullableValues;
 use std::path::Path;
 
 /// The cells of a column.
@@ -79,20 +79,20 @@ impl Values<'_> {
 }
 
 /// A file that was read. Its columns are asked for by name and kind; a cell that is empty is `None`.
-pub struct Table<'a> {
-    columns: Vec<(String, Column)>,
+pub struct ParquetTable<'a> {
+    columns: Vec<(String, ParquetColumn)>,
     path: &'a Path,
 }
 
 /// A column that was read.
 #[derive(Debug)]
-enum Column {
-    Text(Cells<ByteArray>),
-    U64(Cells<u64>),
-    U32(Cells<u32>),
-    I64(Cells<i64>),
-    F64(Cells<f64>),
-    Bool(Cells<bool>),
+enum ParquetColumn {
+    Text(NullableValues<ByteArray>),
+    U64(NullableValues<u64>),
+    U32(NullableValues<u32>),
+    I64(NullableValues<i64>),
+    F64(NullableValues<f64>),
+    Bool(NullableValues<bool>),
     /// A row that is empty or has an empty entry is `None`.
     Vectors(Vec<Option<Vec<f64>>>),
     /// As [`Vectors`](Self::Vectors), for whole numbers.
@@ -101,7 +101,7 @@ enum Column {
     Other(String),
 }
 
-impl Column {
+impl ParquetColumn {
     /// Its kind in words.
     fn kind(&self) -> &str {
         match self {
@@ -118,7 +118,7 @@ impl Column {
     }
 }
 
-impl<'a> Table<'a> {
+impl<'a> ParquetTable<'a> {
     /// Reads a file of [`encode`], or of another program.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ impl<'a> Table<'a> {
     pub fn texts(&self, name: &str) -> Result<impl Iterator<Item = Option<&str>>, Error> {
         match self.column(name)? {
             // Text that is not UTF-8 is refused where the column is read.
-            Column::Text(cells) => Ok(cells.iter().map(|it| it.and_then(|it| it.as_utf8().ok()))),
+            ParquetColumn::Text(cells) => Ok(cells.iter().map(|it| it.and_then(|it| it.as_utf8().ok()))),
             other => Err(self.mismatch(name, other, "text")),
         }
     }
@@ -146,7 +146,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn u64s(&self, name: &str) -> Result<impl Iterator<Item = Option<u64>>, Error> {
         match self.column(name)? {
-            Column::U64(cells) => Ok(cells.iter().map(Option::<&u64>::copied)),
+            ParquetColumn::U64(cells) => Ok(cells.iter().map(Option::<&u64>::copied)),
             other => Err(self.mismatch(name, other, "counts")),
         }
     }
@@ -157,7 +157,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn u32s(&self, name: &str) -> Result<impl Iterator<Item = Option<u32>>, Error> {
         match self.column(name)? {
-            Column::U32(cells) => Ok(cells.iter().map(Option::<&u32>::copied)),
+            ParquetColumn::U32(cells) => Ok(cells.iter().map(Option::<&u32>::copied)),
             other => Err(self.mismatch(name, other, "small counts")),
         }
     }
@@ -168,7 +168,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn i64s(&self, name: &str) -> Result<impl Iterator<Item = Option<i64>>, Error> {
         match self.column(name)? {
-            Column::I64(cells) => Ok(cells.iter().map(Option::<&i64>::copied)),
+            ParquetColumn::I64(cells) => Ok(cells.iter().map(Option::<&i64>::copied)),
             other => Err(self.mismatch(name, other, "whole numbers")),
         }
     }
@@ -179,7 +179,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn f64s(&self, name: &str) -> Result<impl Iterator<Item = Option<f64>>, Error> {
         match self.column(name)? {
-            Column::F64(cells) => Ok(cells.iter().map(Option::<&f64>::copied)),
+            ParquetColumn::F64(cells) => Ok(cells.iter().map(Option::<&f64>::copied)),
             other => Err(self.mismatch(name, other, "numbers")),
         }
     }
@@ -190,7 +190,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn bools(&self, name: &str) -> Result<impl Iterator<Item = Option<bool>>, Error> {
         match self.column(name)? {
-            Column::Bool(cells) => Ok(cells.iter().map(Option::<&bool>::copied)),
+            ParquetColumn::Bool(cells) => Ok(cells.iter().map(Option::<&bool>::copied)),
             other => Err(self.mismatch(name, other, "truth values")),
         }
     }
@@ -201,7 +201,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn vectors(&self, name: &str) -> Result<Vec<Option<Vec<f64>>>, Error> {
         match self.column(name)? {
-            Column::Vectors(rows) => Ok(rows.clone()),
+            ParquetColumn::Vectors(rows) => Ok(rows.clone()),
             other => Err(self.mismatch(name, other, "vectors of numbers")),
         }
     }
@@ -212,7 +212,7 @@ impl<'a> Table<'a> {
     /// [`Error::Damaged`] where the column is missing or of another type.
     pub fn whole_vectors(&self, name: &str) -> Result<Vec<Option<Vec<i64>>>, Error> {
         match self.column(name)? {
-            Column::WholeVectors(rows) => Ok(rows.clone()),
+            ParquetColumn::WholeVectors(rows) => Ok(rows.clone()),
             other => Err(self.mismatch(name, other, "vectors of whole numbers")),
         }
     }
@@ -234,10 +234,10 @@ impl<'a> Table<'a> {
             wrong(None, format!("is missing; there are {known}"))
         })?;
         let numbers: Vec<Option<f64>> = match column {
-            Column::F64(cells) => cells.iter().map(Option::<&f64>::copied).collect(),
-            Column::U64(cells) => cells.iter().map(|it| it.map(|it| *it as f64)).collect(),
-            Column::I64(cells) => cells.iter().map(|it| it.map(|it| *it as f64)).collect(),
-            Column::U32(cells) => cells.iter().map(|it| it.map(|it| f64::from(*it))).collect(),
+            ParquetColumn::F64(cells) => cells.iter().map(Option::<&f64>::copied).collect(),
+            ParquetColumn::U64(cells) => cells.iter().map(|it| it.map(|it| *it as f64)).collect(),
+            ParquetColumn::I64(cells) => cells.iter().map(|it| it.map(|it| *it as f64)).collect(),
+            ParquetColumn::U32(cells) => cells.iter().map(|it| it.map(|it| f64::from(*it))).collect(),
             _ => return Err(wrong(None, "holds no numbers".into())),
         };
         let cell = |(row, value): (u64, Option<f64>)| {
@@ -249,15 +249,19 @@ impl<'a> Table<'a> {
     /// Every column of numbers, words or truth values with its cells as text, in the order of the file; an empty
     /// cell is an empty text, and columns of other kinds are passed over. Numbers read back as they are.
     pub fn as_texts(&self) -> Vec<(String, Vec<String>)> {
-        let cells = |(name, column): &(String, Column)| {
+        let cells = |(name, column): &(String, ParquetColumn)| {
             let cells = match column {
-                Column::Text(cells) => cells.as_texts(|it| it.as_utf8().unwrap_or_default().to_owned()),
-                Column::Bool(cells) => cells.as_texts(ToString::to_string),
-                Column::U64(cells) => cells.as_texts(ToString::to_string),
-                Column::U32(cells) => cells.as_texts(ToString::to_string),
-                Column::I64(cells) => cells.as_texts(ToString::to_string),
-                Column::F64(cells) => cells.as_texts(ToString::to_string),
-                Column::Vectors(_) | Column::WholeVectors(_) | Column::Other(_) => return None,
+                ParquetColumn::Text(cells) => {
+                    cells.as_texts(|it| it.as_utf8().unwrap_or_default().to_owned())
+                }
+                ParquetColumn::Bool(cells) => cells.as_texts(ToString::to_string),
+                ParquetColumn::U64(cells) => cells.as_texts(ToString::to_string),
+                ParquetColumn::U32(cells) => cells.as_texts(ToString::to_string),
+                ParquetColumn::I64(cells) => cells.as_texts(ToString::to_string),
+                ParquetColumn::F64(cells) => cells.as_texts(ToString::to_string),
+                ParquetColumn::Vectors(_) | ParquetColumn::WholeVectors(_) | ParquetColumn::Other(_) => {
+                    return None;
+                }
             };
             Some((name.clone(), cells))
         };
@@ -268,12 +272,12 @@ impl<'a> Table<'a> {
         self.columns.iter().map(|(name, _)| name.as_str()).collect()
     }
 
-    fn named(&self, name: &str) -> Option<&Column> {
+    fn named(&self, name: &str) -> Option<&ParquetColumn> {
         let mut found = self.columns.iter().filter(|(other, _)| other == name);
         found.next().map(|(_, column)| column)
     }
 
-    fn column(&self, name: &str) -> Result<&Column, Error> {
+    fn column(&self, name: &str) -> Result<&ParquetColumn, Error> {
         self.named(name).ok_or_else(|| {
             let known = quoted_names(self.path, self.names());
             damaged(
@@ -283,7 +287,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    fn mismatch(&self, name: &str, column: &Column, expected: &str) -> Error {
+    fn mismatch(&self, name: &str, column: &ParquetColumn, expected: &str) -> Error {
         let problem = format!("column `{name}` holds {}, not {expected}", column.kind());
         damaged(self.path, problem)
     }
@@ -321,7 +325,7 @@ mod tests {
         let entries = [("version", "1".to_string())];
         let bytes = encode(path, columns(), &entries).unwrap();
         assert_eq!(bytes, encode(path, columns(), &entries).unwrap());
-        let table = Table::decode(bytes, path).unwrap();
+        let table = ParquetTable::decode(bytes, path).unwrap();
         assert_eq!(
             table.texts("word").unwrap().collect::<Vec<_>>(),
             [Some("a"), Some("b")]
@@ -367,7 +371,7 @@ mod tests {
             ("flag", Values::MaybeBool(vec![Some(true), None])),
             ("nothing", Values::MaybeF64(vec![None, None])),
         ];
-        let table = Table::decode(encode(path, columns, &[]).unwrap(), path).unwrap();
+        let table = ParquetTable::decode(encode(path, columns, &[]).unwrap(), path).unwrap();
         assert_eq!(
             table.texts("word").unwrap().collect::<Vec<_>>(),
             [Some("a"), None]
@@ -388,7 +392,7 @@ mod tests {
     #[test]
     fn another_kind_a_missing_column_and_another_file_are_damage() {
         let path = Path::new("table.parquet");
-        let table = Table::decode(encode(path, columns(), &[]).unwrap(), path).unwrap();
+        let table = ParquetTable::decode(encode(path, columns(), &[]).unwrap(), path).unwrap();
         assert!(matches!(table.u64s("word").err(), Some(Error::Damaged { .. })));
         assert!(matches!(
             table.vectors("number").err(),
@@ -396,7 +400,7 @@ mod tests {
         ));
         assert!(matches!(table.f64s("nothing").err(), Some(Error::Damaged { .. })));
         assert!(matches!(
-            Table::decode(b"no table".to_vec(), path).err(),
+            ParquetTable::decode(b"no table".to_vec(), path).err(),
             Some(Error::Damaged { .. })
         ));
     }

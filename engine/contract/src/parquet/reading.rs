@@ -1,6 +1,6 @@
 //! Reads the columns of a Parquet file, also of files of other programs: pandas, Spark, polars.
 
-use super::Column;
+use super::ParquetColumn;
 use bytes::Bytes;
 use parquet::{
     basic::{Compression, ConvertedType, LogicalType, Type as Physical},
@@ -14,16 +14,16 @@ use parquet::{
     schema::types::{ColumnDescriptor, Type},
 };
 
-/// Cells of a column; some may be empty.
+/// Values of the cells of a column; some cells may be empty.
 #[derive(Debug)]
-pub(super) struct Cells<T> {
+pub(super) struct NullableValues<T> {
     /// Values of the cells that are not empty.
     values: Vec<T>,
     /// Which cells are not empty.
     filled: Vec<bool>,
 }
 
-impl<T> Cells<T> {
+impl<T> NullableValues<T> {
     pub(super) fn iter(&self) -> impl Iterator<Item = Option<&T>> {
         let mut values = self.values.iter();
         let cell = move |filled: &bool| if *filled { values.next() } else { None };
@@ -39,9 +39,9 @@ impl<T> Cells<T> {
         self.iter().map(|it| it.map(&text).unwrap_or_default()).collect()
     }
 
-    fn map<U>(self, value: impl Fn(T) -> U) -> Cells<U> {
+    fn map<U>(self, value: impl Fn(T) -> U) -> NullableValues<U> {
         let values = self.values.into_iter().map(value).collect();
-        Cells {
+        NullableValues {
             values,
             filled: self.filled,
         }
@@ -49,7 +49,7 @@ impl<T> Cells<T> {
 }
 
 /// The columns of a file by their names, in its order.
-pub(super) fn columns(bytes: Vec<u8>) -> Result<Vec<(String, Column)>, ParquetError> {
+pub(super) fn columns(bytes: Vec<u8>) -> Result<Vec<(String, ParquetColumn)>, ParquetError> {
     let file = SerializedFileReader::new(Bytes::from(bytes))?;
     refuse_codecs(&file)?;
     let schema = file.metadata().file_metadata().schema_descr_ptr();
@@ -61,7 +61,7 @@ pub(super) fn columns(bytes: Vec<u8>) -> Result<Vec<(String, Column)>, ParquetEr
         let column = if count == 1 {
             column(&file, root, first)?
         } else {
-            Column::Other("records".into())
+            ParquetColumn::Other("records".into())
         };
         columns.push((root.name().to_owned(), column));
     }
@@ -88,7 +88,11 @@ fn leaves_of(field: &Type) -> usize {
     field.get_fields().iter().map(|it| leaves_of(it)).sum()
 }
 
-fn column(file: &SerializedFileReader<Bytes>, root: &Type, index: usize) -> Result<Column, ParquetError> {
+fn column(
+    file: &SerializedFileReader<Bytes>,
+    root: &Type,
+    index: usize,
+) -> Result<ParquetColumn, ParquetError> {
     let described = file.metadata().file_metadata().schema_descr().column(index);
     let kind = kind(&described);
     if root.is_primitive() && described.max_rep_level() == 0 {
@@ -96,10 +100,12 @@ fn column(file: &SerializedFileReader<Bytes>, root: &Type, index: usize) -> Resu
     }
     let is_list = !root.is_primitive() && is_list(root) && described.max_rep_level() == 1;
     match kind {
-        Kind::Number if is_list => Ok(Column::Vectors(leaf::<DoubleType>(file, index)?.lists())),
-        Kind::Signed64 if is_list => Ok(Column::WholeVectors(leaf::<Int64Type>(file, index)?.lists())),
-        _ if is_list => Ok(Column::Other("lists of another kind".into())),
-        _ => Ok(Column::Other("records".into())),
+        ColumnType::Number if is_list => Ok(ParquetColumn::Vectors(leaf::<DoubleType>(file, index)?.lists())),
+        ColumnType::Signed64 if is_list => Ok(ParquetColumn::WholeVectors(
+            leaf::<Int64Type>(file, index)?.lists(),
+        )),
+        _ if is_list => Ok(ParquetColumn::Other("lists of another kind".into())),
+        _ => Ok(ParquetColumn::Other("records".into())),
     }
 }
 
@@ -108,26 +114,34 @@ fn is_list(field: &Type) -> bool {
     basic.logical_type_ref() == Some(&LogicalType::List) || basic.converted_type() == ConvertedType::LIST
 }
 
-fn flat(file: &SerializedFileReader<Bytes>, index: usize, kind: Kind) -> Result<Column, ParquetError> {
+fn flat(
+    file: &SerializedFileReader<Bytes>,
+    index: usize,
+    kind: ColumnType,
+) -> Result<ParquetColumn, ParquetError> {
     Ok(match kind {
-        Kind::Text => {
+        ColumnType::Text => {
             let cells = leaf::<ByteArrayType>(file, index)?.cells();
             cells.values.iter().try_for_each(|it| it.as_utf8().map(drop))?;
-            Column::Text(cells)
+            ParquetColumn::Text(cells)
         }
-        Kind::Truth => Column::Bool(leaf::<BoolType>(file, index)?.cells()),
-        Kind::Signed32 => Column::I64(leaf::<Int32Type>(file, index)?.cells().map(i64::from)),
-        Kind::Unsigned32 => Column::U32(leaf::<Int32Type>(file, index)?.cells().map(i32::cast_unsigned)),
-        Kind::Signed64 => Column::I64(leaf::<Int64Type>(file, index)?.cells()),
-        Kind::Unsigned64 => Column::U64(leaf::<Int64Type>(file, index)?.cells().map(i64::cast_unsigned)),
-        Kind::ShortNumber => Column::F64(leaf::<FloatType>(file, index)?.cells().map(f64::from)),
-        Kind::Number => Column::F64(leaf::<DoubleType>(file, index)?.cells()),
-        Kind::Other(words) => Column::Other(words),
+        ColumnType::Truth => ParquetColumn::Bool(leaf::<BoolType>(file, index)?.cells()),
+        ColumnType::Signed32 => ParquetColumn::I64(leaf::<Int32Type>(file, index)?.cells().map(i64::from)),
+        ColumnType::Unsigned32 => {
+            ParquetColumn::U32(leaf::<Int32Type>(file, index)?.cells().map(i32::cast_unsigned))
+        }
+        ColumnType::Signed64 => ParquetColumn::I64(leaf::<Int64Type>(file, index)?.cells()),
+        ColumnType::Unsigned64 => {
+            ParquetColumn::U64(leaf::<Int64Type>(file, index)?.cells().map(i64::cast_unsigned))
+        }
+        ColumnType::ShortNumber => ParquetColumn::F64(leaf::<FloatType>(file, index)?.cells().map(f64::from)),
+        ColumnType::Number => ParquetColumn::F64(leaf::<DoubleType>(file, index)?.cells()),
+        ColumnType::Other(words) => ParquetColumn::Other(words),
     })
 }
 
 /// How the values of a column are stored.
-enum Kind {
+enum ColumnType {
     Text,
     Truth,
     Signed32,
@@ -139,12 +153,14 @@ enum Kind {
     Other(String),
 }
 
-fn kind(column: &ColumnDescriptor) -> Kind {
+fn kind(column: &ColumnDescriptor) -> ColumnType {
     let (logical, converted) = (column.logical_type_ref(), column.converted_type());
     let other = || match logical {
-        Some(logical) => Kind::Other(format!("values of the type {logical:?}")),
-        None if converted != ConvertedType::NONE => Kind::Other(format!("values of the type {converted}")),
-        None => Kind::Other(format!("values of the type {}", column.physical_type())),
+        Some(logical) => ColumnType::Other(format!("values of the type {logical:?}")),
+        None if converted != ConvertedType::NONE => {
+            ColumnType::Other(format!("values of the type {converted}"))
+        }
+        None => ColumnType::Other(format!("values of the type {}", column.physical_type())),
     };
     let is_signed = match (logical, converted) {
         (Some(LogicalType::Integer(kind)), _) => Some(kind.is_signed),
@@ -174,14 +190,14 @@ fn kind(column: &ColumnDescriptor) -> Kind {
         ),
     };
     match (column.physical_type(), is_signed) {
-        (Physical::BOOLEAN, _) => Kind::Truth,
-        (Physical::INT32, Some(true)) => Kind::Signed32,
-        (Physical::INT32, Some(false)) => Kind::Unsigned32,
-        (Physical::INT64, Some(true)) => Kind::Signed64,
-        (Physical::INT64, Some(false)) => Kind::Unsigned64,
-        (Physical::FLOAT, _) => Kind::ShortNumber,
-        (Physical::DOUBLE, _) => Kind::Number,
-        (Physical::BYTE_ARRAY, _) if is_text => Kind::Text,
+        (Physical::BOOLEAN, _) => ColumnType::Truth,
+        (Physical::INT32, Some(true)) => ColumnType::Signed32,
+        (Physical::INT32, Some(false)) => ColumnType::Unsigned32,
+        (Physical::INT64, Some(true)) => ColumnType::Signed64,
+        (Physical::INT64, Some(false)) => ColumnType::Unsigned64,
+        (Physical::FLOAT, _) => ColumnType::ShortNumber,
+        (Physical::DOUBLE, _) => ColumnType::Number,
+        (Physical::BYTE_ARRAY, _) if is_text => ColumnType::Text,
         _ => other(),
     }
 }
@@ -228,13 +244,13 @@ fn leaf<T: DataType>(file: &SerializedFileReader<Bytes>, index: usize) -> Result
 }
 
 impl<T> Leaf<T> {
-    fn cells(self) -> Cells<T> {
+    fn cells(self) -> NullableValues<T> {
         let filled = if self.full == 0 {
             vec![true; self.rows]
         } else {
             self.definition.iter().map(|level| *level == self.full).collect()
         };
-        Cells {
+        NullableValues {
             values: self.values,
             filled,
         }
@@ -263,7 +279,7 @@ impl<T> Leaf<T> {
 
 #[cfg(test)]
 mod tests {
-    use crate::parquet::{Table, values_digest};
+    use crate::parquet::{ParquetTable, values_digest};
     use std::path::Path;
 
     /// Files that `fixtures/make.py` wrote of one table.
@@ -278,7 +294,7 @@ mod tests {
     #[test]
     fn files_of_other_programs_have_the_values_that_were_written() {
         for (name, bytes) in FILES {
-            let table = Table::decode(bytes.to_vec(), Path::new(name)).unwrap();
+            let table = ParquetTable::decode(bytes.to_vec(), Path::new(name)).unwrap();
             let texts = table.as_texts();
             let shown: Vec<String> = texts
                 .iter()
@@ -322,7 +338,7 @@ mod tests {
 
     #[test]
     fn columns_of_other_kinds_say_what_they_hold() {
-        let table = Table::decode(FILES[0].1.to_vec(), Path::new("snappy.parquet")).unwrap();
+        let table = ParquetTable::decode(FILES[0].1.to_vec(), Path::new("snappy.parquet")).unwrap();
         let said = |name: &str| table.f64s(name).err().unwrap().to_string();
         assert!(
             said("day").contains("column `day` holds values of the type Date, not numbers"),
@@ -347,7 +363,7 @@ mod tests {
     #[test]
     fn brotli_is_refused_by_name() {
         let bytes = include_bytes!("fixtures/brotli.parquet").to_vec();
-        let refused = Table::decode(bytes, Path::new("brotli.parquet"))
+        let refused = ParquetTable::decode(bytes, Path::new("brotli.parquet"))
             .err()
             .unwrap()
             .to_string();

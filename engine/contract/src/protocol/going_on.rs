@@ -20,7 +20,7 @@ use std::{fs, io, path::Path};
 
 /// Content of `state.json`.
 #[derive(Serialize, Deserialize)]
-struct State {
+struct ProtocolCheckpoint {
     protocol: Value,
     running: Running,
 }
@@ -62,7 +62,7 @@ fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Re
     fs::write(&rows, metrics_file::encode(record, "")?).map_err(Error::file("write", &rows))?;
     let path = folder.join(CHECKPOINT_STATE);
     let json = |source: serde_json::Error| Error::file("write", &path)(source.into());
-    let state = State {
+    let state = ProtocolCheckpoint {
         protocol: serde_json::to_value(protocol).map_err(json)?,
         running: record.running().clone(),
     };
@@ -81,7 +81,8 @@ pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, artifact: &Artifact<Check
     let folder = trial.join(CHECKPOINT);
     let path = folder.join(CHECKPOINT_STATE);
     let text = fs::read(&path).map_err(Error::file("read", &path))?;
-    let state: State = serde_json::from_slice(&text).map_err(|source| misfit(artifact, &source))?;
+    let state: ProtocolCheckpoint =
+        serde_json::from_slice(&text).map_err(|source| misfit(artifact, &source))?;
     let table = metrics_file::read(&folder.join(CHECKPOINT_ROWS))?;
     run.record = Recorder::resumed(table.names, table.rows, state.running);
     serde_json::from_value(state.protocol).map_err(|source| misfit(artifact, &source))

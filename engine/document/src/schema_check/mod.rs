@@ -11,7 +11,7 @@ mod view;
 pub use view::View;
 
 use crate::{
-    Entry, Kind, MOST_MISTAKES, Node, Scalar,
+    Entry, MOST_MISTAKES, Node, NodeKind, Scalar,
     diagnostic::{Diagnostic, Sources, Span, nearest, suggest},
     plain_number,
 };
@@ -160,14 +160,14 @@ impl<'a> Checker<'a> {
 
     fn one(&mut self, node: &Node, at: &At, place: &View<'_>, outer: &View<'_>) {
         match &node.kind {
-            Kind::Mapping(_) => self.mapping(node, at, place),
-            Kind::Sequence(items) => self.list(items, at, place),
-            Kind::Scalar(Scalar {
+            NodeKind::Mapping(_) => self.mapping(node, at, place),
+            NodeKind::Sequence(items) => self.list(items, at, place),
+            NodeKind::Scalar(Scalar {
                 value: Value::Number(_),
                 text,
                 ..
             }) => self.number(node, text, at, place, outer),
-            Kind::Scalar(Scalar {
+            NodeKind::Scalar(Scalar {
                 value: Value::String(text),
                 ..
             }) => {
@@ -186,7 +186,7 @@ impl<'a> Checker<'a> {
                     self.found.push(error.about(outer.facts()));
                 }
             }
-            Kind::Scalar(_) => {}
+            NodeKind::Scalar(_) => {}
         }
     }
 
@@ -353,7 +353,7 @@ impl<'a> Checker<'a> {
     }
 
     fn number(&mut self, node: &Node, text: &str, at: &At, place: &View<'_>, outer: &View<'_>) {
-        let Kind::Scalar(Scalar {
+        let NodeKind::Scalar(Scalar {
             value: Value::Number(number),
             ..
         }) = &node.kind
@@ -428,7 +428,7 @@ impl<'a> Checker<'a> {
 
     fn wrong_type(&mut self, node: &Node, at: &At, schema: &View<'_>) {
         let scalar = match &node.kind {
-            Kind::Scalar(scalar) => Some(scalar),
+            NodeKind::Scalar(scalar) => Some(scalar),
             _ => None,
         };
         let nothing = scalar.is_some_and(|scalar| scalar.value.is_null());
@@ -528,9 +528,9 @@ pub fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
 
 fn in_words(node: &Node) -> String {
     match &node.kind {
-        Kind::Mapping(_) => "a mapping".into(),
-        Kind::Sequence(_) => "a list".into(),
-        Kind::Scalar(scalar) => match &scalar.value {
+        NodeKind::Mapping(_) => "a mapping".into(),
+        NodeKind::Sequence(_) => "a list".into(),
+        NodeKind::Scalar(scalar) => match &scalar.value {
             Value::Null => "nothing".into(),
             Value::String(text) => format!("the text `{text}`"),
             Value::Number(_) => format!("the number {}", scalar.text),

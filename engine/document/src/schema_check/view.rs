@@ -1,6 +1,6 @@
 //! A JSON Schema read as a person would: references followed, alternatives listed, types and ranges in words.
 
-use crate::{Kind, Node};
+use crate::{Node, NodeKind};
 use serde_json::Value;
 
 /// A schema with its references followed: the outermost layer that has a keyword wins.
@@ -283,8 +283,8 @@ fn referenced<'a>(root: &'a Value, schema: &Value) -> Option<&'a Value> {
 
 fn fits(node: &Node, name: &str) -> bool {
     match (&node.kind, name) {
-        (Kind::Mapping(_), "object") | (Kind::Sequence(_), "array") => true,
-        (Kind::Scalar(scalar), _) => match &scalar.value {
+        (NodeKind::Mapping(_), "object") | (NodeKind::Sequence(_), "array") => true,
+        (NodeKind::Scalar(scalar), _) => match &scalar.value {
             Value::Null => name == "null",
             Value::Bool(_) => name == "boolean",
             Value::String(_) => name == "string",

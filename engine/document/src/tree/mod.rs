@@ -26,12 +26,12 @@ pub struct Node {
     /// Place in the text.
     pub span: Span,
     /// Kind of the node, with its content.
-    pub kind: Kind,
+    pub kind: NodeKind,
 }
 
 /// The content of a node.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Kind {
+pub enum NodeKind {
     /// A word, number, truth value or nothing.
     Scalar(Scalar),
     /// A list.
@@ -68,7 +68,7 @@ impl Node {
     pub fn empty_mapping(span: Span) -> Self {
         Self {
             span,
-            kind: Kind::Mapping(Vec::new()),
+            kind: NodeKind::Mapping(Vec::new()),
         }
     }
 
@@ -78,7 +78,7 @@ impl Node {
         let text = value.as_str().map_or_else(|| value.to_string(), String::from);
         Self {
             span,
-            kind: Kind::Scalar(Scalar {
+            kind: NodeKind::Scalar(Scalar {
                 text,
                 plain: !value.is_string(),
                 value,
@@ -91,14 +91,14 @@ impl Node {
     pub fn from_value(span: Span, value: &Value) -> Self {
         let below = |value: &Value| Self::from_value(span, value);
         let kind = match value {
-            Value::Array(items) => Kind::Sequence(items.iter().map(below).collect()),
+            Value::Array(items) => NodeKind::Sequence(items.iter().map(below).collect()),
             Value::Object(map) => {
                 let entry = |(key, value): (&String, &Value)| Entry {
                     key: key.clone(),
                     key_span: span,
                     value: below(value),
                 };
-                Kind::Mapping(map.iter().map(entry).collect())
+                NodeKind::Mapping(map.iter().map(entry).collect())
             }
             scalar => return Self::scalar(span, scalar.clone()),
         };
@@ -109,7 +109,7 @@ impl Node {
     #[must_use]
     pub fn entries(&self) -> &[Entry] {
         match &self.kind {
-            Kind::Mapping(entries) => entries,
+            NodeKind::Mapping(entries) => entries,
             _ => &[],
         }
     }
@@ -118,7 +118,7 @@ impl Node {
     #[must_use]
     pub fn items(&self) -> &[Node] {
         match &self.kind {
-            Kind::Sequence(items) => items,
+            NodeKind::Sequence(items) => items,
             _ => &[],
         }
     }
@@ -137,10 +137,10 @@ impl Node {
 
     /// The entry with this key, made where there is none; a node of another kind becomes a mapping.
     pub fn entry_or_insert(&mut self, key: &str, key_span: Span) -> Option<&mut Entry> {
-        if !matches!(self.kind, Kind::Mapping(_)) {
-            self.kind = Kind::Mapping(Vec::new());
+        if !matches!(self.kind, NodeKind::Mapping(_)) {
+            self.kind = NodeKind::Mapping(Vec::new());
         }
-        let Kind::Mapping(entries) = &mut self.kind else {
+        let NodeKind::Mapping(entries) = &mut self.kind else {
             return None;
         };
         let index = entries
@@ -161,7 +161,7 @@ impl Node {
     #[must_use]
     pub fn as_str(&self) -> Option<&str> {
         match &self.kind {
-            Kind::Scalar(Scalar {
+            NodeKind::Scalar(Scalar {
                 value: Value::String(text),
                 ..
             }) => Some(text),
@@ -173,9 +173,9 @@ impl Node {
     #[must_use]
     pub fn to_value(&self) -> Value {
         match &self.kind {
-            Kind::Scalar(scalar) => scalar.value.clone(),
-            Kind::Sequence(items) => Value::Array(items.iter().map(Node::to_value).collect()),
-            Kind::Mapping(entries) => Value::Object(
+            NodeKind::Scalar(scalar) => scalar.value.clone(),
+            NodeKind::Sequence(items) => Value::Array(items.iter().map(Node::to_value).collect()),
+            NodeKind::Mapping(entries) => Value::Object(
                 entries
                     .iter()
                     .map(|entry| (entry.key.clone(), entry.value.to_value()))
@@ -234,7 +234,7 @@ pub fn parse(sources: &Sources, source: usize, text: &str) -> Result<Node, Vec<D
 /// # Errors
 /// All mistakes in the text as YAML.
 pub fn parse_from(sources: &Sources, start: Span, text: &str) -> Result<Node, Vec<Diagnostic>> {
-    reader::Reader::new(sources, start, text).read()
+    reader::TreeReader::new(sources, start, text).read()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Reads the parser's events into nodes, within bounds.
 
-use super::{DEEPEST, Entry, Kind, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, scalar::scalar};
+use super::{DEEPEST, Entry, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, NodeKind, scalar::scalar};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, shortened},
     lookalikes::{self, Lookalike},
@@ -10,7 +10,7 @@ use saphyr_parser::{Event, Parser, ScalarStyle, StrInput, Tag};
 use std::{borrow::Cow, collections::BTreeMap};
 
 /// Reads events into nodes. Mistakes that leave the tree readable are collected, others end the reading.
-pub struct Reader<'a> {
+pub struct TreeReader<'a> {
     parser: Parser<'a, StrInput<'a>>,
     text: &'a str,
     sources: &'a Sources,
@@ -39,7 +39,7 @@ impl Size {
 
 type Fatal = Box<Diagnostic>;
 
-impl<'a> Reader<'a> {
+impl<'a> TreeReader<'a> {
     /// A reader of `text`, which begins at `start`.
     pub fn new(sources: &'a Sources, start: Span, text: &'a str) -> Self {
         Self {
@@ -72,7 +72,8 @@ impl<'a> Reader<'a> {
                 event => break self.node(event, span, 0)?,
             }
         };
-        if matches!(&root.kind, Kind::Scalar(scalar) if scalar.value.is_null() && scalar.text.is_empty()) {
+        if matches!(&root.kind, NodeKind::Scalar(scalar) if scalar.value.is_null() && scalar.text.is_empty())
+        {
             return Err(Box::new(self.empty()));
         }
         loop {
@@ -188,11 +189,11 @@ impl<'a> Reader<'a> {
             Event::Scalar(text, style, anchor, tag) => (anchor, self.scalar(text, style, tag, span)),
             Event::SequenceStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (anchor, Kind::Sequence(self.items(depth)?))
+                (anchor, NodeKind::Sequence(self.items(depth)?))
             }
             Event::MappingStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (anchor, Kind::Mapping(self.entries(depth)?))
+                (anchor, NodeKind::Mapping(self.entries(depth)?))
             }
             _ => return refuse(self, "not valid YAML: a value is missing here".into()),
         };
@@ -211,7 +212,7 @@ impl<'a> Reader<'a> {
         style: ScalarStyle,
         tag: Option<Cow<'a, Tag>>,
         span: Span,
-    ) -> Kind {
+    ) -> NodeKind {
         let is_text = |tag: &Cow<'_, Tag>| tag.is_yaml_core_schema() && tag.suffix == "str";
         self.refuse_control(&text, span);
         if style == ScalarStyle::Plain {
@@ -222,7 +223,7 @@ impl<'a> Reader<'a> {
             self.refuse_tag(&tag.to_string(), span);
         }
         let plain = style == ScalarStyle::Plain && !as_text;
-        Kind::Scalar(scalar(text.into_owned(), plain))
+        NodeKind::Scalar(scalar(text.into_owned(), plain))
     }
 
     /// A study is shown in terminals, on pages and in figures, which cannot show characters that are not text.

@@ -7,7 +7,8 @@
 //! store alone; no accounting database is asked.
 
 use super::{
-    Array, Error, Executor, Queue, State, Stop, Submission, Task, Wait, Way, Work, find, lock, tasks_for,
+    Array, Error, Executor, Queue, Stop, Submission, SubmissionState, Task, Wait, Way, Work, find, lock,
+    tasks_for,
 };
 use crate::store::write_durably;
 use contract::Registry;
@@ -145,7 +146,7 @@ fn asked<T>(
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
     Ok(Submission::all(store)?
         .into_iter()
-        .filter(|submission| submission.state == State::Open)
+        .filter(|submission| submission.state == SubmissionState::Open)
         .collect())
 }
 
@@ -171,7 +172,7 @@ pub fn cancel(
             asked(registry, &submission, |queue| {
                 queue.cancel(&submission.job_name(), false, stop)
             })?;
-            submission.close(State::Cancelled)?;
+            submission.close(SubmissionState::Cancelled)?;
             cancelled.push(submission);
         }
     }
@@ -221,7 +222,7 @@ impl Dispatch<'_> {
             if unsent.is_none() && self.is_unsent(&submission) && submission.tasks() <= view.need {
                 unsent = Some(submission);
             } else {
-                submission.close(State::Ended)?;
+                submission.close(SubmissionState::Ended)?;
             }
         }
         if view.need > 0 {
@@ -265,7 +266,7 @@ impl Dispatch<'_> {
                 Ok(job) => submission.arrays[array].job = Some(job),
                 Err(error) => {
                     if error.is_refusal() && array == 0 {
-                        submission.close(State::Refused)?;
+                        submission.close(SubmissionState::Refused)?;
                     }
                     return Err(error);
                 }

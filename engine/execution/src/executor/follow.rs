@@ -1,6 +1,6 @@
 //! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
-use super::{Dispatch, Error, State, Stop, Submission, Task, View};
+use super::{Dispatch, Error, Stop, Submission, SubmissionState, Task, View};
 use crate::world::clock;
 use document::count::{count, either};
 use std::{
@@ -29,7 +29,7 @@ pub trait Watch {
 
 /// End of a wait for trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub enum WaitEnd {
     /// Every trial has ended.
     Ended,
     /// The wait was stopped; the jobs go on.
@@ -121,7 +121,7 @@ impl Dispatch<'_> {
     /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and the errors
     /// of [`Dispatch::ensure`] for a submission that is refused. A controller that does not answer is waited
     /// for.
-    pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<Outcome, Error> {
+    pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<WaitEnd, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
         let mut follower = Follower {
             dispatch: self,
@@ -140,10 +140,10 @@ impl Dispatch<'_> {
             let look = clock::since(looked);
             if missing.is_empty() {
                 follower.finish();
-                return Ok(Outcome::Ended);
+                return Ok(WaitEnd::Ended);
             }
             if self.stop.is_asked() {
-                return Ok(Outcome::Stopped);
+                return Ok(WaitEnd::Stopped);
             }
             if clock::since(asked).as_secs_f64() >= follower.pause_s {
                 if let Some(outcome) = follower.ask(&missing, watch)? {
@@ -174,11 +174,11 @@ struct Follower<'a> {
 impl Follower<'_> {
     /// Asks the queue, and submits where tasks are too few twice in a row: a task that is being started
     /// again, or a controller that has just started, may be between two states.
-    fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
+    fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<WaitEnd>, Error> {
         let before = *self.missing_then.get_or_insert(missing.len());
         let view = match self.look(missing) {
             Ok(Some(view)) => view,
-            Ok(None) => return Ok(Some(Outcome::Cancelled)),
+            Ok(None) => return Ok(Some(WaitEnd::Cancelled)),
             Err(error) => {
                 self.not_answered(&error, watch);
                 return Ok(None);
@@ -220,7 +220,7 @@ impl Follower<'_> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
         if Submission::all(&self.dispatch.store)?
             .iter()
-            .any(|one| one.state == State::Cancelled && ours(one))
+            .any(|one| one.state == SubmissionState::Cancelled && ours(one))
         {
             return Ok(None);
         }
@@ -232,7 +232,7 @@ impl Follower<'_> {
         missing: &BTreeSet<String>,
         alive: usize,
         watch: &mut dyn Watch,
-    ) -> Result<Option<Outcome>, Error> {
+    ) -> Result<Option<WaitEnd>, Error> {
         if missing.is_empty() || self.dispatch.stop.is_asked() {
             return Ok(None);
         }
@@ -278,7 +278,7 @@ impl Follower<'_> {
                     .dispatch
                     .queue
                     .cancel(&submission.job_name(), true, &self.dispatch.stop);
-                let _ = submission.close(State::Ended);
+                let _ = submission.close(SubmissionState::Ended);
             }
         }
     }

@@ -11,7 +11,7 @@ use toml::de::ValueDeserializer;
 pub const LOCAL: &str = "local";
 
 /// One entry of the list.
-pub struct Kind {
+pub struct ExecutorKind {
     /// Name of the executor as written behind `--executor`; its options stand in the table of that name.
     pub name: &'static str,
     /// Name of the executor in sentences.
@@ -27,16 +27,16 @@ pub enum Way {
     /// This program starts them itself.
     Here,
     /// This program starts them itself, on hosts that it reaches.
-    Hosts(Options),
+    Hosts(ExecutorOptions),
     /// A queue takes them, and the program can wait for them.
-    Queue(Options),
+    Queue(ExecutorOptions),
     /// A person hands over the printed text, with a command that reads it from standard input.
-    Written(Options, &'static str),
+    Written(ExecutorOptions, &'static str),
 }
 
 /// The options of an executor: their type is erased once, so that settings and records hold those of any
 /// executor.
-pub struct Options {
+pub struct ExecutorOptions {
     /// JSON Schema of the table.
     pub schema: Schema,
     read: OptionsParser,
@@ -52,14 +52,14 @@ pub trait RegisterExecutor {
     ///
     /// # Panics
     /// Where the name is taken: a mistake in the program, found by every test.
-    fn executor(&mut self, kind: fn() -> Kind);
+    fn executor(&mut self, kind: fn() -> ExecutorKind);
 }
 
 /// An executor of another crate.
-struct Registered(fn() -> Kind);
+struct Registered(fn() -> ExecutorKind);
 
 impl RegisterExecutor for Registry {
-    fn executor(&mut self, kind: fn() -> Kind) {
+    fn executor(&mut self, kind: fn() -> ExecutorKind) {
         let name = kind().name;
         assert!(
             find(self, name).is_none(),
@@ -71,8 +71,8 @@ impl RegisterExecutor for Registry {
 
 /// All executors, in the order in which they are shown: those of the engine, and those that other crates registered.
 #[must_use]
-pub fn all(registry: &Registry) -> Vec<Kind> {
-    let here = Kind {
+pub fn all(registry: &Registry) -> Vec<ExecutorKind> {
+    let here = ExecutorKind {
         name: LOCAL,
         title: "this machine",
         about: "worker processes on this machine",
@@ -91,14 +91,14 @@ pub fn all(registry: &Registry) -> Vec<Kind> {
 
 /// The executor of a name.
 #[must_use]
-pub fn find(registry: &Registry, name: &str) -> Option<Kind> {
+pub fn find(registry: &Registry, name: &str) -> Option<ExecutorKind> {
     all(registry).into_iter().find(|kind| kind.name == name)
 }
 
-impl Kind {
+impl ExecutorKind {
     /// Options of the executor; `None` where it has none.
     #[must_use]
-    pub fn options(&self) -> Option<&Options> {
+    pub fn options(&self) -> Option<&ExecutorOptions> {
         match &self.way {
             Way::Here => None,
             Way::Hosts(options) | Way::Queue(options) | Way::Written(options, _) => Some(options),
@@ -127,7 +127,7 @@ impl Kind {
     }
 }
 
-impl Options {
+impl ExecutorOptions {
     /// Options of type `O`, from which `build` makes the executor. A key that is absent from the table is an
     /// `Option` that is `None`.
     pub fn of<O>(build: fn(O) -> Result<Box<dyn Executor>, Error>) -> Self

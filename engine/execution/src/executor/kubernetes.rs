@@ -10,7 +10,7 @@
 //! | 106: handed back early, or killed | another try of the index, up to `retries` |
 //! | its pod is disrupted (drain, preemption) | another try that is not counted |
 
-use super::{Error, Executor, Kind, Wanted, Way, four_each, kind, tasks_for};
+use super::{Error, Executor, ExecutorKind, Wanted, Way, four_each, kind, tasks_for};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -20,8 +20,8 @@ use std::{
 
 /// The table `[kubernetes]` in `regimen.toml`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
+#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+pub struct KubernetesOptions {
     /// Container image with the program; needed.
     pub image: Option<String>,
     /// The program inside the image; `regimen`.
@@ -50,15 +50,16 @@ pub struct Options {
 #[derive(Debug, Clone, Default)]
 pub struct Kubernetes {
     /// The table `[kubernetes]`.
-    pub options: Options,
+    pub options: KubernetesOptions,
 }
 
 /// Entry of the executor in the list of executors.
 #[must_use]
-pub fn kind() -> Kind {
-    let options = kind::Options::of(|options: Options| Ok(Box::new(Kubernetes { options })));
+pub fn kind() -> ExecutorKind {
+    let options =
+        kind::ExecutorOptions::of(|options: KubernetesOptions| Ok(Box::new(Kubernetes { options })));
     let about = "workers in a Kubernetes Indexed Job, whose manifest is written and not applied";
-    Kind {
+    ExecutorKind {
         name: "kubernetes",
         title: "Kubernetes",
         about,
@@ -239,7 +240,7 @@ mod tests {
     use crate::executor::Work;
     use std::path::Path;
 
-    fn manifest(trials: usize, options: Options) -> Result<String, Error> {
+    fn manifest(trials: usize, options: KubernetesOptions) -> Result<String, Error> {
         let arguments = [
             "worker",
             "experiments/table-3.3.yaml",
@@ -263,7 +264,7 @@ mod tests {
         Kubernetes { options }.written(&wanted)
     }
 
-    fn options() -> Options {
+    fn options() -> KubernetesOptions {
         toml::from_str(
             "image = \"registry.example/regimen:1\"\nclaim = \"shared\"\nnamespace = \"rl\"\nmemory_mb = \
              4000\nmax_tasks = 2",
@@ -278,14 +279,14 @@ mod tests {
 
     #[test]
     fn what_only_a_person_knows_is_asked_for() {
-        let problem = manifest(1, Options::default()).unwrap_err().to_string();
+        let problem = manifest(1, KubernetesOptions::default()).unwrap_err().to_string();
         assert!(
             problem.starts_with("`image`: name the container image"),
             "{problem}"
         );
         let problem = manifest(
             1,
-            Options {
+            KubernetesOptions {
                 claim: None,
                 ..options()
             },

@@ -31,12 +31,12 @@ mod work;
 pub use answer::Stop;
 pub(crate) use answer::tell;
 pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
-pub use follow::{Outcome, Patience, Watch, describe};
-pub use kind::{Kind, LOCAL, Options, RegisterExecutor, Way, all, find};
+pub use follow::{Patience, WaitEnd, Watch, describe};
+pub use kind::{ExecutorKind, ExecutorOptions, LOCAL, RegisterExecutor, Way, all, find};
 pub use lock::{Wait, lock};
 pub use queue::{Queue, Task, counts, summary};
 pub use ssh::Access;
-pub use submission::{Array, State, Submission, damaged, heal};
+pub use submission::{Array, Submission, SubmissionState, damaged, heal};
 pub use work::{Work, quoted};
 
 use std::{

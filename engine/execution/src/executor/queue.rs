@@ -18,8 +18,8 @@ pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;
 
-    /// Options of the executor, as they are recorded: [`Options::build`](super::Options::build) makes the
-    /// executor of them again.
+    /// Options of the executor, as they are recorded:
+    /// [`ExecutorOptions::build`](super::ExecutorOptions::build) makes the executor of them again.
     fn options(&self) -> Value;
 
     /// Largest number of tasks in one array.

@@ -1,6 +1,6 @@
 //! Hosts that are reached with `ssh`, without a folder that they share: how they are named and asked.
 
-use super::{Error, Executor, Kind, Wanted, Way, kind};
+use super::{Error, Executor, ExecutorKind, Wanted, Way, kind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -10,8 +10,8 @@ use std::{
 
 /// The table `[ssh]` in `regimen.toml`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
+#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+pub struct SshOptions {
     /// Hosts, as `ssh` knows them: `["node1", "me@node2"]`, or names in its configuration, which says ports and keys;
     /// needed.
     pub hosts: Option<Vec<String>>,
@@ -51,9 +51,9 @@ struct Ssh(Access);
 
 /// Entry of the executor in the list of executors.
 #[must_use]
-pub fn kind() -> Kind {
-    let options = kind::Options::of(|options: Options| Ok(Box::new(Ssh(access(options)?))));
-    Kind {
+pub fn kind() -> ExecutorKind {
+    let options = kind::ExecutorOptions::of(|options: SshOptions| Ok(Box::new(Ssh(access(options)?))));
+    ExecutorKind {
         name: "ssh",
         title: "ssh",
         about: "worker processes on hosts that share no folder; trials are brought home as they end",
@@ -61,7 +61,7 @@ pub fn kind() -> Kind {
     }
 }
 
-fn access(options: Options) -> Result<Access, Error> {
+fn access(options: SshOptions) -> Result<Access, Error> {
     let wrong = |key, problem: &str| Error::Option {
         key,
         problem: problem.into(),
@@ -127,9 +127,9 @@ mod tests {
     fn what_cannot_be_meant_is_refused_with_what_to_write() {
         let with = |hosts: &[&str]| {
             let hosts = hosts.iter().map(|host| (*host).to_owned()).collect();
-            let options = Options {
+            let options = SshOptions {
                 hosts: Some(hosts),
-                ..Options::default()
+                ..SshOptions::default()
             };
             access(options).map_err(|error| error.to_string())
         };

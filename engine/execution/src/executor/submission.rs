@@ -36,7 +36,7 @@ pub struct Submission {
     /// Name that this program gave the submission: random, and in no result.
     pub id: String,
     /// State of its jobs.
-    pub state: State,
+    pub state: SubmissionState,
     /// The command of its workers.
     pub work: Work,
     /// Name of the executor that took the submission.
@@ -60,7 +60,7 @@ fn the_first() -> String {
 /// State of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum SubmissionState {
     /// The jobs may be queued or running.
     Open,
     /// The jobs have ended.
@@ -114,7 +114,7 @@ impl Submission {
         Self {
             schema: SCHEMA,
             id: "ID".into(),
-            state: State::Open,
+            state: SubmissionState::Open,
             work: work.clone(),
             executor: queue.name().into(),
             options: queue.options(),
@@ -206,7 +206,7 @@ impl Submission {
     ///
     /// # Errors
     /// [`Error::File`] where the record cannot be written.
-    pub fn close(&mut self, state: State) -> Result<(), Error> {
+    pub fn close(&mut self, state: SubmissionState) -> Result<(), Error> {
         self.state = state;
         self.trials.clear();
         self.save()
@@ -355,7 +355,7 @@ mod tests {
             job: None,
         };
         let slurm = Slurm {
-            options: slurm::Options::default(),
+            options: slurm::SlurmOptions::default(),
         };
         let mut submission = Submission::sample(store, &work(), &slurm, vec![array]);
         submission.trials.insert("t".to_owned());
@@ -370,7 +370,7 @@ mod tests {
         let (mut one, other) = (create(store.path()), create(store.path()));
         assert_ne!(one.id, other.id);
         one.arrays[0].job = Some("7".into());
-        one.close(State::Ended).unwrap();
+        one.close(SubmissionState::Ended).unwrap();
         let mut expected = vec![one, other];
         expected.sort_by(|one, other| one.id.cmp(&other.id));
         assert_eq!(Submission::all(store.path()).unwrap(), expected);

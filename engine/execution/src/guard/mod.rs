@@ -229,7 +229,7 @@ fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
 }
 
 fn here() -> [String; 2] {
-    let process::Place { host, boot } = process::place();
+    let process::ProcessScope { host, boot } = process::place();
     [host, boot]
 }
 

@@ -52,10 +52,10 @@ pub(super) struct Queue<'a> {
     tasks: &'a [Task<'a>],
     /// Tasks that take from a trial, by the id of that trial.
     takers: HashMap<&'a str, Vec<usize>>,
-    state: Mutex<State<'a>>,
+    state: Mutex<QueueState<'a>>,
 }
 
-struct State<'a> {
+struct QueueState<'a> {
     /// Paces of agents with an ended trial, by environment.
     paces: Paces<'a>,
     /// Length in microseconds of the longest path that begins with a task, the task included.
@@ -105,7 +105,7 @@ impl<'a> Queue<'a> {
             .filter(|&index| awaited[index] == 0)
             .map(|index| (Reverse(paths[index]), index))
             .collect();
-        let state = State {
+        let state = QueueState {
             paces,
             paths,
             ready,
@@ -188,13 +188,13 @@ impl<'a> Queue<'a> {
         self.retry(turn, HELD_FOR);
     }
 
-    fn lock(&self) -> MutexGuard<'_, State<'a>> {
+    fn lock(&self) -> MutexGuard<'_, QueueState<'a>> {
         // No operation above can panic half-way, so that a poisoned queue is still whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl State<'_> {
+impl QueueState<'_> {
     /// A trial whose wait is over, if it fits the machine.
     fn due(&mut self, tasks: &[Task<'_>], machine: usize, now: Instant) -> Option<TrialAttempt> {
         let pool = &mut self.pools[machine];

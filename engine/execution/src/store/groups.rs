@@ -5,7 +5,7 @@
 
 use super::{
     Store, StoredTrial, names,
-    pack::{Reader, acknowledged_in, loaded_in, outlined_in, readers},
+    pack::{PackReader, acknowledged_in, loaded_in, outlined_in, readers},
 };
 use contract::{Error, trial::Trial, trial_result::TrialResult};
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ impl Store {
         trials: &[impl Borrow<Trial> + Sync],
         take: impl FnMut(usize, Result<StoredTrial, Error>),
     ) {
-        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| outlined_in(packs, &trial.id);
+        let in_packs = |packs: &mut [PackReader<'_>], trial: &Trial| outlined_in(packs, &trial.id);
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
@@ -39,7 +39,7 @@ impl Store {
         trials: &[impl Borrow<Trial> + Sync],
         take: impl FnMut(usize, Result<StoredTrial, Error>),
     ) {
-        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| {
+        let in_packs = |packs: &mut [PackReader<'_>], trial: &Trial| {
             acknowledged_in(packs, &trial.id).map(|found| found.map(|(_, stored)| stored))
         };
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
@@ -52,7 +52,7 @@ impl Store {
         &self,
         trials: &[impl Borrow<Trial> + Sync],
         in_folder: impl Fn(&Trial) -> Result<Option<T>, Error> + Sync,
-        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error> + Sync,
+        in_packs: impl Fn(&mut [PackReader<'_>], &Trial) -> Result<Option<T>, Error> + Sync,
         mut take: impl FnMut(usize, Result<T, Error>),
     ) {
         let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
@@ -83,7 +83,7 @@ impl Store {
         group: &str,
         trials: Vec<(usize, &Trial)>,
         in_folder: impl Fn(&Trial) -> Result<Option<T>, Error>,
-        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error>,
+        in_packs: impl Fn(&mut [PackReader<'_>], &Trial) -> Result<Option<T>, Error>,
     ) -> Vec<(usize, Result<T, Error>)> {
         let folder = self.root.join("trials").join(group);
         let listed: Option<HashSet<String>> =
@@ -118,7 +118,7 @@ impl Store {
         // Most trials record the same metrics, and those that are missing none.
         let mut names = BTreeSet::<Arc<Vec<String>>>::new();
         let each: Vec<&Trial> = trials.iter().map(|trial| &***trial).collect();
-        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| loaded_in(packs, self, &trial.id);
+        let in_packs = |packs: &mut [PackReader<'_>], trial: &Trial| loaded_in(packs, self, &trial.id);
         self.each_found(
             &each,
             |trial| self.loaded(&trial.id),

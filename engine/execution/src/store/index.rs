@@ -21,14 +21,14 @@ use std::{
 
 /// Values that were read for many trials.
 #[derive(Debug)]
-pub struct Found<T> {
+pub struct TrialValues<T> {
     /// One entry per trial, in their order; `None` where it has not run, and where its file cannot be used.
     pub all: Vec<Option<T>>,
     /// Trials, by their places, with faulty files, and the reasons.
     pub unreadable: Vec<(usize, Error)>,
 }
 
-impl<T> Found<T> {
+impl<T> TrialValues<T> {
     fn none(count: usize) -> Self {
         let mut all = Vec::new();
         all.resize_with(count, || None);
@@ -80,7 +80,7 @@ impl Store {
     /// Ends of trials, for callers that read no metrics: without the digests of these, which would fill the
     /// memory for a million trials.
     #[must_use]
-    pub fn outcomes(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
+    pub fn outcomes(&self, trials: &[impl Borrow<Trial> + Sync]) -> TrialValues<TrialEnd> {
         let without_digest = |it: StoredTrial| TrialEnd {
             digest: String::new(),
             ..it.end
@@ -91,8 +91,8 @@ impl Store {
     /// Ends of trials, as [`Store::end`] gives them, from every acknowledgement: before trials run, a damaged
     /// one has to be found.
     #[must_use]
-    pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
-        let mut found = Found::none(trials.len());
+    pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> TrialValues<TrialEnd> {
+        let mut found = TrialValues::none(trials.len());
         self.each_acknowledged(trials, |at, stored| found.note(at, stored.map(|it| it.end)));
         found.in_order()
     }
@@ -104,8 +104,8 @@ impl Store {
         &self,
         trials: &[impl Borrow<Trial> + Sync],
         mut keep: impl FnMut(StoredTrial) -> T,
-    ) -> Found<T> {
-        let mut found = Found::none(trials.len());
+    ) -> TrialValues<T> {
+        let mut found = TrialValues::none(trials.len());
         self.each_stored(trials, |at, stored| found.note(at, stored.map(&mut keep)));
         found.in_order()
     }
@@ -368,7 +368,7 @@ mod tests {
         let file = |trial: &Trial| store.folder(&trial.id).join("trial.json");
         fs::copy(file(&trials[0]), file(&trials[1])).unwrap();
         fs::write(file(&trials[2]), "{").unwrap();
-        let Found { all, unreadable } = store.ends(&trials);
+        let TrialValues { all, unreadable } = store.ends(&trials);
         assert!(all[0].is_some() && all[1].is_none() && all[2].is_none());
         let [(1, Error::Damaged { problem, .. }), (2, Error::Damaged { .. })] = &unreadable[..] else {
             panic!("{unreadable:?}")

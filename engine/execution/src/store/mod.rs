@@ -58,7 +58,7 @@ pub(crate) use bundle::{Bundle, BundleError, Manifest, read_bytes};
 pub use date::{now, rfc_3339_of, seconds_of};
 pub use fingerprint::{Difference, Fingerprint};
 pub use fsck::{Fault, Finding, Findings};
-pub use index::{Found, StoredTrial};
+pub use index::{StoredTrial, TrialValues};
 pub(crate) use inside::read as read_file;
 pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};

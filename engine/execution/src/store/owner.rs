@@ -4,7 +4,7 @@
 //! namespace sees whether the owner runs. From everywhere else it is unknown: on another host, but also in
 //! another container on this one, or on a machine that has the same name or was started again.
 
-use crate::world::process::{self, Place, ProcessState};
+use crate::world::process::{self, ProcessScope, ProcessState};
 use serde::{Deserialize, Serialize};
 
 /// A process that computes trials.
@@ -36,7 +36,7 @@ impl Owner {
         let task = variable("SLURM_ARRAY_JOB_ID")
             .zip(variable("SLURM_ARRAY_TASK_ID"))
             .map(|(job, task)| format!("{job}_{task}"));
-        let (pid, Place { host, boot }) = (process::id(), process::place());
+        let (pid, ProcessScope { host, boot }) = (process::id(), process::place());
         let started_ticks = match process::look(pid) {
             ProcessState::Started(ticks) => ticks,
             ProcessState::Gone | ProcessState::Hidden => 0,

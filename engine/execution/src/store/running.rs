@@ -27,7 +27,7 @@ use super::{
 use crate::world::{clock, fs};
 use contract::{
     Agent, Error, Keeper, Phase, Recorder, digest::of_bytes as hash, metrics_file::MetricsTable,
-    own_training::Place, recorder::Running, resources::Share,
+    own_training::TrainingAllocation, recorder::Running, resources::Share,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -83,7 +83,7 @@ pub struct RunningTrial {
 
 /// Content of `state.json`.
 #[derive(Debug, Serialize, Deserialize)]
-struct State {
+struct TrialCheckpoint {
     protocol: Value,
     running: Running,
     log: LogPosition,
@@ -182,20 +182,20 @@ impl RunningTrial {
     }
 
     /// State, log and rows of a checkpoint; `None` where it is not whole.
-    fn read(&self, number: u64) -> Result<Option<(State, MetricLog, MetricsTable)>, Error> {
+    fn read(&self, number: u64) -> Result<Option<(TrialCheckpoint, MetricLog, MetricsTable)>, Error> {
         let folder = self.checkpoint(number);
         if !is_whole(&folder, &self.trial) {
             return Ok(None);
         }
         let state = fs::read(folder.join("state.json"))
             .ok()
-            .and_then(|text| serde_json::from_slice::<State>(&text).ok());
+            .and_then(|text| serde_json::from_slice::<TrialCheckpoint>(&text).ok());
         let Some(state) = state else { return Ok(None) };
         let resumed = MetricLog::resume(&self.log_path(), &self.trial, &state.log)?;
         Ok(resumed.map(|(log, table)| (state, log, table)))
     }
 
-    fn write(&self, number: u64, state: &State, agent: &dyn Agent) -> Result<(), Error> {
+    fn write(&self, number: u64, state: &TrialCheckpoint, agent: &dyn Agent) -> Result<(), Error> {
         boundary::pass("before a checkpoint", &self.checkpoint(number));
         let unfinished = self.unfinished(number)?;
         let agent_folder = unfinished.join("agent");
@@ -294,7 +294,7 @@ impl Keeper for RunningTrial {
         self.log()?.flush()?;
         let log = self.log()?;
         let (running, log) = (record.running().clone(), log.position());
-        let state = State {
+        let state = TrialCheckpoint {
             protocol: state,
             running,
             log,
@@ -346,11 +346,11 @@ impl Keeper for RunningTrial {
         Ok(())
     }
 
-    fn place(&mut self) -> Result<Option<Place>, Error> {
+    fn place(&mut self) -> Result<Option<TrainingAllocation>, Error> {
         let work = self.folder.join(WORK);
         fs::create_dir_all(&work).map_err(Error::file("create", &work))?;
         let folder = fs::canonicalize(&work).map_err(Error::file("find", &work))?;
-        Ok(Some(Place {
+        Ok(Some(TrainingAllocation {
             folder,
             until: self.until,
             patience: self.patience,
@@ -436,7 +436,7 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
 /// Whether the log still holds the rows that a whole checkpoint needs.
 fn has_its_rows(checkpoint: &Path, running: &Path) -> bool {
     let state = fs::read(checkpoint.join("state.json")).ok();
-    let state = state.and_then(|text| serde_json::from_slice::<State>(&text).ok());
+    let state = state.and_then(|text| serde_json::from_slice::<TrialCheckpoint>(&text).ok());
     state.is_none_or(|state| metric_log::holds(&running.join("metrics.log"), &state.log))
 }
 

@@ -3,7 +3,7 @@
 
 mod receipt;
 
-pub use receipt::{Entry, Outcome, Receipt};
+pub use receipt::{Receipt, ReceiptEntry, VerificationOutcome};
 
 use contract::{
     Registry,

@@ -32,12 +32,12 @@ pub struct Receipt {
     /// Trials that did not end `ok`: there is nothing to compare.
     pub not_ok: usize,
     /// One entry per trial.
-    pub trials: Vec<Entry>,
+    pub trials: Vec<ReceiptEntry>,
 }
 
-/// Outcome of one trial.
+/// Entry of one trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Entry {
+pub struct ReceiptEntry {
     /// Id of the trial.
     pub trial: String,
     /// Name of the environment.
@@ -54,13 +54,13 @@ pub struct Entry {
     pub now: Option<Fingerprint>,
     /// Result of the comparison.
     #[serde(flatten)]
-    pub outcome: Outcome,
+    pub outcome: VerificationOutcome,
 }
 
 /// Result of the comparison of a trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "snake_case")]
-pub enum Outcome {
+pub enum VerificationOutcome {
     /// Both have the same bytes.
     Same,
     /// The bytes differ.
@@ -85,7 +85,7 @@ pub enum Outcome {
     },
 }
 
-impl Outcome {
+impl VerificationOutcome {
     /// Name of the outcome, as it is shown.
     #[must_use]
     pub fn word(&self) -> &'static str {
@@ -99,7 +99,7 @@ impl Outcome {
     }
 }
 
-impl Entry {
+impl ReceiptEntry {
     /// The outcome for a stored trial and its new computation.
     #[must_use]
     pub fn compared(self, now: Fingerprint) -> Self {
@@ -108,9 +108,9 @@ impl Entry {
             .as_ref()
             .map_or_else(Vec::new, |stored| stored.differences(&now));
         let outcome = if differences.is_empty() {
-            Outcome::Same
+            VerificationOutcome::Same
         } else {
-            Outcome::Different { differences }
+            VerificationOutcome::Different { differences }
         };
         Self {
             now: Some(now),
@@ -137,10 +137,10 @@ impl Entry {
 
     fn problem(&self) -> Option<&str> {
         match &self.outcome {
-            Outcome::Same | Outcome::Different { .. } => None,
-            Outcome::Damaged { problem }
-            | Outcome::NotComputed { problem }
-            | Outcome::CannotVerify { problem } => Some(problem),
+            VerificationOutcome::Same | VerificationOutcome::Different { .. } => None,
+            VerificationOutcome::Damaged { problem }
+            | VerificationOutcome::NotComputed { problem }
+            | VerificationOutcome::CannotVerify { problem } => Some(problem),
         }
     }
 }
@@ -148,7 +148,7 @@ impl Entry {
 impl Receipt {
     /// Number of trials with an outcome.
     #[must_use]
-    pub fn count(&self, is: impl Fn(&Outcome) -> bool) -> usize {
+    pub fn count(&self, is: impl Fn(&VerificationOutcome) -> bool) -> usize {
         self.trials.iter().filter(|entry| is(&entry.outcome)).count()
     }
 
@@ -193,7 +193,7 @@ impl Receipt {
 
     /// Writes lines about trials without a new computation.
     fn unknown(&self, word: &str, out: &mut String) {
-        let all: Vec<&Entry> = self
+        let all: Vec<&ReceiptEntry> = self
             .trials
             .iter()
             .filter(|entry| entry.outcome.word() == word)
@@ -211,18 +211,21 @@ impl Receipt {
     fn conclusion(&self) -> String {
         let mut text = format!(
             "{} the same, {} different",
-            self.count(|it| *it == Outcome::Same),
-            self.count(|it| matches!(it, Outcome::Different { .. }))
+            self.count(|it| *it == VerificationOutcome::Same),
+            self.count(|it| matches!(it, VerificationOutcome::Different { .. }))
         );
         let others = [
-            ("damaged", self.count(|it| matches!(it, Outcome::Damaged { .. }))),
+            (
+                "damaged",
+                self.count(|it| matches!(it, VerificationOutcome::Damaged { .. })),
+            ),
             (
                 "not computed",
-                self.count(|it| matches!(it, Outcome::NotComputed { .. })),
+                self.count(|it| matches!(it, VerificationOutcome::NotComputed { .. })),
             ),
             (
                 "of another version, which cannot be verified",
-                self.count(|it| matches!(it, Outcome::CannotVerify { .. })),
+                self.count(|it| matches!(it, VerificationOutcome::CannotVerify { .. })),
             ),
             ("that did not end ok", self.not_ok),
             ("not stored", self.missing),
@@ -234,7 +237,7 @@ impl Receipt {
     }
 }
 
-impl Entry {
+impl ReceiptEntry {
     fn write(&self, out: &mut String) {
         let digest = |fingerprint: &Option<Fingerprint>| {
             fingerprint.as_ref().map_or("none", |it| &it.digest).to_owned()
@@ -253,7 +256,7 @@ impl Entry {
             digest(&self.now),
             by(&self.now)
         );
-        let Outcome::Different { differences } = &self.outcome else {
+        let VerificationOutcome::Different { differences } = &self.outcome else {
             return;
         };
         for Difference { what, first, second } in differences {

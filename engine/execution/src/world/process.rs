@@ -10,9 +10,9 @@ use std::{
 
 pub use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 
-/// Place of a process: process ids are valid only there.
+/// Scope of a process id: outside of it the id may name another process.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct ProcessScope {
     /// Host name of the machine.
     pub host: String,
     /// Boot id and process namespace; empty where they are not known.
@@ -40,12 +40,12 @@ pub fn id() -> u32 {
 }
 
 /// Place of this process.
-pub fn place() -> Place {
+pub fn place() -> ProcessScope {
     #[cfg(test)]
     if let Some(place) = super::simulated::place() {
         return place;
     }
-    Place {
+    ProcessScope {
         host: line_of("/proc/sys/kernel/hostname").unwrap_or_else(|| "unknown".into()),
         boot: boot().unwrap_or_default(),
     }

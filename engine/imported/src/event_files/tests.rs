@@ -60,14 +60,14 @@ fn mapping() -> Mapping {
     }
 }
 
-fn read(files: &[Content], mapping: &Mapping) -> Result<Found, String> {
+fn read(files: &[Content], mapping: &Mapping) -> Result<RunCollection, String> {
     let files: Vec<&Content> = files.iter().collect();
-    let mut found = Found::default();
+    let mut found = RunCollection::default();
     runs(&files, mapping, &mut found).map_err(|error| error.to_string())?;
     Ok(found)
 }
 
-fn curve(found: &Found, run: usize) -> &[(u64, f64)] {
+fn curve(found: &RunCollection, run: usize) -> &[(u64, f64)] {
     &found.runs[run].curves["return"]
 }
 

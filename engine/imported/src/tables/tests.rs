@@ -19,10 +19,10 @@ fn monitor() -> Mapping {
     }
 }
 
-fn read(files: &[(&str, &str)], mapping: &Mapping) -> Result<Found, String> {
+fn read(files: &[(&str, &str)], mapping: &Mapping) -> Result<RunCollection, String> {
     let contents: Vec<Content> = files.iter().map(|(name, text)| content(name, text)).collect();
-    let formed: Vec<(&Content, Form)> = contents.iter().map(|it| (it, it.form().unwrap())).collect();
-    let mut found = Found::default();
+    let formed: Vec<(&Content, LogFormat)> = contents.iter().map(|it| (it, it.form().unwrap())).collect();
+    let mut found = RunCollection::default();
     runs(&formed, mapping, &mut found).map_err(|error| error.to_string())?;
     Ok(found)
 }
@@ -31,11 +31,11 @@ fn refused(text: &str, mapping: &Mapping) -> String {
     read(&[("a.csv", text)], mapping).map(|_| ()).unwrap_err()
 }
 
-fn curve(found: &Found, run: usize) -> &[(u64, f64)] {
+fn curve(found: &RunCollection, run: usize) -> &[(u64, f64)] {
     &found.runs[run].curves["return"]
 }
 
-fn names(found: &Found) -> Vec<&str> {
+fn names(found: &RunCollection) -> Vec<&str> {
     found.runs.iter().map(|run| run.name.as_str()).collect()
 }
 

@@ -14,7 +14,7 @@ use crate::{
     names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
-use analysis::published_curve::{PublishedCurve, Run};
+use analysis::published_curve::{CurveRun, PublishedCurve};
 use contract::{Error, trial_result::TrialResult};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -219,7 +219,7 @@ struct SeedCurves {
     label: String,
     style: Style,
     learns: bool,
-    runs: Vec<Run>,
+    runs: Vec<CurveRun>,
     /// Ids of the trials, in the order of `runs`.
     trials: Vec<String>,
     /// Number of seeds with results, and number of seeds planned.
@@ -231,7 +231,7 @@ struct SeedCurves {
 impl SeedCurves {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
         let learns = scope.learns() || scope.is_imported();
-        let (trials, runs): (Vec<String>, Vec<Run>) = runs(scope, &kind.metric).into_iter().unzip();
+        let (trials, runs): (Vec<String>, Vec<CurveRun>) = runs(scope, &kind.metric).into_iter().unzip();
         let measured = Self {
             label,
             style,
@@ -257,15 +257,16 @@ impl SeedCurves {
         if let Some(value) = self.level {
             return level(self.label, self.style, self.seeds, value);
         }
-        let with_values = |((run, trial), values): ((Run, String), common_steps::Run)| {
+        let with_values = |((run, trial), values): ((CurveRun, String), common_steps::StepSeries)| {
             let points = points(&values);
             let name = run.name;
             (!values.is_empty()).then_some((values, RunLine { name, trial, points }))
         };
-        let smoothed: Vec<common_steps::Run> =
+        let smoothed: Vec<common_steps::StepSeries> =
             self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
         let runs = self.runs.into_iter().zip(self.trials).zip(smoothed);
-        let (values, lines): (Vec<common_steps::Run>, Vec<RunLine>) = runs.filter_map(with_values).unzip();
+        let (values, lines): (Vec<common_steps::StepSeries>, Vec<RunLine>) =
+            runs.filter_map(with_values).unzip();
         let seeds = (values.len(), self.seeds.1);
         // The line of a single seed is that seed. Runs are kept where they go on after their line ends.
         let asked = shown.runs || kind.seeds == SeedLines::Chosen(Automatic::Auto) && are_uneven(&values);
@@ -296,11 +297,11 @@ impl SeedCurves {
 }
 
 /// The measurements of each seed but the final one, with the id of its trial.
-fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
+fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, CurveRun)> {
     let run = |trial: &&TrialResult| {
         let points = trial.while_learning(metric);
         let name = format!("seed {}", trial.trial.key.seed);
-        (!points.is_empty()).then(|| (trial.trial.id.clone(), Run { name, points }))
+        (!points.is_empty()).then(|| (trial.trial.id.clone(), CurveRun { name, points }))
     };
     scope
         .trials

@@ -3,7 +3,7 @@
 use super::{Automatic, Band, LearningCurve, Line, SeedLines, chart::Point};
 use statistics::{
     Bootstrap, MeanEstimate,
-    common_steps::{Run, at_common_steps, shared_stretch},
+    common_steps::{StepSeries, at_common_steps, shared_stretch},
     estimators::{iqm, mean, median, moving_average, quantile, sd},
     thinning,
 };
@@ -37,7 +37,7 @@ impl RunDisplay {
 }
 
 /// A run as it is drawn: the moving average of its steps from `from_step` on.
-pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Run {
+pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> StepSeries {
     let (steps, values): (Vec<u64>, Vec<f64>) = points
         .iter()
         .copied()
@@ -51,9 +51,9 @@ pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Run {
 
 /// Line and band over runs at their common steps; every point is over all runs. Lines with very many steps are
 /// thinned to the steps that change the drawing.
-pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
+pub(super) fn over(runs: &[StepSeries], line: Line, band: Band) -> Vec<Point> {
     let runs: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
-    let mut middles: Run = Vec::new();
+    let mut middles: StepSeries = Vec::new();
     at_common_steps(&runs, |step, values| middles.push((step, middle(values, line))));
     let kept = if middles.len() > thinning::MOST {
         thinning::kept_steps(&middles)
@@ -71,7 +71,7 @@ pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
 }
 
 /// The statistic of the line over the last values of runs; `None` where all runs end where the line does.
-pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
+pub(super) fn at_the_ends(runs: &[StepSeries], line: Line) -> Option<f64> {
     let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
     let end = shared_stretch(&slices).map(|(_, end)| end);
     let lasts: Vec<(u64, f64)> = runs.iter().filter_map(|run| run.last().copied()).collect();
@@ -81,8 +81,8 @@ pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
 }
 
 /// Whether runs begin or end at different steps, so that their line leaves out a part of them.
-pub(super) fn are_uneven(runs: &[Run]) -> bool {
-    let ends = |run: &Run| (run.first().map(|it| it.0), run.last().map(|it| it.0));
+pub(super) fn are_uneven(runs: &[StepSeries]) -> bool {
+    let ends = |run: &StepSeries| (run.first().map(|it| it.0), run.last().map(|it| it.0));
     runs.iter().any(|run| ends(run) != ends(&runs[0]))
 }
 

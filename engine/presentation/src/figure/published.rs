@@ -9,7 +9,7 @@ use super::{
 };
 use analysis::published_curve::{self, PublishedCurve};
 use contract::Error;
-use statistics::common_steps::Run;
+use statistics::common_steps::StepSeries;
 
 /// The published curves of an environment up to `end`. Logs may go on long after the study ended, and would squeeze
 /// its own curves to a strip at the edge.
@@ -58,10 +58,10 @@ fn one(
     kind: &LearningCurve,
     curve: &PublishedCurve,
     style: Style,
-    runs: &[published_curve::Run],
+    runs: &[published_curve::CurveRun],
     end: u64,
 ) -> Option<Series> {
-    let values: Vec<Run> = runs
+    let values: Vec<StepSeries> = runs
         .iter()
         .map(|run| until(end, smoothed(kind, &run.points)))
         .collect();
@@ -69,7 +69,7 @@ fn one(
         return None;
     }
     let thin = runs.len() > 1 && kind.seeds != SeedLines::Said(false);
-    let line = |(run, values): (&published_curve::Run, &Run)| RunLine {
+    let line = |(run, values): (&published_curve::CurveRun, &StepSeries)| RunLine {
         name: run.name.clone(),
         trial: String::new(),
         points: points(values),
@@ -102,7 +102,7 @@ fn one(
     })
 }
 
-fn until(end: u64, mut values: Run) -> Run {
+fn until(end: u64, mut values: StepSeries) -> StepSeries {
     values.retain(|(step, _)| *step <= end);
     values
 }

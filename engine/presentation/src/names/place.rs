@@ -1,6 +1,6 @@
 //! Places of a study at which names are checked.
 
-use document::{Entry, Kind, Node, diagnostic::Span};
+use document::{Entry, Node, NodeKind, diagnostic::Span};
 
 /// The part of the study that a table or figure takes its values from.
 pub struct Picked {
@@ -62,7 +62,7 @@ impl<'a> Place<'a> {
     pub fn value(&self, key: &str) -> (Span, String) {
         let at = format!("{}.{key}", self.at);
         match self.node.entry(key) {
-            Some(entry) if matches!(entry.value.kind, Kind::Scalar(_)) => (entry.value.span, at),
+            Some(entry) if matches!(entry.value.kind, NodeKind::Scalar(_)) => (entry.value.span, at),
             Some(entry) => (entry.key_span, at),
             None => (self.key, at),
         }

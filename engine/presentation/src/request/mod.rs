@@ -22,7 +22,7 @@ use crate::{
 };
 use contract::{Metric, standard_metrics::SUCCESS, trial_result::Success};
 use document::{
-    Kind as NodeKind, Node,
+    Node, NodeKind,
     diagnostic::{Diagnostic, Sources, suggest},
 };
 use schemars::{JsonSchema, schema_for};

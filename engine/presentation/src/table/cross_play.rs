@@ -11,7 +11,7 @@ use contract::Error;
 use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use statistics::{Design, estimators::mean};
+use statistics::{SequentialDesign, estimators::mean};
 use std::collections::BTreeMap;
 
 /// Heading of the row and the column of means.
@@ -234,7 +234,7 @@ impl Scale {
     }
 
     /// A sentence on the ends of the scale.
-    fn in_words(&self, design: Option<&Design>) -> String {
+    fn in_words(&self, design: Option<&SequentialDesign>) -> String {
         let format = NumberFormat::fitting([self.low, self.high].into_iter());
         let [low, high] = [self.low, self.high].map(|end| format.write(end));
         let when = design.and_then(|design| design.looks().first());

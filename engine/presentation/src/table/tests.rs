@@ -6,7 +6,7 @@ use super::{
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::Success};
-use statistics::{Design, Verdict};
+use statistics::{SequentialDesign, Verdict};
 use std::collections::BTreeMap;
 use testing::synthetic::study;
 use testing::synthetic::{ended, trial};
@@ -453,7 +453,7 @@ fn seeds_without_success_complete_a_look() {
             .collect(),
     );
     let success = judge_above_nine(&mut results);
-    (results.design, results.success) = (Some(Design::new(vec![3, 6])), Some(success));
+    (results.design, results.success) = (Some(SequentialDesign::new(vec![3, 6])), Some(success));
     let comparison = Comparison {
         given_success: true,
         ..Comparison::default()

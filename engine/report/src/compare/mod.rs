@@ -11,7 +11,7 @@ mod side;
 pub use difference::{Basis, Difference, Fate, LEVEL};
 pub use render::{markdown, text};
 pub use settings::{changed_keys, flat};
-pub use side::{CellValues, Place, Side, parse_study};
+pub use side::{CellAddress, CellValues, Side, parse_study};
 
 use crate::Passed;
 use serde::Serialize;
@@ -70,7 +70,7 @@ pub struct Counts {
 pub struct Pair {
     /// Place of the cell.
     #[serde(flatten)]
-    pub place: Place,
+    pub place: CellAddress,
     /// Its values in the first side.
     pub a: CellValues,
     /// Its values in the second side.
@@ -169,7 +169,7 @@ impl Counts {
 }
 
 fn pairs(a: &Side, b: &Side) -> Vec<Pair> {
-    let both = |(place, first): (&Place, &CellValues)| {
+    let both = |(place, first): (&CellAddress, &CellValues)| {
         let second = b.cells.get(place)?;
         Some(Pair {
             place: place.clone(),

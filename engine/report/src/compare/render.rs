@@ -206,11 +206,11 @@ fn summary(compared: &Compared) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::{Place, Side};
+    use crate::compare::{CellAddress, Side};
     use serde_json::json;
 
     fn side(letter: &str, values: &[f64], discount: f64) -> Side {
-        let place = |row: &str| Place {
+        let place = |row: &str| CellAddress {
             table: "table-1".into(),
             row: row.into(),
             column: "return".into(),

@@ -20,16 +20,16 @@ pub struct Side {
     /// Origin of the results.
     pub named: Named,
     /// The cells of all tables.
-    pub cells: BTreeMap<Place, CellValues>,
+    pub cells: BTreeMap<CellAddress, CellValues>,
     /// Verdicts on published values and claims.
     pub verdicts: Vec<Passed>,
     /// The leaves of the resolved study, by dotted key.
     pub settings: BTreeMap<String, Value>,
 }
 
-/// Place of a cell, by names that hold on both sides.
+/// Address of a cell, by names that hold on both sides.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub struct Place {
+pub struct CellAddress {
     /// Name of the table, as its files have it.
     pub table: String,
     /// Name of the row.
@@ -38,7 +38,7 @@ pub struct Place {
     pub column: String,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for CellAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}, {}", self.table, self.row, self.column)
     }
@@ -86,7 +86,7 @@ impl Side {
         for (name, grid) in grids {
             for (row, line) in grid.rows.iter().zip(&grid.cells) {
                 for (column, cell) in grid.columns.iter().zip(line) {
-                    let place = Place {
+                    let place = CellAddress {
                         table: file_slug(name),
                         row: row.name.clone(),
                         column: column.name.clone(),
@@ -167,7 +167,7 @@ fn read(path: &Path) -> Result<Option<String>, Error> {
 }
 
 /// The cells of all tables of a folder.
-fn cells(folder: &Path) -> Result<BTreeMap<Place, CellValues>, Error> {
+fn cells(folder: &Path) -> Result<BTreeMap<CellAddress, CellValues>, Error> {
     let mut cells = BTreeMap::new();
     for name in execution::store::names(folder)? {
         let Some(table) = name.strip_suffix(".csv") else {
@@ -188,8 +188,8 @@ fn cells(folder: &Path) -> Result<BTreeMap<Place, CellValues>, Error> {
 }
 
 /// Numbers by seed of every cell of a table.
-fn lines_by_seed(path: &Path) -> Result<BTreeMap<Place, BTreeMap<u64, f64>>, Error> {
-    let mut cells: BTreeMap<Place, BTreeMap<u64, f64>> = BTreeMap::new();
+fn lines_by_seed(path: &Path) -> Result<BTreeMap<CellAddress, BTreeMap<u64, f64>>, Error> {
+    let mut cells: BTreeMap<CellAddress, BTreeMap<u64, f64>> = BTreeMap::new();
     let table = path.file_name().unwrap_or_default().to_string_lossy();
     let table = table.trim_end_matches("-seeds.csv");
     for line in lines(path, "seed")?.unwrap_or_default() {
@@ -201,7 +201,7 @@ fn lines_by_seed(path: &Path) -> Result<BTreeMap<Place, BTreeMap<u64, f64>>, Err
 }
 
 /// A line of a CSV file that a report wrote.
-struct Line {
+struct CsvLine {
     path: PathBuf,
     number: u64,
     fields: BTreeMap<String, String>,
@@ -209,7 +209,7 @@ struct Line {
 
 /// The lines of a file whose third column has this name, as in files of reports; `None` for any other file, and for
 /// one that does not exist.
-fn lines(path: &Path, third: &str) -> Result<Option<Vec<Line>>, Error> {
+fn lines(path: &Path, third: &str) -> Result<Option<Vec<CsvLine>>, Error> {
     let Some(text) = read(path)? else {
         return Ok(None);
     };
@@ -234,7 +234,7 @@ fn lines(path: &Path, third: &str) -> Result<Option<Vec<Line>>, Error> {
             .zip(record?.iter().map(String::from))
             .collect();
         let path = path.to_owned();
-        Ok(Line { path, number, fields })
+        Ok(CsvLine { path, number, fields })
     };
     reader
         .records()
@@ -245,13 +245,13 @@ fn lines(path: &Path, third: &str) -> Result<Option<Vec<Line>>, Error> {
         .map_err(wrong)
 }
 
-impl Line {
+impl CsvLine {
     fn text(&self, column: &str) -> &str {
         self.fields.get(column).map_or("", String::as_str)
     }
 
-    fn place(&self, table: &str) -> Place {
-        Place {
+    fn place(&self, table: &str) -> CellAddress {
+        CellAddress {
             table: table.into(),
             row: self.text("row").into(),
             column: self.text("column").into(),

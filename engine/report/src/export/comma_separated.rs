@@ -1,6 +1,6 @@
 //! A table as comma-separated values that a spreadsheet opens without running anything.
 
-use super::table::{Cells, Column, Table};
+use super::table::{ExportCells, ExportColumn, ExportTable};
 use contract::Error;
 use execution::world::fs::File;
 use std::{io::BufWriter, path::Path};
@@ -13,7 +13,7 @@ pub(super) const ABOUT_GUARD: &str = "a text that begins with = + - @ or a contr
 ///
 /// # Errors
 /// [`Error::File`] where the file cannot be written.
-pub(super) fn write(table: &Table<'_>, path: &Path) -> Result<(), Error> {
+pub(super) fn write(table: &ExportTable<'_>, path: &Path) -> Result<(), Error> {
     let file = File::create(path).map_err(Error::file("create", path))?;
     let mut writer = csv::Writer::from_writer(BufWriter::new(file));
     let refused = |error: csv::Error| Error::file("write", path)(error.into());
@@ -36,13 +36,13 @@ pub(super) fn write(table: &Table<'_>, path: &Path) -> Result<(), Error> {
 }
 
 /// Text of a cell: numbers have all their digits, and an empty cell is empty.
-fn field(column: &Column<'_>, at: usize) -> String {
+fn field(column: &ExportColumn<'_>, at: usize) -> String {
     match &column.cells {
-        Cells::Text(cells) => cells[at].as_deref().map_or(String::new(), guarded),
-        Cells::Count(cells) => shown(cells[at]),
-        Cells::Whole(cells) => shown(cells[at]),
-        Cells::Number(cells) => shown(cells[at]),
-        Cells::Flag(cells) => shown(cells[at]),
+        ExportCells::Text(cells) => cells[at].as_deref().map_or(String::new(), guarded),
+        ExportCells::Count(cells) => shown(cells[at]),
+        ExportCells::Whole(cells) => shown(cells[at]),
+        ExportCells::Number(cells) => shown(cells[at]),
+        ExportCells::Flag(cells) => shown(cells[at]),
     }
 }
 
@@ -67,21 +67,22 @@ mod tests {
     fn formulas_stay_texts_and_numbers_stay_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.csv");
-        let text =
-            |words: &[&'static str]| Cells::Text(words.iter().map(|word| Some((*word).into())).collect());
-        let table = Table {
+        let text = |words: &[&'static str]| {
+            ExportCells::Text(words.iter().map(|word| Some((*word).into())).collect())
+        };
+        let table = ExportTable {
             name: "table",
             about: "rows",
             trials: vec![0, 0, 1, 1, 1],
             columns: vec![
-                Column::new("word", "", text(&["=1+1", "+a", "-a", "@a", "a, \"b\""])),
-                Column::new(
+                ExportColumn::new("word", "", text(&["=1+1", "+a", "-a", "@a", "a, \"b\""])),
+                ExportColumn::new(
                     "value",
                     "",
-                    Cells::Number(vec![Some(-1.5), None, Some(1e-300), Some(0.1), Some(-0.0)]),
+                    ExportCells::Number(vec![Some(-1.5), None, Some(1e-300), Some(0.1), Some(-0.0)]),
                 ),
-                Column::new("trial", "", text(&["first", "second"])).of_trials(),
-                Column::new("whole", "", Cells::Whole(vec![Some(-7), None])).of_trials(),
+                ExportColumn::new("trial", "", text(&["first", "second"])).of_trials(),
+                ExportColumn::new("whole", "", ExportCells::Whole(vec![Some(-7), None])).of_trials(),
             ],
         };
         write(&table, &path).unwrap();

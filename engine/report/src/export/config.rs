@@ -5,7 +5,7 @@
 
 use super::{
     Subject,
-    table::{Cells, Column},
+    table::{ExportCells, ExportColumn},
 };
 use contract::{cast::Actors, part::Part, plugin::About, trial::TrialKey};
 use document::schema_check::View;
@@ -24,7 +24,7 @@ struct KeyOrigin {
 }
 
 /// One column per key that any trial has; trials without it have an empty cell.
-pub(super) fn columns(subject: &Subject<'_>) -> Vec<Column<'static>> {
+pub(super) fn columns(subject: &Subject<'_>) -> Vec<ExportColumn<'static>> {
     let trials: Vec<Leaves> = subject
         .trials
         .iter()
@@ -40,7 +40,7 @@ pub(super) fn columns(subject: &Subject<'_>) -> Vec<Column<'static>> {
             .map(|leaves| leaves.get(name).map(|(value, _)| value))
             .collect();
         let (about, unit) = meaning.describe(subject);
-        Column::new(name, &about, typed(&values))
+        ExportColumn::new(name, &about, typed(&values))
             .of_trials()
             .in_unit(&unit)
     };
@@ -142,7 +142,7 @@ impl KeyOrigin {
 
 /// The narrowest type that holds all values of a column. Values that are no scalars, or of several types, become
 /// text: words as they are, else JSON.
-fn typed(values: &[Option<&Value>]) -> Cells<'static> {
+fn typed(values: &[Option<&Value>]) -> ExportCells<'static> {
     fn all<T>(values: &[Option<&Value>], read: impl Fn(&Value) -> Option<T>) -> Option<Vec<Option<T>>> {
         values
             .iter()
@@ -154,12 +154,12 @@ fn typed(values: &[Option<&Value>]) -> Cells<'static> {
         other => other.to_string(),
     };
     all(values, Value::as_bool)
-        .map(Cells::Flag)
-        .or_else(|| all(values, Value::as_i64).map(Cells::Whole))
-        .or_else(|| all(values, Value::as_u64).map(Cells::Count))
-        .or_else(|| all(values, Value::as_f64).map(Cells::Number))
+        .map(ExportCells::Flag)
+        .or_else(|| all(values, Value::as_i64).map(ExportCells::Whole))
+        .or_else(|| all(values, Value::as_u64).map(ExportCells::Count))
+        .or_else(|| all(values, Value::as_f64).map(ExportCells::Number))
         .unwrap_or_else(|| {
-            Cells::Text(
+            ExportCells::Text(
                 values
                     .iter()
                     .map(|value| value.map(|value| text(value).into()))
@@ -176,21 +176,27 @@ mod tests {
     #[test]
     fn a_column_has_the_narrowest_type_of_its_values() {
         let of = |values: &[Value]| typed(&values.iter().map(Some).collect::<Vec<_>>());
-        assert_eq!(of(&[json!(true)]), Cells::Flag(vec![Some(true)]));
-        assert_eq!(of(&[json!(1), json!(-2)]), Cells::Whole(vec![Some(1), Some(-2)]));
+        assert_eq!(of(&[json!(true)]), ExportCells::Flag(vec![Some(true)]));
+        assert_eq!(
+            of(&[json!(1), json!(-2)]),
+            ExportCells::Whole(vec![Some(1), Some(-2)])
+        );
         assert_eq!(
             of(&[json!(1), json!(u64::MAX)]),
-            Cells::Count(vec![Some(1), Some(u64::MAX)])
+            ExportCells::Count(vec![Some(1), Some(u64::MAX)])
         );
         assert_eq!(
             of(&[json!(1), json!(0.5)]),
-            Cells::Number(vec![Some(1.0), Some(0.5)])
+            ExportCells::Number(vec![Some(1.0), Some(0.5)])
         );
         assert_eq!(
             of(&[json!(1), json!("auto"), json!([1, 2])]),
-            Cells::Text(vec![Some("1".into()), Some("auto".into()), Some("[1,2]".into())])
+            ExportCells::Text(vec![Some("1".into()), Some("auto".into()), Some("[1,2]".into())])
         );
-        assert_eq!(typed(&[None, Some(&json!(3))]), Cells::Whole(vec![None, Some(3)]));
+        assert_eq!(
+            typed(&[None, Some(&json!(3))]),
+            ExportCells::Whole(vec![None, Some(3)])
+        );
     }
 
     #[test]

@@ -21,7 +21,7 @@ mod trace;
 
 pub use policy::{PolicySubject, onnx_files};
 pub use ro_crate::{Crate, Piece};
-pub use table::{Cells, Column, Table};
+pub use table::{ExportCells, ExportColumn, ExportTable};
 pub use tables::tables;
 pub use tensorboard::{describe_run, folder_of_run};
 
@@ -33,9 +33,9 @@ use execution::{
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path};
 
-/// Form of an export.
+/// Format of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Form {
+pub enum ExportFormat {
     /// Tidy tables as Parquet files.
     Parquet,
     /// Tidy tables as comma-separated values.

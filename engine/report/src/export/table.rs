@@ -9,7 +9,7 @@ use std::{borrow::Cow, path::Path};
 
 /// Cells of a column; `None` is an empty cell.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cells<'a> {
+pub enum ExportCells<'a> {
     /// Texts.
     Text(Vec<Option<Cow<'a, str>>>),
     /// Numbers of items.
@@ -24,7 +24,7 @@ pub enum Cells<'a> {
 
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Column<'a> {
+pub struct ExportColumn<'a> {
     /// Name of the column.
     pub name: String,
     /// Description in one line.
@@ -34,12 +34,12 @@ pub struct Column<'a> {
     /// Whether the column has a cell per trial, instead of one per row.
     pub per_trial: bool,
     /// Cells of the column, one per trial or per row.
-    pub cells: Cells<'a>,
+    pub cells: ExportCells<'a>,
 }
 
 /// A table whose rows belong to trials.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Table<'a> {
+pub struct ExportTable<'a> {
     /// Its name, and that of its file.
     pub name: &'static str,
     /// Description of a row.
@@ -47,10 +47,10 @@ pub struct Table<'a> {
     /// Index of the trial of every row.
     pub trials: Vec<usize>,
     /// The columns.
-    pub columns: Vec<Column<'a>>,
+    pub columns: Vec<ExportColumn<'a>>,
 }
 
-impl Cells<'_> {
+impl ExportCells<'_> {
     /// Type of the column in the terms of a Table Schema.
     fn kind(&self) -> &'static str {
         match self {
@@ -62,10 +62,10 @@ impl Cells<'_> {
     }
 }
 
-impl<'a> Column<'a> {
+impl<'a> ExportColumn<'a> {
     /// A column with a cell per row.
     #[must_use]
-    pub fn new(name: &str, about: &str, cells: Cells<'a>) -> Self {
+    pub fn new(name: &str, about: &str, cells: ExportCells<'a>) -> Self {
         Self {
             name: name.into(),
             about: about.into(),
@@ -98,15 +98,15 @@ impl<'a> Column<'a> {
     }
 }
 
-impl Table<'_> {
+impl ExportTable<'_> {
     /// Index of a row's cell in a column.
-    pub(super) fn place(&self, column: &Column<'_>, row: usize) -> usize {
+    pub(super) fn place(&self, column: &ExportColumn<'_>, row: usize) -> usize {
         if column.per_trial { self.trials[row] } else { row }
     }
 
     /// Description of the table and its columns.
     pub(super) fn describe(&self, file: &str) -> Value {
-        let fields: Vec<Value> = self.columns.iter().map(Column::describe).collect();
+        let fields: Vec<Value> = self.columns.iter().map(ExportColumn::describe).collect();
         json!({"file": file, "description": self.about, "rows": self.trials.len(), "fields": fields})
     }
 
@@ -123,14 +123,14 @@ impl Table<'_> {
         )
     }
 
-    fn values<'b>(&self, column: &'b Column<'_>) -> Values<'b> {
+    fn values<'b>(&self, column: &'b ExportColumn<'_>) -> Values<'b> {
         let rows = || (0..self.trials.len()).map(|row| self.place(column, row));
         match &column.cells {
-            Cells::Text(cells) => Values::MaybeText(rows().map(|at| cells[at].as_deref()).collect()),
-            Cells::Count(cells) => Values::MaybeU64(rows().map(|at| cells[at]).collect()),
-            Cells::Whole(cells) => Values::MaybeI64(rows().map(|at| cells[at]).collect()),
-            Cells::Number(cells) => Values::MaybeF64(rows().map(|at| cells[at]).collect()),
-            Cells::Flag(cells) => Values::MaybeBool(rows().map(|at| cells[at]).collect()),
+            ExportCells::Text(cells) => Values::MaybeText(rows().map(|at| cells[at].as_deref()).collect()),
+            ExportCells::Count(cells) => Values::MaybeU64(rows().map(|at| cells[at]).collect()),
+            ExportCells::Whole(cells) => Values::MaybeI64(rows().map(|at| cells[at]).collect()),
+            ExportCells::Number(cells) => Values::MaybeF64(rows().map(|at| cells[at]).collect()),
+            ExportCells::Flag(cells) => Values::MaybeBool(rows().map(|at| cells[at]).collect()),
         }
     }
 }

@@ -2,14 +2,14 @@
 
 use super::{
     Subject, config,
-    table::{Cells, Column, Table},
+    table::{ExportCells, ExportColumn, ExportTable},
 };
 use contract::{recorder::Phase, trial::Purpose, trial_end::TrialEnd, trial_result::TrialResult};
 use std::{borrow::Cow, collections::BTreeMap};
 
 /// `evaluations`, `training` and `trials`, in this order.
 #[must_use]
-pub fn tables<'a>(subject: &Subject<'a>) -> Vec<Table<'a>> {
+pub fn tables<'a>(subject: &Subject<'a>) -> Vec<ExportTable<'a>> {
     let config = config::columns(subject);
     let mut all = vec![
         recorded(
@@ -33,7 +33,7 @@ pub fn tables<'a>(subject: &Subject<'a>) -> Vec<Table<'a>> {
 }
 
 /// A row of the values that a trial recorded.
-struct Row<'a> {
+struct MetricRow<'a> {
     trial: usize,
     phase: Phase,
     step: u64,
@@ -47,53 +47,54 @@ fn recorded<'a>(
     name: &'static str,
     about: &'static str,
     phases: &[Phase],
-) -> Table<'a> {
+) -> ExportTable<'a> {
     let mut rows = Vec::new();
     for (trial, (result, _)) in subject.trials.iter().enumerate() {
         for phase in phases {
             rows.extend(means(trial, result, *phase));
         }
     }
-    let text =
-        |of: fn(&Row<'a>) -> &'a str| Cells::Text(rows.iter().map(|row| Some(of(row).into())).collect());
+    let text = |of: fn(&MetricRow<'a>) -> &'a str| {
+        ExportCells::Text(rows.iter().map(|row| Some(of(row).into())).collect())
+    };
     let units = rows.iter().map(|row| {
         let unit = subject.units.get(row.metric).map_or("", String::as_str);
         Some(unit.into())
     });
     let mut columns = names(subject);
     columns.extend([
-        Column::new(
+        ExportColumn::new(
             "phase",
             "evaluate (while learning), final (at the end) or train",
             text(|row| row.phase.name()),
         ),
-        Column::new(
+        ExportColumn::new(
             "step",
             "steps of the environment, or examples, before it was recorded",
-            Cells::Count(rows.iter().map(|row| Some(row.step)).collect()),
+            ExportCells::Count(rows.iter().map(|row| Some(row.step)).collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "metric",
             "what was recorded; see `metrics`",
             text(|row| row.metric),
         ),
-        Column::new(
+        ExportColumn::new(
             "unit",
             "SI unit of the value, empty where there is none",
-            Cells::Text(units.collect()),
+            ExportCells::Text(units.collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "value",
             "the mean",
-            Cells::Number(rows.iter().map(|row| Some(row.mean)).collect()),
+            ExportCells::Number(rows.iter().map(|row| Some(row.mean)).collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "values",
             "how many values the mean is over",
-            Cells::Count(rows.iter().map(|row| Some(row.count)).collect()),
+            ExportCells::Count(rows.iter().map(|row| Some(row.count)).collect()),
         ),
     ]);
-    Table {
+    ExportTable {
         name,
         about,
         trials: rows.iter().map(|row| row.trial).collect(),
@@ -102,7 +103,7 @@ fn recorded<'a>(
 }
 
 /// The means of all metrics of a trial in a phase, by step and then by metric.
-fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<Row<'_>> {
+fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<MetricRow<'_>> {
     let mut sums: BTreeMap<(u64, &str), (f64, u64)> = BTreeMap::new();
     for row in result.rows.iter().filter(|row| row.phase == phase) {
         let metric = result.names[usize::from(row.metric)].as_str();
@@ -113,7 +114,7 @@ fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<Row<'_>> {
     for ((step, metric), (sum, count)) in sums {
         #[expect(clippy::cast_precision_loss, reason = "a count of episodes is far below 2^52")]
         let mean = sum / count as f64;
-        rows.push(Row {
+        rows.push(MetricRow {
             trial,
             phase,
             step,
@@ -126,9 +127,9 @@ fn means(trial: usize, result: &TrialResult, phase: Phase) -> Vec<Row<'_>> {
 }
 
 /// Columns of every table on the trial: its id, its names in the study, its seed.
-fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
+fn names<'a>(subject: &Subject<'a>) -> Vec<ExportColumn<'a>> {
     let text = |of: fn(&'a TrialResult) -> &'a str| {
-        Cells::Text(
+        ExportCells::Text(
             subject
                 .trials
                 .iter()
@@ -141,31 +142,31 @@ fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
         .iter()
         .map(|(result, _)| Some(result.trial.key.seed));
     [
-        Column::new(
+        ExportColumn::new(
             "trial",
             "id: a hash of everything that determines the numbers",
             text(|it| &it.trial.id),
         ),
-        Column::new(
+        ExportColumn::new(
             "environment",
             "name in the study",
             text(|it| &it.trial.cell.environment),
         ),
-        Column::new("agent", "name in the study", text(|it| &it.trial.cell.agent)),
-        Column::new(
+        ExportColumn::new("agent", "name in the study", text(|it| &it.trial.cell.agent)),
+        ExportColumn::new(
             "setting",
             "the point of the sweep, empty without one",
             text(|it| it.trial.cell.point.words()),
         ),
-        Column::new("seed", "the replicate", Cells::Count(seeds.collect())),
+        ExportColumn::new("seed", "the replicate", ExportCells::Count(seeds.collect())),
     ]
-    .map(Column::of_trials)
+    .map(ExportColumn::of_trials)
     .into()
 }
 
-fn trials<'a>(subject: &Subject<'a>) -> Table<'a> {
+fn trials<'a>(subject: &Subject<'a>) -> ExportTable<'a> {
     let columns = [names(subject), ends(subject), origins(subject)];
-    Table {
+    ExportTable {
         name: "trials",
         about: "a row per trial",
         trials: (0..subject.trials.len()).collect(),
@@ -174,7 +175,7 @@ fn trials<'a>(subject: &Subject<'a>) -> Table<'a> {
 }
 
 /// Columns on the purpose of trials and on their ends.
-fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
+fn ends<'a>(subject: &Subject<'a>) -> Vec<ExportColumn<'a>> {
     let purposes = subject
         .trials
         .iter()
@@ -182,24 +183,24 @@ fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let state = |end: &'a TrialEnd| Some(end.state.name().into());
     let reason = |end: &'a TrialEnd| Some(end.reason.as_str().into()).filter(|_| !end.reason.is_empty());
     vec![
-        Column::new(
+        ExportColumn::new(
             "purpose",
             "cell, prepared, tried or play",
-            Cells::Text(purposes.collect()),
+            ExportCells::Text(purposes.collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "state",
             "how it ended, empty where it has not run",
             texts(subject, state),
         ),
-        Column::new("reason", "why it did not end ok", texts(subject, reason)),
-        Column::new(
+        ExportColumn::new("reason", "why it did not end ok", texts(subject, reason)),
+        ExportColumn::new(
             "wall_time",
             "wall-clock time of the trial: a measurement of the machine",
             seconds(subject, |end| Some(end.wall_s)),
         )
         .in_unit("s"),
-        Column::new(
+        ExportColumn::new(
             "time_per_decision",
             "wall-clock time of a decision of the final measurement",
             seconds(subject, |end| end.decision_s),
@@ -209,23 +210,23 @@ fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
 }
 
 /// Columns on the times and programs of trials, and on the digest of their recorded values.
-fn origins<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
+fn origins<'a>(subject: &Subject<'a>) -> Vec<ExportColumn<'a>> {
     let stored = || subject.trials.iter().map(|(_, stored)| stored.as_ref());
     let ended_at = stored().map(|it| Some(it?.ended_at.as_deref()?.into()));
     let builds = stored().map(|it| Some(it?.build.as_ref()?.to_string().into()));
     let digest = |end: &'a TrialEnd| Some(end.digest.as_str().into()).filter(|_| !end.digest.is_empty());
     vec![
-        Column::new(
+        ExportColumn::new(
             "ended_at",
             "when it ended, in UTC",
-            Cells::Text(ended_at.collect()),
+            ExportCells::Text(ended_at.collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "build",
             "commit of the program that computed it",
-            Cells::Text(builds.collect()),
+            ExportCells::Text(builds.collect()),
         ),
-        Column::new(
+        ExportColumn::new(
             "metrics_digest",
             "first 32 digits of the BLAKE3 hash of its metrics file in the store",
             texts(subject, digest),
@@ -234,15 +235,15 @@ fn origins<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
 }
 
 /// A text from the end of each trial; empty for trials that have not run.
-fn texts<'a>(subject: &Subject<'a>, of: impl Fn(&'a TrialEnd) -> Option<Cow<'a, str>>) -> Cells<'a> {
+fn texts<'a>(subject: &Subject<'a>, of: impl Fn(&'a TrialEnd) -> Option<Cow<'a, str>>) -> ExportCells<'a> {
     let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
-    Cells::Text(ends.map(|end| of(end?)).collect())
+    ExportCells::Text(ends.map(|end| of(end?)).collect())
 }
 
 /// A time from the end of each trial.
-fn seconds<'a>(subject: &Subject<'a>, of: fn(&TrialEnd) -> Option<f64>) -> Cells<'a> {
+fn seconds<'a>(subject: &Subject<'a>, of: fn(&TrialEnd) -> Option<f64>) -> ExportCells<'a> {
     let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
-    Cells::Number(ends.map(|end| of(end?)).collect())
+    ExportCells::Number(ends.map(|end| of(end?)).collect())
 }
 
 fn purpose(purpose: &Purpose) -> &'static str {

@@ -1,7 +1,7 @@
 //! A small study in every form, read back.
 
 use super::*;
-use contract::{parquet::Table as Read, recorder::Phase, trial_end::EndState};
+use contract::{parquet::ParquetTable as Read, recorder::Phase, trial_end::EndState};
 use std::path::PathBuf;
 use testing::{
     synthetic::{ended, trial},

@@ -46,7 +46,7 @@ impl Part {
 /// The trials of an environment, agent and setting.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cell {
+pub struct RecordedCell {
     /// Environment, play or entry of `prepare`.
     pub environment: String,
     /// Agent of the trials.
@@ -91,7 +91,7 @@ pub struct RecordedTrial {
     pub decision_s: Option<f64>,
 }
 
-impl Cell {
+impl RecordedCell {
     /// Environment, agent and setting.
     #[must_use]
     pub fn name(&self) -> Combination {
@@ -192,14 +192,14 @@ struct UnmatchedTrial {
 }
 
 /// The results of planned trials, by environment, agent, setting and seed.
-pub struct Source {
+pub struct ResultIndex {
     left: BTreeMap<(Part, Combination, u64), VecDeque<UnmatchedTrial>>,
     /// Wall-clock time in seconds of trials that the record does not list one by one, by environment and agent.
     alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
     measured: BTreeMap<(Combination, u64), Vec<FinalValue>>,
 }
 
-impl Source {
+impl ResultIndex {
     /// The trials of a record with their measurements.
     #[must_use]
     pub fn of(record: &Record, mut blocks: Blocks) -> Self {

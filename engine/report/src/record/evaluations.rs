@@ -16,7 +16,7 @@
 use analysis::results::Results;
 use contract::{
     Error, panics,
-    parquet::{self, Table, Values},
+    parquet::{self, ParquetTable, Values},
     recorder::{Phase, Row, intern},
     standard_metrics::root_of_squares,
     trial::{Combination, Trial},
@@ -147,7 +147,7 @@ impl Blocks {
 /// [`Error::Damaged`] where the bytes are no such file.
 pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<Blocks, Error> {
     let whole = || {
-        let table = Table::decode(bytes, path)?;
+        let table = ParquetTable::decode(bytes, path)?;
         blocks(&table)
     };
     let unknown = || Error::Damaged {
@@ -199,7 +199,7 @@ impl BlockReader {
     }
 }
 
-fn blocks(table: &Table<'_>) -> Result<Option<Blocks>, Error> {
+fn blocks(table: &ParquetTable<'_>) -> Result<Option<Blocks>, Error> {
     let (environments, agents) = (table.texts("environment")?, table.texts("agent")?);
     let (settings, seeds) = (table.texts("setting")?, table.u64s("seed")?);
     let (phases, steps) = (table.texts("phase")?, table.u64s("step")?);

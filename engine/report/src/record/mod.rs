@@ -12,7 +12,7 @@
 mod cells;
 mod evaluations;
 
-pub use cells::{Cell, Part, RecordedTrial, Source, forget_success};
+pub use cells::{Part, RecordedCell, RecordedTrial, ResultIndex, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
@@ -45,7 +45,7 @@ pub struct Record {
     /// Name of the study.
     pub study: String,
     /// The trials that ended, by environment, agent and setting.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<RecordedCell>,
     /// Facts on all trials together, such as their cost.
     pub told: Told,
     /// Programs, plugins and machine behind the results.

@@ -151,7 +151,7 @@ fn a_published_share_of_few_runs_is_uncertain_too() {
 
 #[test]
 fn planned_looks_are_taken_one_by_one() {
-    let design = Some(Design::new(vec![3, 6, 9]));
+    let design = Some(SequentialDesign::new(vec![3, 6, 9]));
     let seeds: Vec<(u64, f64)> = (0..).zip([100.0, 104.0, 96.0, 100.0, 100.2, 99.8]).collect();
     let at = |complete: usize, values: &[(u64, f64)]| {
         judge(

@@ -1,6 +1,6 @@
 //! Facts on the environments of a study: they are made and tried out, unless their announcements are known.
 
-use super::{Builder, Outcome, built};
+use super::{BuildResult, Builder, built};
 use crate::cell::Cell;
 use contract::{Environment, Error, Interface, Metric};
 use execution::patience;
@@ -38,7 +38,7 @@ impl Builder<'_> {
     ///
     /// # Errors
     /// Errors of the environment.
-    pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
+    pub(super) fn environment(&mut self, cell: &Cell) -> BuildResult<()> {
         let resolved = &cell.parts[0];
         if self.environments.contains_key(resolved.id()) {
             return Ok(());

@@ -213,7 +213,7 @@ struct Builder<'a> {
 }
 
 /// A result whose error is a diagnostic at its place.
-type Outcome<T> = Result<T, Box<Diagnostic>>;
+type BuildResult<T> = Result<T, Box<Diagnostic>>;
 
 /// The result of building a plugin; a panic is its error.
 fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
@@ -221,7 +221,7 @@ fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
 }
 
 impl<'a> Builder<'a> {
-    fn cell(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> Outcome<()> {
+    fn cell(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> BuildResult<()> {
         // A refused source is reported at the source.
         if !self.sources_are_there(cell)? {
             return Ok(());
@@ -262,7 +262,7 @@ impl<'a> Builder<'a> {
 
     /// Facts on the cell's environment, once its protocol has accepted the environment and gives the agent values to
     /// learn from; `None` where one of the two could not be built, which was reported.
-    fn accepted(&mut self, cell: &Cell) -> Outcome<Option<Arc<Facts>>> {
+    fn accepted(&mut self, cell: &Cell) -> BuildResult<Option<Arc<Facts>>> {
         let [_, agent, protocol] = &cell.parts;
         let (Some(facts), Some(Some(measures))) = (self.facts(cell), self.protocols.get(protocol.id()))
         else {
@@ -293,7 +293,7 @@ impl<'a> Builder<'a> {
         interface: &Interface,
         first: bool,
         vocabulary: &mut Vocabulary,
-    ) -> Outcome<()> {
+    ) -> BuildResult<()> {
         let given = given(cell);
         self.learns_as_written(cell)?;
         if self.agents.contains_key(&given) || !first && self.extra > MOST_SETTINGS_BUILT {
@@ -323,7 +323,7 @@ impl<'a> Builder<'a> {
         cell: &Cell,
         built: &mut dyn Agent,
         vocabulary: &mut Vocabulary,
-    ) -> Outcome<()> {
+    ) -> BuildResult<()> {
         let agent = &cell.parts[1];
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let begun = self.config(cell, 0).and_then(|config| {
@@ -416,7 +416,7 @@ impl<'a> Builder<'a> {
         pair: (usize, usize),
         of_agent: impl FnOnce() -> Vec<Metric>,
         vocabulary: &mut Vocabulary,
-    ) -> Outcome<()> {
+    ) -> BuildResult<()> {
         let [environment, _, protocol] = &cell.parts;
         let known = (self.facts(cell), self.protocols.get(protocol.id()));
         if let (Some(facts), Some(Some(measures))) = known
@@ -456,7 +456,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Builds the agent of a cell for the seats of its environment.
-    fn agent(&mut self, cell: &Cell, interface: &Interface) -> Outcome<Box<dyn Agent>> {
+    fn agent(&mut self, cell: &Cell, interface: &Interface) -> BuildResult<Box<dyn Agent>> {
         if cell.is_policy() {
             return self.policy(cell, interface);
         }
@@ -587,7 +587,7 @@ impl<'a> Builder<'a> {
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
-    fn protocol(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> Outcome<()> {
+    fn protocol(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) -> BuildResult<()> {
         let resolved = &cell.parts[2];
         if self.protocols.contains_key(resolved.id()) {
             return Ok(());

@@ -1,7 +1,7 @@
 //! Agents whose code is not this program's own: they are tried out in environments of their trials, unless they are
 //! known to have been tried out.
 
-use super::{Builder, Outcome, built};
+use super::{BuildResult, Builder, built};
 use crate::{cell::Cell, part::Form};
 use contract::{Agent, Error};
 use serde_json::json;
@@ -11,7 +11,7 @@ impl Builder<'_> {
     ///
     /// # Errors
     /// The refusal.
-    pub(super) fn learns_as_written(&self, cell: &Cell) -> Outcome<()> {
+    pub(super) fn learns_as_written(&self, cell: &Cell) -> BuildResult<()> {
         let agent = &cell.parts[1];
         let entry = self.entry(cell).filter(|entry| entry.traits.by_config.is_some());
         let is_trained = cell.parts[2].given.form != Form::Alone;
@@ -43,7 +43,7 @@ impl Builder<'_> {
     ///
     /// # Errors
     /// The problems that it found.
-    pub(super) fn try_out(&mut self, cell: &Cell, agent: &mut dyn Agent) -> Outcome<()> {
+    pub(super) fn try_out(&mut self, cell: &Cell, agent: &mut dyn Agent) -> BuildResult<()> {
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let config = self.config(cell, 0);
         let tried = built(|| {

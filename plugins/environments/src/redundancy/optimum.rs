@@ -29,30 +29,30 @@ pub fn optimum(subsystems: &[&[Component]], places: usize, budget: Budget) -> Op
 }
 
 /// V_1, V_2 and so on, up to the whole budget.
-fn tables(subsystems: &[&[Component]], places: usize, budget: Budget) -> Vec<Table> {
+fn tables(subsystems: &[&[Component]], places: usize, budget: Budget) -> Vec<ValueTable> {
     let nothing = vec![1.0; (budget.cost + 1) * (budget.weight + 1)];
-    let mut tables: Vec<Table> = Vec::with_capacity(subsystems.len());
+    let mut tables: Vec<ValueTable> = Vec::with_capacity(subsystems.len());
     for types in subsystems {
         let before = tables.last().map_or(&nothing, |table| &table.best);
-        tables.push(Table::of(types, places, budget, before));
+        tables.push(ValueTable::of(types, places, budget, before));
     }
     tables
 }
 
 /// V_i and the filling that attains it, by cost and weight.
-struct Table {
+struct ValueTable {
     ways: Vec<(Counts, Part)>,
     best: Vec<f64>,
     /// Index into `ways`; meaningless where `best` is 0.
     way: Vec<usize>,
 }
 
-impl Table {
+impl ValueTable {
     fn of(types: &[Component], places: usize, budget: Budget, before: &[f64]) -> Self {
         let parts = fillings(types.len(), places)
             .into_iter()
             .map(|counts| (counts, Part::of(types, &counts)));
-        let mut table = Table {
+        let mut table = ValueTable {
             ways: parts.collect(),
             best: vec![0.0; before.len()],
             way: vec![0; before.len()],
@@ -80,7 +80,7 @@ impl Table {
     }
 }
 
-fn trace_back(tables: &[Table], budget: Budget) -> Vec<Counts> {
+fn trace_back(tables: &[ValueTable], budget: Budget) -> Vec<Counts> {
     let Budget { mut cost, mut weight } = budget;
     let mut counts = Vec::with_capacity(tables.len());
     for table in tables.iter().rev() {

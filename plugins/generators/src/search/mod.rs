@@ -34,7 +34,7 @@ use crate::{
     architecture::{Architecture, CellArchitecture, N_CELLS},
     images::Images,
     search_space::{CellOptions, choices, effective, genotype},
-    source::{Source, shrunk},
+    source::{ImageSource, shrunk},
     tabular::channels,
 };
 use contract::{
@@ -61,7 +61,7 @@ const N_SAMPLES: usize = 64;
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Source of the real images.
-    pub images: Source,
+    pub images: ImageSource,
     /// Height and width of the finished images, pixels, a multiple of 8.
     #[schemars(range(min = 8, max = 64))]
     pub size: usize,
@@ -127,7 +127,7 @@ pub enum Schedule {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            images: Source::default(),
+            images: ImageSource::default(),
             size: 16,
             sight: ScoringNetwork::default(),
             schedule: Schedule::default(),

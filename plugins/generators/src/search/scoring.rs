@@ -2,11 +2,11 @@
 
 use crate::{
     cache::Cache,
-    feature_network::{FeatureNetwork, Form},
+    feature_network::{FeatureNetwork, NetworkSizes},
     images::Images,
     inception::{self, Inception},
     scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score},
-    source::{ImageFile, Source, n_numbers, shrunk},
+    source::{ImageFile, ImageSource, n_numbers, shrunk},
 };
 use burn::{
     module::Module,
@@ -55,7 +55,7 @@ impl ScoringNetwork {
     }
 }
 
-fn classifier(product: &Artifact<artifact::Policy>) -> Result<(FeatureNetwork, Form), Error> {
+fn classifier(product: &Artifact<artifact::Policy>) -> Result<(FeatureNetwork, NetworkSizes), Error> {
     FeatureNetwork::read(product.folder()?).map_err(|error| {
         let problem = format!("`{}` left no classifier of images: {error}", product.source());
         Error::config("sight.classifier", problem)
@@ -86,7 +86,7 @@ pub struct Scoring {
 #[derive(Debug, Clone, Copy)]
 pub struct Reference<'a> {
     /// Source of the real images.
-    pub source: &'a Source,
+    pub source: &'a ImageSource,
     /// The network by which images are scored.
     pub sight: &'a ScoringNetwork,
     /// Height and width of the images of the last stage, pixels.
@@ -191,7 +191,7 @@ impl Scoring {
 #[derive(Debug)]
 enum LoadedNetwork {
     /// Boxed, since both are large.
-    Classifier(Box<FeatureNetwork>, Form),
+    Classifier(Box<FeatureNetwork>, NetworkSizes),
     InceptionV3(Box<Inception>),
 }
 
@@ -199,7 +199,7 @@ impl LoadedNetwork {
     fn of(sight: &ScoringNetwork, size: usize, classes: usize) -> Result<Self, Error> {
         match sight {
             ScoringNetwork::Untrained => {
-                let form = Form {
+                let form = NetworkSizes {
                     size: size.next_multiple_of(4),
                     channels: 16,
                     classes,
@@ -313,7 +313,7 @@ mod tests {
     use serde_json::json;
 
     fn scoring(count: usize) -> Result<Arc<Scoring>, Error> {
-        let source: Source = serde_json::from_value(json!({ "shapes": { "count": 300 } })).unwrap();
+        let source: ImageSource = serde_json::from_value(json!({ "shapes": { "count": 300 } })).unwrap();
         Scoring::of(&Reference {
             source: &source,
             sight: &ScoringNetwork::Untrained,
@@ -325,7 +325,7 @@ mod tests {
     }
 
     fn images(seed: u64, size: usize, numbers: usize) -> Tensor<4> {
-        let source: Source =
+        let source: ImageSource =
             serde_json::from_value(json!({ "shapes": { "count": 300, "seed": seed } })).unwrap();
         let images = shrunk((*source.load(8).unwrap()).clone(), size).unwrap();
         let all: Vec<usize> = (0..numbers).collect();

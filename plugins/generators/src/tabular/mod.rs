@@ -85,14 +85,14 @@ pub struct TabularSearch {
     config: Config,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
-    table: Arc<Table>,
+    table: Arc<ScoreTable>,
     design: Design,
 }
 
 /// Scores of all architectures: the measured ones, and a fit to them that is made when the first design begins,
 /// so that a check is quick.
 #[derive(Debug)]
-struct Table {
+struct ScoreTable {
     measured: Vec<MeasuredArchitecture>,
     weight: f64,
     n_features: usize,
@@ -123,7 +123,7 @@ pub(crate) fn register(registry: &mut Registry) {
 }
 
 fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
-    let table = Table::of(&config)?;
+    let table = ScoreTable::of(&config)?;
     let seat = Seat {
         name: String::new(),
         observation: Space::Box(channels(table.n_features)),
@@ -182,10 +182,10 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-impl Table {
+impl ScoreTable {
     /// The table of a config, from the cache if it is there.
     fn of(config: &Config) -> Result<Arc<Self>, Error> {
-        static KEPT: Cache<Table> = Cache::new();
+        static KEPT: Cache<ScoreTable> = Cache::new();
         let name = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
         KEPT.get_or_make(name, || {
             Ok(Self::made(measured(&config.landscape)?, config.frechet_weight))

@@ -58,7 +58,7 @@ fn nothing_is_better_than_the_best() {
         })
         .fold(f64::INFINITY, f64::min);
     assert!(lowest >= 0.0, "{lowest}");
-    let table = Table::of(&Config::default()).unwrap();
+    let table = ScoreTable::of(&Config::default()).unwrap();
     let (_, best) = table.fitted().surrogate.best(0.01);
     assert_eq!(built(&mut *search, &best, &mut rng).1.metric("regret"), Some(0.0));
     let quality = table.fitted().quality;

@@ -2,7 +2,7 @@
 
 use super::{
     operators::{Inputs, Settings},
-    tensor::{Broadcast, Kind, Tensor, common, count},
+    tensor::{Broadcast, ElementType, Tensor, common, count},
 };
 
 /// Axis of a number, which counts from the last axis where it is negative.
@@ -295,7 +295,7 @@ fn expand(tensor: &Tensor, to: &Tensor) -> Result<Tensor, String> {
 fn constant_of_shape(settings: &Settings, shape: &Tensor) -> Result<Tensor, String> {
     let shape = lengths(&shape.numbers())?;
     let count = count(&shape)?;
-    let (kind, value) = settings.value().map_or((Kind::Single, 0.0), |it| {
+    let (kind, value) = settings.value().map_or((ElementType::Single, 0.0), |it| {
         (it.kind, it.values.first().copied().unwrap_or(0.0))
     });
     Ok(Tensor::new(kind, shape, vec![value; count]))

@@ -3,7 +3,7 @@
 use super::{
     messages::{Attribute, Node},
     operators::{Settings, computed},
-    tensor::{Kind, Tensor},
+    tensor::{ElementType, Tensor},
 };
 
 /// Output of an operator on tensors, with settings by name.
@@ -35,7 +35,7 @@ fn one(operator: &str, settings: &[(&str, &[i64])], inputs: &[&Tensor]) -> (Vec<
 /// The numbers 0 to 5 in two rows.
 fn rows() -> Tensor {
     let values = (0..6).map(f64::from).collect();
-    Tensor::new(Kind::Single, vec![2, 3], values)
+    Tensor::new(ElementType::Single, vec![2, 3], values)
 }
 
 #[test]
@@ -129,14 +129,14 @@ fn sums_run_along_axes() {
     let shares = one(
         "Softmax",
         &[],
-        &[&Tensor::new(Kind::Double, vec![1, 2], vec![1e4, 1e4])],
+        &[&Tensor::new(ElementType::Double, vec![1, 2], vec![1e4, 1e4])],
     )
     .1;
     assert_eq!(shares, [0.5, 0.5]);
     let logs = one(
         "LogSoftmax",
         &[("axis", &[-1])],
-        &[&Tensor::new(Kind::Double, vec![1, 2], vec![0.0; 2])],
+        &[&Tensor::new(ElementType::Double, vec![1, 2], vec![0.0; 2])],
     )
     .1;
     assert!((logs[0] + std::f64::consts::LN_2).abs() < 1e-15);
@@ -152,12 +152,16 @@ fn sums_run_along_axes() {
 fn products_are_those_of_matrices() {
     let (x, turned) = (
         rows(),
-        Tensor::new(Kind::Single, vec![2, 3], vec![1.0, 0.0, 2.0, 0.0, 1.0, 0.0]),
+        Tensor::new(
+            ElementType::Single,
+            vec![2, 3],
+            vec![1.0, 0.0, 2.0, 0.0, 1.0, 0.0],
+        ),
     );
-    let bias = Tensor::new(Kind::Single, vec![2], vec![10.0, 20.0]);
+    let bias = Tensor::new(ElementType::Single, vec![2], vec![10.0, 20.0]);
     let layer = one("Gemm", &[("transB", &[1])], &[&x, &turned, &bias]);
     assert_eq!(layer, (vec![2, 2], vec![14.0, 21.0, 23.0, 24.0]));
-    let vector = Tensor::new(Kind::Single, vec![2], vec![1.0, 2.0]);
+    let vector = Tensor::new(ElementType::Single, vec![2], vec![1.0, 2.0]);
     assert_eq!(
         one("MatMul", &[], &[&vector, &x]),
         (vec![3], vec![6.0, 9.0, 12.0])

@@ -4,7 +4,7 @@
 use super::{
     layouts, messages,
     sums::{self, Reduction},
-    tensor::{Kind, Tensor},
+    tensor::{ElementType, Tensor},
 };
 use std::collections::BTreeMap;
 
@@ -103,7 +103,7 @@ impl Settings {
                 (_, _, Some(tensor)) => drop(settings.tensors.insert(name(), Tensor::of(tensor)?)),
                 _ if !it.floats.is_empty() => {
                     let values: Vec<f64> = it.floats.iter().map(|value| f64::from(*value)).collect();
-                    let tensor = Tensor::new(Kind::Single, vec![values.len()], values);
+                    let tensor = Tensor::new(ElementType::Single, vec![values.len()], values);
                     drop(settings.tensors.insert(name(), tensor));
                 }
                 _ => drop(settings.wholes.insert(name(), it.ints.clone())),
@@ -278,7 +278,7 @@ fn two_to_one(operator: &str) -> Option<(BinaryFunction, bool)> {
 
 fn pair(inputs: &Inputs<'_>, together: BinaryFunction, is_truth: bool) -> Result<Tensor, String> {
     let (one, two) = (inputs.at(0)?, inputs.at(1)?);
-    let kind = if is_truth { Kind::Truth } else { one.kind };
+    let kind = if is_truth { ElementType::Truth } else { one.kind };
     one.with(two, kind, together)
 }
 
@@ -304,7 +304,7 @@ fn constant(settings: &Settings) -> Result<Tensor, String> {
         return Ok(tensor.clone());
     }
     if let Some(value) = settings.floats.get("value_float") {
-        return Ok(Tensor::new(Kind::Single, Vec::new(), vec![*value]));
+        return Ok(Tensor::new(ElementType::Single, Vec::new(), vec![*value]));
     }
     if let Some(values) = settings.wholes.get("value_ints") {
         return Ok(Tensor::whole(values));
@@ -327,7 +327,7 @@ fn dropout(inputs: &Inputs<'_>) -> Result<Tensor, String> {
 
 fn cast(settings: &Settings, tensor: &Tensor) -> Result<Tensor, String> {
     let kind = settings.whole("to", 0);
-    let kind = Kind::of(i32::try_from(kind).unwrap_or(0))?;
+    let kind = ElementType::of(i32::try_from(kind).unwrap_or(0))?;
     Ok(Tensor::new(kind, tensor.shape.clone(), tensor.values.clone()))
 }
 
@@ -357,7 +357,7 @@ mod tests {
     use super::*;
 
     fn row(values: &[f64]) -> Tensor {
-        Tensor::new(Kind::Single, vec![1, values.len()], values.to_vec())
+        Tensor::new(ElementType::Single, vec![1, values.len()], values.to_vec())
     }
 
     fn of(operator: &str, inputs: &[&Tensor]) -> Vec<f64> {
@@ -396,7 +396,7 @@ mod tests {
 
     #[test]
     fn entries_are_spread_over_rows_and_columns() {
-        let column = Tensor::new(Kind::Single, vec![2, 1], vec![10.0, 20.0]);
+        let column = Tensor::new(ElementType::Single, vec![2, 1], vec![10.0, 20.0]);
         assert_eq!(of("Add", &[&row(&[1.0, 2.0]), &column]), [11.0, 12.0, 21.0, 22.0]);
         assert_eq!(of("Greater", &[&row(&[1.0, 3.0]), &row(&[2.0])]), [0.0, 1.0]);
         let truth = of(

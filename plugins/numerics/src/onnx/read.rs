@@ -4,7 +4,7 @@ use super::{
     ACTION,
     messages::{Graph, Model, Node, Type, ValueInfo},
     operators::{KNOWN, Settings, computed, is_known},
-    tensor::{Kind, Tensor},
+    tensor::{ElementType, Tensor},
 };
 use prost::Message;
 use std::{collections::BTreeMap, sync::Arc};
@@ -64,7 +64,7 @@ pub struct Network {
 #[derive(Debug, Clone)]
 struct Port {
     place: usize,
-    kind: Kind,
+    kind: ElementType,
     /// Length of a row, where the file states it.
     width: Option<usize>,
     /// Whether a row has a leading dimension for the batch.
@@ -261,8 +261,8 @@ fn input(graph: &Graph, places: &mut ValueIndices) -> Result<Port, OnnxError> {
         .as_ref()
         .and_then(|Type { tensor_type }| tensor_type.as_ref());
     let declared = declared.ok_or_else(|| wrong("is no tensor".into()))?;
-    let kind =
-        Kind::of(declared.elem_type).map_err(|problem| wrong(format!("holds none of ours: {problem}")))?;
+    let kind = ElementType::of(declared.elem_type)
+        .map_err(|problem| wrong(format!("holds none of ours: {problem}")))?;
     let dimensions = declared.shape.as_ref().map_or(&[][..], |shape| &shape.dim);
     let lengths: Vec<Option<usize>> = dimensions
         .iter()

@@ -3,7 +3,7 @@
 use super::{
     layouts::axis_of,
     operators::{Inputs, Settings},
-    tensor::{Kind, Tensor},
+    tensor::{ElementType, Tensor},
 };
 
 /// Operator `Gemm`: `alpha A B + beta C`, with optional transposition of A and B.
@@ -20,7 +20,7 @@ pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, S
     let mut product = product(&a, &b)?;
     product.values.iter_mut().for_each(|value| *value *= alpha);
     let product = match inputs.maybe(2) {
-        Some(bias) => product.with(bias, Kind::Double, |x, bias| x + beta * bias)?,
+        Some(bias) => product.with(bias, ElementType::Double, |x, bias| x + beta * bias)?,
         None => product,
     };
     Ok(Tensor::new(a.kind, product.shape, product.values))
@@ -75,7 +75,7 @@ fn product(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
                 .for_each(|(sum, weight)| *sum += x * weight);
         }
     }
-    Ok(Tensor::new(Kind::Double, vec![rows, columns], values))
+    Ok(Tensor::new(ElementType::Double, vec![rows, columns], values))
 }
 
 fn transposed(matrix: &Tensor) -> Result<Tensor, String> {
@@ -179,7 +179,7 @@ pub(super) fn reduced(settings: &Settings, inputs: &Inputs<'_>, by: Reduction) -
     axes.sort_unstable();
     // The axes are reduced one after the other from the last one on, so that their numbers stay valid.
     let mut found = Tensor {
-        kind: Kind::Double,
+        kind: ElementType::Double,
         ..tensor.clone()
     };
     for axis in axes.iter().rev() {
@@ -190,7 +190,7 @@ pub(super) fn reduced(settings: &Settings, inputs: &Inputs<'_>, by: Reduction) -
             .collect();
         let mut shape = found.shape.clone();
         shape[axis] = 1;
-        found = Tensor::new(Kind::Double, shape, values);
+        found = Tensor::new(ElementType::Double, shape, values);
     }
     let mut shape = found.shape;
     if settings.whole("keepdims", 1) == 0 {
@@ -224,7 +224,11 @@ pub(super) fn argmax(settings: &Settings, tensor: &Tensor) -> Result<Tensor, Str
     } else {
         shape[axis] = 1;
     }
-    Ok(Tensor::new(Kind::Whole, shape, along.lines().map(best).collect()))
+    Ok(Tensor::new(
+        ElementType::Whole,
+        shape,
+        along.lines().map(best).collect(),
+    ))
 }
 
 /// Operator `LayerNormalization`: each row from the axis on, less its mean, divided by its deviation, scaled
@@ -242,11 +246,11 @@ pub(super) fn layer_normalised(settings: &Settings, inputs: &Inputs<'_>) -> Resu
         row.iter_mut().for_each(|x| *x = (*x - mean) / deviation);
     }
     let plain = Tensor {
-        kind: Kind::Double,
+        kind: ElementType::Double,
         shape: tensor.shape.clone(),
         values,
     };
-    let scaled = plain.with(inputs.at(1)?, Kind::Double, |x, scale| x * scale)?;
+    let scaled = plain.with(inputs.at(1)?, ElementType::Double, |x, scale| x * scale)?;
     match inputs.maybe(2) {
         Some(bias) => scaled.with(bias, tensor.kind, |x, bias| x + bias),
         None => Ok(Tensor::new(tensor.kind, scaled.shape, scaled.values)),

@@ -6,9 +6,9 @@
 
 use super::messages;
 
-/// Kind of the numbers of a tensor.
+/// Type of the elements of a tensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ElementType {
     /// `float32`.
     Single,
     /// `float64`.
@@ -19,8 +19,8 @@ pub(super) enum Kind {
     Truth,
 }
 
-impl Kind {
-    /// Kind of a `TensorProto.DataType`.
+impl ElementType {
+    /// Type of a `TensorProto.DataType`.
     pub(super) fn of(data_type: i32) -> Result<Self, String> {
         match data_type {
             messages::FLOAT => Ok(Self::Single),
@@ -47,14 +47,14 @@ impl Kind {
 /// Numbers with a shape, the last dimension running fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tensor {
-    pub(super) kind: Kind,
+    pub(super) kind: ElementType,
     pub(super) shape: Vec<usize>,
     pub(super) values: Vec<f64>,
 }
 
 impl Tensor {
     /// Creates a tensor with numbers rounded to `kind`.
-    pub(super) fn new(kind: Kind, shape: Vec<usize>, mut values: Vec<f64>) -> Self {
+    pub(super) fn new(kind: ElementType, shape: Vec<usize>, mut values: Vec<f64>) -> Self {
         debug_assert_eq!(shape.iter().product::<usize>(), values.len());
         values.iter_mut().for_each(|value| *value = kind.rounded(*value));
         Self { kind, shape, values }
@@ -67,7 +67,7 @@ impl Tensor {
     )]
     pub(super) fn whole(numbers: &[i64]) -> Self {
         let values = numbers.iter().map(|number| *number as f64).collect();
-        Self::new(Kind::Whole, vec![numbers.len()], values)
+        Self::new(ElementType::Whole, vec![numbers.len()], values)
     }
 
     /// Numbers as integers.
@@ -104,7 +104,7 @@ impl Tensor {
     pub(super) fn with(
         &self,
         other: &Self,
-        kind: Kind,
+        kind: ElementType,
         together: impl Fn(f64, f64) -> f64,
     ) -> Result<Self, String> {
         let shape = common(&self.shape, &other.shape)?;
@@ -122,7 +122,7 @@ impl Tensor {
         if message.data_location != 0 {
             return Err("its numbers lie in another file: save the model as one file".into());
         }
-        let kind = Kind::of(message.data_type)?;
+        let kind = ElementType::of(message.data_type)?;
         let length = |dim: &i64| usize::try_from(*dim).map_err(|_| format!("a length of {dim}"));
         let shape: Vec<usize> = message.dims.iter().map(length).collect::<Result<_, _>>()?;
         let values = if message.raw_data.is_empty() {

@@ -2,7 +2,7 @@
 
 use super::{
     help::{Help, HelpOption},
-    options::{self, Kind, value},
+    options::{self, OptionPurpose, value},
     sources,
 };
 use serde_json::Value;
@@ -54,12 +54,16 @@ pub struct Command {
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Argument {
     Word(String),
-    Option { name: String, value: String, form: Form },
+    Option {
+        name: String,
+        value: String,
+        form: ValuePosition,
+    },
 }
 
 /// Position of an option's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Form {
+enum ValuePosition {
     /// In the next word.
     Apart,
     /// Behind an equals sign.
@@ -86,12 +90,12 @@ impl Command {
             match argument {
                 Argument::Word(word) => command.stays(word, folder),
                 Argument::Option { name, value, form } => match options::kind(&name) {
-                    kind if swept.contains(&name) && kind != Kind::Seed => {
+                    kind if swept.contains(&name) && kind != OptionPurpose::Seed => {
                         let (placeholder, started) = command.parameter(&name, &value);
                         command.add(&name, (&placeholder, &started), form);
                     }
-                    Kind::Steps(rank) if Some(rank) != steps => {
-                        command.takes(&name, &value, form, Kind::Parameter, folder);
+                    OptionPurpose::Steps(rank) if Some(rank) != steps => {
+                        command.takes(&name, &value, form, OptionPurpose::Parameter, folder);
                     }
                     kind => command.takes(&name, &value, form, kind, folder),
                 },
@@ -169,24 +173,24 @@ impl Command {
         });
     }
 
-    fn takes(&mut self, name: &str, text: &str, form: Form, kind: Kind, folder: &Path) {
+    fn takes(&mut self, name: &str, text: &str, form: ValuePosition, kind: OptionPurpose, folder: &Path) {
         let file = sources::inside(folder, text);
         let number = value(text).as_u64();
         let (placeholder, started) = match (kind, number) {
             _ if file.is_some() => (escaped(text), text.to_owned()),
-            (Kind::Seed, _) if self.seed.is_none() => {
+            (OptionPurpose::Seed, _) if self.seed.is_none() => {
                 self.seed = Some(name.to_owned());
                 ("{seed}".into(), text.to_owned())
             }
-            (Kind::Steps(_), Some(steps)) if self.steps.is_none() => {
+            (OptionPurpose::Steps(_), Some(steps)) if self.steps.is_none() => {
                 self.steps = Some((name.to_owned(), steps));
                 ("{steps}".into(), steps.to_string())
             }
-            (Kind::Task, _) if self.task.is_none() => {
+            (OptionPurpose::Task, _) if self.task.is_none() => {
                 self.task = Some((name.to_owned(), text.to_owned()));
                 ("{environment.id}".into(), text.to_owned())
             }
-            (Kind::Stays, _) => {
+            (OptionPurpose::Stays, _) => {
                 self.kept.push(format!("{name} {text}"));
                 (escaped(text), text.to_owned())
             }
@@ -220,14 +224,14 @@ impl Command {
         name
     }
 
-    fn add(&mut self, name: &str, (placeholder, started): (&str, &str), form: Form) {
+    fn add(&mut self, name: &str, (placeholder, started): (&str, &str), form: ValuePosition) {
         let said = |written: String, started: String| CommandWord { written, started };
         match form {
-            Form::Apart => {
+            ValuePosition::Apart => {
                 self.words.push(said(escaped(name), name.into()));
                 self.words.push(said(placeholder.into(), started.into()));
             }
-            Form::Joined => {
+            ValuePosition::Joined => {
                 let written = format!("{}={placeholder}", escaped(name));
                 self.words.push(said(written, format!("{name}={started}")));
             }
@@ -239,9 +243,9 @@ impl Command {
     pub fn complete(&mut self, help: &Help) -> Vec<HelpOption> {
         self.has_overrides |= help.is_hydra;
         let form = if self.has_overrides {
-            Form::Joined
+            ValuePosition::Joined
         } else {
-            Form::Apart
+            ValuePosition::Apart
         };
         let steps = help.options.iter().filter(|it| it.number().is_some());
         let steps = steps.filter_map(|it| options::rank_of_steps(it.name())).min();
@@ -252,15 +256,22 @@ impl Command {
         for option in open {
             let default = option.default.clone();
             match (options::kind(option.name()), default) {
-                (Kind::Seed, default) if self.seed.is_none() => {
+                (OptionPurpose::Seed, default) if self.seed.is_none() => {
                     let seed = default.filter(|it| it.parse::<u64>().is_ok());
-                    self.takes_from_help(&option, &seed.unwrap_or_else(|| "1".into()), form, Kind::Seed);
+                    self.takes_from_help(
+                        &option,
+                        &seed.unwrap_or_else(|| "1".into()),
+                        form,
+                        OptionPurpose::Seed,
+                    );
                 }
-                (Kind::Steps(rank), Some(default)) if self.steps.is_none() && Some(rank) == steps => {
-                    self.takes_from_help(&option, &default, form, Kind::Steps(rank));
+                (OptionPurpose::Steps(rank), Some(default))
+                    if self.steps.is_none() && Some(rank) == steps =>
+                {
+                    self.takes_from_help(&option, &default, form, OptionPurpose::Steps(rank));
                 }
-                (Kind::Task, Some(default)) if self.task.is_none() => {
-                    self.takes_from_help(&option, &default, form, Kind::Task);
+                (OptionPurpose::Task, Some(default)) if self.task.is_none() => {
+                    self.takes_from_help(&option, &default, form, OptionPurpose::Task);
                 }
                 _ => others.push(option),
             }
@@ -268,7 +279,7 @@ impl Command {
         others
     }
 
-    fn takes_from_help(&mut self, option: &HelpOption, text: &str, form: Form, kind: Kind) {
+    fn takes_from_help(&mut self, option: &HelpOption, text: &str, form: ValuePosition, kind: OptionPurpose) {
         self.takes(option.name(), text, form, kind, Path::new("/nowhere"));
     }
 
@@ -307,20 +318,20 @@ fn arguments(words: &[String]) -> Vec<Argument> {
         let is_option = word.starts_with('-') && value(word).is_string() && word.len() > 1;
         let joined = word.split_once('=').filter(|(name, _)| is_option || is_key(name));
         if let Some((name, value)) = joined {
-            found.push(option(name, value, Form::Joined));
+            found.push(option(name, value, ValuePosition::Joined));
             continue;
         }
         let is_value = |next: &&String| !next.starts_with('-') || value(next).is_number();
         let next = words.next_if(|next| is_option && word != "--" && is_value(next) && !is_pair(next));
         found.push(match next {
-            Some(value) => option(word, value, Form::Apart),
+            Some(value) => option(word, value, ValuePosition::Apart),
             None => Argument::Word(word.clone()),
         });
     }
     found
 }
 
-fn option(name: &str, value: &str, form: Form) -> Argument {
+fn option(name: &str, value: &str, form: ValuePosition) -> Argument {
     Argument::Option {
         name: name.to_owned(),
         value: value.to_owned(),
@@ -343,7 +354,7 @@ fn is_pair(word: &str) -> bool {
 }
 
 fn is_override(argument: &Argument) -> bool {
-    matches!(argument, Argument::Option { name, form: Form::Joined, .. } if !name.starts_with('-'))
+    matches!(argument, Argument::Option { name, form: ValuePosition::Joined, .. } if !name.starts_with('-'))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use serde_json::{Number, Value};
 
 /// Purpose of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum OptionPurpose {
     /// The seed.
     Seed,
     /// Length of the training; of several options the one with the lowest rank.
@@ -103,21 +103,25 @@ fn plain(option: &str) -> String {
 }
 
 /// The purpose of an option, by its name.
-pub fn kind(option: &str) -> Kind {
+pub fn kind(option: &str) -> OptionPurpose {
     let plain = plain(option);
     let last = plain.rsplit(['.', '/']).next().unwrap_or_default();
     if SEEDS.contains(&last) {
-        return Kind::Seed;
+        return OptionPurpose::Seed;
     }
     if let Some(rank) = rank_of_steps(option) {
-        return Kind::Steps(rank);
+        return OptionPurpose::Steps(rank);
     }
     if TASKS.contains(&last) {
-        return Kind::Task;
+        return OptionPurpose::Task;
     }
     let word = last.rsplit('_').next().unwrap_or_default();
     let is_place = PLACES.contains(&word) || plain.starts_with("wandb") || plain.starts_with("hydra.");
-    if is_place { Kind::Stays } else { Kind::Parameter }
+    if is_place {
+        OptionPurpose::Stays
+    } else {
+        OptionPurpose::Parameter
+    }
 }
 
 /// Position of an option in the list of names for the length of a training.
@@ -177,21 +181,21 @@ mod tests {
     #[test]
     fn options_are_told_apart_by_their_names() {
         for (option, told) in [
-            ("--seed", Kind::Seed),
-            ("+exp.random_seed", Kind::Seed),
-            ("--env-id", Kind::Task),
-            ("algo.env", Kind::Task),
-            ("--log-dir", Kind::Stays),
-            ("--out", Kind::Stays),
-            ("--wandb-mode", Kind::Stays),
-            ("hydra.run.dir", Kind::Stays),
-            ("--lr", Kind::Parameter),
-            ("--num-steps", Kind::Parameter),
-            ("--log-std-init", Kind::Parameter),
+            ("--seed", OptionPurpose::Seed),
+            ("+exp.random_seed", OptionPurpose::Seed),
+            ("--env-id", OptionPurpose::Task),
+            ("algo.env", OptionPurpose::Task),
+            ("--log-dir", OptionPurpose::Stays),
+            ("--out", OptionPurpose::Stays),
+            ("--wandb-mode", OptionPurpose::Stays),
+            ("hydra.run.dir", OptionPurpose::Stays),
+            ("--lr", OptionPurpose::Parameter),
+            ("--num-steps", OptionPurpose::Parameter),
+            ("--log-std-init", OptionPurpose::Parameter),
         ] {
             assert_eq!(kind(option), told, "{option}");
         }
-        assert!(matches!(kind("--total-timesteps"), Kind::Steps(0)));
+        assert!(matches!(kind("--total-timesteps"), OptionPurpose::Steps(0)));
         assert!(rank_of_steps("--epochs") > rank_of_steps("--max_steps"));
     }
 

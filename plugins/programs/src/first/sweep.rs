@@ -4,7 +4,7 @@
 use super::{
     error::DraftRefusal,
     hydra,
-    options::{self, Kind},
+    options::{self, OptionPurpose},
     wandb, yaml,
 };
 use serde_json::Value;
@@ -106,7 +106,7 @@ impl Sweep {
         let Some(place) = self
             .swept
             .iter()
-            .position(|(option, _)| options::kind(option) == Kind::Seed)
+            .position(|(option, _)| options::kind(option) == OptionPurpose::Seed)
         else {
             return;
         };

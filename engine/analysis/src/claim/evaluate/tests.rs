@@ -206,9 +206,9 @@ proptest! {
         };
         let sides = [decided("a.x >= 0.8 * b.x"), decided("a.x <= 1.2 * b.x")];
         let expected = match sides {
-            [Outcome::Holds, Outcome::Holds] => Outcome::Holds,
-            _ if sides.contains(&Outcome::Fails) => Outcome::Fails,
-            _ => Outcome::Open,
+            [StatementOutcome::Holds, StatementOutcome::Holds] => StatementOutcome::Holds,
+            _ if sides.contains(&StatementOutcome::Fails) => StatementOutcome::Fails,
+            _ => StatementOutcome::Open,
         };
         prop_assert_eq!(within.decide().outcome, expected);
     }
@@ -318,7 +318,7 @@ fn shares_of_successes_are_no_means() {
 /// The number of fresh seeds that would decide is of use where the plan has none left.
 #[test]
 fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
-    let design = Some(statistics::spending::Design::new(vec![3, 6]));
+    let design = Some(statistics::spending::SequentialDesign::new(vec![3, 6]));
     let values = [1.0, 2.0, 9.0, -3.0, 4.0, 5.0];
     let at = |complete: usize| {
         let seeds = Seeds {
@@ -337,7 +337,7 @@ fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
 
 #[test]
 fn planned_looks_stop_at_the_first_decision() {
-    let design = Some(statistics::spending::Design::new(vec![3, 6, 9]));
+    let design = Some(statistics::spending::SequentialDesign::new(vec![3, 6, 9]));
     let values = [5.0, 5.5, 4.5, -20.0, -30.0, -40.0];
     let from = |first: u64, complete: usize| {
         let seeds = Seeds {

@@ -11,9 +11,9 @@ mod client;
 mod options;
 mod request;
 
-pub use options::Options;
+pub use options::HyperQueueOptions;
 
-use super::{Array, Error, Executor, Kind, Queue, Stop, Submission, Task, Wanted, Way, kind};
+use super::{Array, Error, Executor, ExecutorKind, Queue, Stop, Submission, Task, Wanted, Way, kind};
 use client::{Client, Count, Counts};
 use request::{Job, Request};
 use serde_json::Value;
@@ -26,17 +26,17 @@ const NAME: &str = "hyperqueue";
 #[derive(Debug, Clone, Default)]
 pub struct HyperQueue {
     /// The table `[hyperqueue]`.
-    pub options: Options,
+    pub options: HyperQueueOptions,
 }
 
 /// Entry of the executor in the list of executors.
 #[must_use]
-pub fn kind() -> Kind {
-    let options = kind::Options::of(|options: Options| {
+pub fn kind() -> ExecutorKind {
+    let options = kind::ExecutorOptions::of(|options: HyperQueueOptions| {
         options.check()?;
         Ok(Box::new(HyperQueue { options }))
     });
-    Kind {
+    ExecutorKind {
         name: NAME,
         title: "HyperQueue",
         about: "workers as tasks of HyperQueue, submitted through its Python package and followed",
@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn who_was_not_handed_over_needs_no_server() {
         let store = tempfile::tempdir().unwrap();
-        let nowhere: Options = toml::from_str("python = \"/nowhere/python\"").unwrap();
+        let nowhere: HyperQueueOptions = toml::from_str("python = \"/nowhere/python\"").unwrap();
         let queue = HyperQueue { options: nowhere };
         assert!(
             queue

@@ -10,8 +10,8 @@ use std::{
 
 /// The table `[hyperqueue]`. Every key can be left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
+#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+pub struct HyperQueueOptions {
     /// Directory of the server, from the root or the home (`~/.hq-server`); where absent `HQ_SERVER_DIR`, else
     /// `~/.hq-server`.
     pub server_dir: Option<String>,
@@ -38,7 +38,7 @@ pub struct Options {
     pub setup: Option<Vec<String>>,
 }
 
-impl Options {
+impl HyperQueueOptions {
     /// The server's directory; empty for the default one.
     #[must_use]
     pub fn directory(&self) -> &str {
@@ -116,9 +116,9 @@ mod tests {
     fn a_directory_means_the_same_in_every_folder() {
         let check = |path: &str| {
             let server_dir = Some(path.to_owned());
-            Options {
+            HyperQueueOptions {
                 server_dir,
-                ..Options::default()
+                ..HyperQueueOptions::default()
             }
             .check()
         };
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn an_empty_name_of_python_is_refused() {
-        let options: Options = toml::from_str("python = \"\"").unwrap();
+        let options: HyperQueueOptions = toml::from_str("python = \"\"").unwrap();
         assert!(options.check().unwrap_err().to_string().starts_with("`python`"));
     }
 }

@@ -1,6 +1,6 @@
 //! The request for one array: the tasks of its job, and the file in which the job is recorded.
 
-use super::Options;
+use super::HyperQueueOptions;
 use crate::{
     executor::{Submission, quoted},
     store::read_file,
@@ -54,7 +54,7 @@ impl Job {
 impl Request {
     /// The request for one array of a submission.
     #[must_use]
-    pub fn of(submission: &Submission, array: usize, options: &Options) -> Self {
+    pub fn of(submission: &Submission, array: usize, options: &HyperQueueOptions) -> Self {
         Self {
             name: submission.job_name(),
             tasks: submission.arrays[array].tasks,
@@ -69,7 +69,7 @@ impl Request {
 }
 
 /// Shell script of a task. HyperQueue starts it again where its worker was lost; its log is continued then.
-fn script(submission: &Submission, array: usize, options: &Options) -> String {
+fn script(submission: &Submission, array: usize, options: &HyperQueueOptions) -> String {
     let log = submission.folder().join(log_name(array));
     let mut lines = vec![format!(
         "exec >> {}\"$HQ_TASK_ID\".log 2>&1",
@@ -125,7 +125,7 @@ mod tests {
     use super::*;
     use crate::executor::{Array, Work, hyperqueue::HyperQueue};
 
-    fn submission(store: &Path, options: &Options) -> Submission {
+    fn submission(store: &Path, options: &HyperQueueOptions) -> Submission {
         let work = Work {
             specs: vec!["table.yaml".into()],
             program: "/opt/regimen/bin/regimen".into(),
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn a_request_says_who_it_is_and_becomes_the_worker() {
-        let options: Options = toml::from_str(
+        let options: HyperQueueOptions = toml::from_str(
             "cpus_per_task = 2\ngpus_per_task = 1\nmin_time_s = 600\nsetup = [\"module load regimen\"]",
         )
         .unwrap();
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn a_job_is_known_by_its_note_and_a_task_that_began_by_its_log() {
         let store = tempfile::tempdir().unwrap();
-        let submission = submission(store.path(), &Options::default());
+        let submission = submission(store.path(), &HyperQueueOptions::default());
         fs::create_dir_all(submission.folder()).unwrap();
         assert_eq!((job(&submission, 0).unwrap(), begun(&submission, 0)), (None, 0));
         for (name, text) in [

@@ -4,9 +4,9 @@ mod client;
 mod options;
 mod script;
 
-pub use options::Options;
+pub use options::SlurmOptions;
 
-use super::{Array, Error, Executor, Kind, Queue, Stop, Submission, Task, Wanted, Way, kind};
+use super::{Array, Error, Executor, ExecutorKind, Queue, Stop, Submission, Task, Wanted, Way, kind};
 use client::Client;
 use serde_json::Value;
 use std::{num::NonZeroUsize, path::Path, time::Duration};
@@ -20,18 +20,18 @@ const USUAL_MAX_ARRAY_SIZE: usize = 1001;
 #[derive(Debug, Clone, Default)]
 pub struct Slurm {
     /// The table `[slurm]`.
-    pub options: Options,
+    pub options: SlurmOptions,
 }
 
 /// Entry of the executor in the list of executors.
 #[must_use]
-pub fn kind() -> Kind {
-    let options = kind::Options::of(|options: Options| {
+pub fn kind() -> ExecutorKind {
+    let options = kind::ExecutorOptions::of(|options: SlurmOptions| {
         options.check()?;
         Ok(Box::new(Slurm { options }))
     });
     let about = "workers in Slurm job arrays, submitted with sbatch and followed";
-    Kind {
+    ExecutorKind {
         name: NAME,
         title: "Slurm",
         about,

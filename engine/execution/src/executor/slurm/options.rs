@@ -10,8 +10,8 @@ use std::{
 
 /// The table `[slurm]`. Every key can be left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
+#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+pub struct SlurmOptions {
     /// Partition; the cluster's default.
     pub partition: Option<String>,
     /// Account to be charged.
@@ -67,7 +67,7 @@ const OURS: [&str; 13] = [
 
 const LEAD_S: u64 = 120;
 
-impl Options {
+impl SlurmOptions {
     /// Cores of one task.
     #[must_use]
     pub fn cpus_per_task(&self) -> NonZeroUsize {
@@ -231,43 +231,43 @@ mod tests {
     #[test]
     fn the_early_signal_leaves_most_of_the_time() {
         let of = |time: &str| {
-            Options {
+            SlurmOptions {
                 time: Some(time.into()),
-                ..Options::default()
+                ..SlurmOptions::default()
             }
             .signal_lead_s()
         };
         assert_eq!(
-            (Options::default().signal_lead_s(), of("4:00:00"), of("2")),
+            (SlurmOptions::default().signal_lead_s(), of("4:00:00"), of("2")),
             (120, 120, 30)
         );
     }
 
     #[test]
     fn what_slurm_would_misread_is_refused_by_its_key() {
-        let text = |options: Options| options.check().unwrap_err().to_string();
-        let time = |time: &str| Options {
+        let text = |options: SlurmOptions| options.check().unwrap_err().to_string();
+        let time = |time: &str| SlurmOptions {
             time: Some(time.into()),
-            ..Options::default()
+            ..SlurmOptions::default()
         };
         assert!(text(time("soon")).starts_with("`time`: `soon`"));
         assert!(
-            text(Options {
+            text(SlurmOptions {
                 signal_lead_s: Some(90),
                 ..time("1")
             })
             .starts_with("`signal_lead_s`: 90 s")
         );
         assert!(
-            text(Options {
+            text(SlurmOptions {
                 partition: Some("a\nb".into()),
-                ..Options::default()
+                ..SlurmOptions::default()
             })
             .starts_with("`partition`")
         );
-        let with = |argument: &str| Options {
+        let with = |argument: &str| SlurmOptions {
             arguments: Some(vec![argument.into()]),
-            ..Options::default()
+            ..SlurmOptions::default()
         };
         assert!(text(with("--array=0-3")).contains("`--array` is what regimen itself"));
         assert!(text(with("long")).starts_with("`arguments`: `long`"));

@@ -1,11 +1,11 @@
 //! The script of each array, which `sbatch` reads.
 
-use super::Options;
+use super::SlurmOptions;
 use crate::executor::{Array, Submission, quoted};
 
 /// The script of one array of a submission.
 #[must_use]
-pub fn render(submission: &Submission, array: usize, options: &Options) -> String {
+pub fn render(submission: &Submission, array: usize, options: &SlurmOptions) -> String {
     let work = &submission.work;
     let mut lines = vec!["#!/usr/bin/env bash".to_owned()];
     lines.push(format!(
@@ -23,7 +23,7 @@ pub fn render(submission: &Submission, array: usize, options: &Options) -> Strin
     lines.join("\n") + "\n"
 }
 
-fn directives(submission: &Submission, array: usize, options: &Options) -> Vec<String> {
+fn directives(submission: &Submission, array: usize, options: &SlurmOptions) -> Vec<String> {
     let Array { tasks, at_once, .. } = submission.arrays[array];
     let log = submission.folder().join(format!("array-{array}-task-"));
     // `%a` is the task's index; any other percent sign of the path is doubled.
@@ -80,7 +80,7 @@ mod tests {
     use crate::executor::{Work, slurm::Slurm};
     use std::path::Path;
 
-    fn submission(options: &Options) -> Submission {
+    fn submission(options: &SlurmOptions) -> Submission {
         let work = Work {
             specs: vec!["table.yaml".into()],
             program: "/opt/regimen/bin/regimen".into(),
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_script_says_who_it_is_and_becomes_the_worker() {
-        let options: Options = toml::from_str(
+        let options: SlurmOptions = toml::from_str(
             "partition = \"long\"\naccount = \"rl\"\ntime = \"4:00:00\"\ncpus_per_task = 2\ngpus_per_task = 1\nmemory_mb = \
              4000\n\
              arguments = [\"--qos=high\", \"--constraint=a b\"]\nsetup = [\"module load regimen\"]",
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_script_needs_no_option() {
-        let options = Options::default();
+        let options = SlurmOptions::default();
         insta::assert_snapshot!(
             "script_without_options",
             render(&submission(&options), 0, &options)

@@ -10,7 +10,7 @@
 
 use super::{Bench, faults, inspect, play, seeds, variable};
 use crate::{
-    executor::{Dispatch, Error, Outcome, Queue, Stop, Submission, Task, Watch, Work},
+    executor::{Dispatch, Error, Queue, Stop, Submission, Task, WaitEnd, Watch, Work},
     store::Store,
     world::{
         clock, fs, process,
@@ -42,24 +42,24 @@ struct Batch {
 
 struct Job {
     name: String,
-    tasks: Vec<State>,
+    tasks: Vec<TaskState>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum State {
+enum TaskState {
     Waits,
     /// Running in the process with this id.
     Runs(u32),
     Over,
 }
 
-impl State {
+impl TaskState {
     /// Whether the task still lives: a task that its machine lost is over.
     fn is_alive(self) -> bool {
         match self {
-            State::Waits => true,
-            State::Runs(pid) => lives(pid),
-            State::Over => false,
+            TaskState::Waits => true,
+            TaskState::Runs(pid) => lives(pid),
+            TaskState::Over => false,
         }
     }
 }
@@ -75,7 +75,7 @@ impl Batch {
         let mut jobs = self.lock();
         jobs.push(Job {
             name: name.into(),
-            tasks: vec![State::Waits; tasks.parse().unwrap()],
+            tasks: vec![TaskState::Waits; tasks.parse().unwrap()],
         });
         let alive = jobs
             .iter()
@@ -91,8 +91,8 @@ impl Batch {
         let me = process::id();
         let mut jobs = self.lock();
         for (place, job) in jobs.iter_mut().enumerate() {
-            if let Some(task) = job.tasks.iter().position(|task| *task == State::Waits) {
-                job.tasks[task] = State::Runs(me);
+            if let Some(task) = job.tasks.iter().position(|task| *task == TaskState::Waits) {
+                job.tasks[task] = TaskState::Runs(me);
                 return Some((place, task));
             }
         }
@@ -156,7 +156,7 @@ impl Queue for Batch {
             .iter()
             .enumerate()
             .filter(|(_, job)| names.contains(&job.name));
-        let task = |(place, job): (usize, &Job), state: &State| Task {
+        let task = |(place, job): (usize, &Job), state: &TaskState| Task {
             name: job.name.clone(),
             job: (place + 1).to_string(),
             state: format!("{state:?}"),
@@ -188,8 +188,8 @@ impl Queue for Batch {
             .filter(|job| job.name == name)
             .flat_map(|job| &mut job.tasks)
         {
-            if !waiting_only || *task == State::Waits {
-                *task = State::Over;
+            if !waiting_only || *task == TaskState::Waits {
+                *task = TaskState::Over;
             }
         }
         Ok(())
@@ -269,7 +269,7 @@ impl Site {
         }
         let begun = dispatch.begin(&missing, &mut watch);
         let followed = begun.and_then(|view| dispatch.follow(view, &mut watch));
-        matches!(followed, Ok(Outcome::Ended))
+        matches!(followed, Ok(WaitEnd::Ended))
     }
 
     /// Runs one task after the other on a machine until no trial is missing.
@@ -282,7 +282,7 @@ impl Site {
             };
             // A worker that fails is a task that is over; the waiting program hands over another one.
             let _ = self.bench.attempt(place, &store);
-            self.batch.lock()[job].tasks[task] = State::Over;
+            self.batch.lock()[job].tasks[task] = TaskState::Over;
         }
         true
     }

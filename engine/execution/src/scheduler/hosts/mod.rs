@@ -61,7 +61,7 @@ pub struct Hosts {
 
 /// The hosts that were reached, and those that were not.
 #[derive(Debug, Clone, Default)]
-pub struct Found {
+pub struct HostReachability {
     /// The hosts that were reached.
     pub hosts: Hosts,
     /// Names of the other hosts, each with the reason.
@@ -107,7 +107,7 @@ impl Host {
     }
 }
 
-impl Found {
+impl HostReachability {
     /// Reaches every host, copies the program to hosts that lack it, and asks for the number of cores.
     /// `store` is the store of this machine, whose trials have a folder of their own on each host; `version`
     /// identifies this program.
@@ -302,8 +302,10 @@ mod tests {
     fn hosts_get_the_program_once_and_those_that_are_not_reached_are_named() {
         let dir = tempfile::tempdir().unwrap();
         let access = access(dir.path(), NEAR_ALONE);
-        let reach =
-            || Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
+        let reach = || {
+            HostReachability::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30))
+                .unwrap()
+        };
         let found = reach();
         let names: Vec<_> = found
             .hosts
@@ -335,7 +337,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let other = "echo 'Darwin arm64'; echo 8; echo 0; echo absent";
         let access = access(dir.path(), other);
-        let found = Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
+        let found =
+            HostReachability::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30))
+                .unwrap();
         assert!(found.hosts.all.is_empty());
         assert!(found.left_out[0].1.contains("`program`"), "{found:?}");
     }

@@ -26,9 +26,9 @@ const HEAD_LENGTH: usize = "trial ".len() + 32 + 3 * " 01234567".len() + 1;
 const END_LENGTH: usize = "index ".len() + 2 * 17 + 32 + 1;
 const ENTRY_LENGTH: usize = 32;
 
-/// Place of a trial in a pack.
+/// Entry of a trial in the index of a pack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct PackEntry {
     /// Id of the trial, as a number.
     pub(super) id: u128,
     /// Offset of its `trial.json`, in bytes; its metrics follow.
@@ -37,7 +37,7 @@ pub(super) struct Entry {
     pub(super) metrics: u32,
 }
 
-impl Entry {
+impl PackEntry {
     /// Length of both files in bytes.
     pub(super) fn length(&self) -> u64 {
         u64::from(self.acknowledgement) + u64::from(self.metrics)
@@ -77,7 +77,7 @@ pub(super) fn id_of(number: u128) -> String {
 pub(super) struct Writer<W: Write> {
     to: W,
     at: u64,
-    entries: Vec<Entry>,
+    entries: Vec<PackEntry>,
     outlines: OutlineWriter,
 }
 
@@ -98,7 +98,7 @@ impl<W: Write> Writer<W> {
     /// The error of the output, and one for a file of 4 GiB or more.
     pub(super) fn add(&mut self, id: u128, acknowledgement: &[u8], metrics: &[u8]) -> io::Result<()> {
         let length = |bytes: &[u8]| u32::try_from(bytes.len()).map_err(io::Error::other);
-        let entry = Entry {
+        let entry = PackEntry {
             id,
             at: self.at + HEAD_LENGTH as u64,
             acknowledgement: length(acknowledgement)?,
@@ -114,7 +114,7 @@ impl<W: Write> Writer<W> {
     }
 
     /// Writes the index; returns the output and the entries.
-    pub(super) fn end(mut self) -> io::Result<(W, Vec<Entry>)> {
+    pub(super) fn end(mut self) -> io::Result<(W, Vec<PackEntry>)> {
         let at = self.outlines.write(&mut self.to, self.at)?;
         let index: Vec<u8> = self.entries.iter().flat_map(|entry| entry.to_bytes()).collect();
         self.to.write_all(&index)?;
@@ -124,7 +124,7 @@ impl<W: Write> Writer<W> {
     }
 }
 
-fn head(entry: &Entry) -> String {
+fn head(entry: &PackEntry) -> String {
     let said = format!(
         "trial {} {:08x} {:08x}",
         id_of(entry.id),
@@ -136,7 +136,7 @@ fn head(entry: &Entry) -> String {
 }
 
 /// The trial that a line announces, with its payload at `at`.
-fn announced(line: &[u8], at: u64) -> Option<Entry> {
+fn announced(line: &[u8], at: u64) -> Option<PackEntry> {
     let line = std::str::from_utf8(line).ok()?;
     let words: Vec<&str> = line
         .strip_prefix("trial ")?
@@ -146,7 +146,7 @@ fn announced(line: &[u8], at: u64) -> Option<Entry> {
     let &[id, acknowledgement, metrics, _] = &words[..] else {
         return None;
     };
-    let entry = Entry {
+    let entry = PackEntry {
         id: number(id)?,
         at,
         acknowledgement: u32::from_str_radix(acknowledgement, 16).ok()?,
@@ -158,7 +158,7 @@ fn announced(line: &[u8], at: u64) -> Option<Entry> {
 /// Index of a pack, in the order of ids.
 #[derive(Debug)]
 pub(super) struct Index {
-    pub(super) entries: Vec<Entry>,
+    pub(super) entries: Vec<PackEntry>,
     pub(super) outlines: Outlines,
     /// Whether the end of the pack is intact: false where the trials were looked for one by one.
     pub(super) is_whole: bool,
@@ -187,7 +187,7 @@ pub(super) fn index(file: &mut (impl BufRead + Seek)) -> io::Result<Index> {
 }
 
 /// Entries of an intact index, and the offset at which it begins.
-fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Option<(Vec<Entry>, u64)>> {
+fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Option<(Vec<PackEntry>, u64)>> {
     let Some(end_at) = length.checked_sub(END_LENGTH as u64) else {
         return Ok(None);
     };
@@ -203,9 +203,9 @@ fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Optio
     if hash(&bytes) != digest {
         return Ok(None);
     }
-    let entries: Option<Vec<Entry>> = bytes.chunks(ENTRY_LENGTH).map(Entry::from_bytes).collect();
-    let inside = |entry: &Entry| entry.at.checked_add(entry.length()).is_some_and(|end| end <= at);
-    let ordered = |entries: &Vec<Entry>| entries.is_sorted_by(|one, next| one.id < next.id);
+    let entries: Option<Vec<PackEntry>> = bytes.chunks(ENTRY_LENGTH).map(PackEntry::from_bytes).collect();
+    let inside = |entry: &PackEntry| entry.at.checked_add(entry.length()).is_some_and(|end| end <= at);
+    let ordered = |entries: &Vec<PackEntry>| entries.is_sorted_by(|one, next| one.id < next.id);
     let entries = entries.filter(|entries| entries.iter().all(inside) && ordered(entries));
     Ok(entries.map(|entries| (entries, at)))
 }
@@ -228,7 +228,7 @@ fn place_of_index(end: &[u8], end_at: u64) -> Option<(u64, String)> {
 }
 
 /// Looks through a whole pack for lines that announce a trial.
-fn found(file: &mut (impl BufRead + Seek), length: u64) -> io::Result<Vec<Entry>> {
+fn found(file: &mut (impl BufRead + Seek), length: u64) -> io::Result<Vec<PackEntry>> {
     let (mut entries, mut at) = (Vec::new(), 0);
     file.seek(SeekFrom::Start(0))?;
     let mut line = Vec::new();
@@ -269,7 +269,7 @@ mod tests {
         index(&mut Cursor::new(bytes)).unwrap()
     }
 
-    fn payload<'a>(bytes: &'a [u8], entry: &Entry) -> (&'a [u8], &'a [u8]) {
+    fn payload<'a>(bytes: &'a [u8], entry: &PackEntry) -> (&'a [u8], &'a [u8]) {
         let at = usize::try_from(entry.at).unwrap();
         let (middle, end) = (
             at + entry.acknowledgement as usize,

@@ -19,7 +19,7 @@ pub use packing::Packing;
 use super::{EndWithMetrics, Store, StoredTrial, index::parse, inside, names};
 use crate::world::fs::File;
 use contract::{Error, digest, trial_end::EndState};
-use form::{Entry, id_of, number};
+use form::{PackEntry, id_of, number};
 use outline::OUTLINE_LENGTH;
 use std::{
     collections::BTreeMap,
@@ -171,7 +171,7 @@ pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 /// # Errors
 /// [`Error::File`] where a pack cannot be read.
 pub(super) fn acknowledged_in(
-    packs: &mut [Reader<'_>],
+    packs: &mut [PackReader<'_>],
     id: &str,
 ) -> Result<Option<AcknowledgedTrial>, Error> {
     for pack in packs {
@@ -191,7 +191,7 @@ pub(super) fn acknowledged_in(
 ///
 /// # Errors
 /// [`Error::File`] where a pack cannot be read.
-pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
+pub(super) fn outlined_in(packs: &mut [PackReader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
     for pack in &mut *packs {
         let told = pack.outline(id)?.filter(|trial| trial.id() == id);
         if told.is_some() {
@@ -205,7 +205,7 @@ pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<S
 ///
 /// # Errors
 /// [`Error::File`] where a pack cannot be read.
-fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
+fn metrics_in(packs: &mut [PackReader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
         if let Some(metrics) = metrics.filter(|metrics| digest::of_bytes(metrics) == digest) {
@@ -221,7 +221,7 @@ fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option
 /// [`Error::File`] where a pack cannot be read, [`Error::Damaged`] where no copy in the store matches its
 /// acknowledgement.
 pub(super) fn loaded_in(
-    packs: &mut [Reader<'_>],
+    packs: &mut [PackReader<'_>],
     store: &Store,
     id: &str,
 ) -> Result<Option<EndWithMetrics>, Error> {
@@ -237,7 +237,7 @@ pub(super) fn loaded_in(
 }
 
 /// A pack whose file is open.
-pub(super) struct Reader<'a> {
+pub(super) struct PackReader<'a> {
     pack: &'a Pack,
     file: File,
     /// Outlines that were read, and their range of places in the index.
@@ -248,11 +248,11 @@ pub(super) struct Reader<'a> {
 ///
 /// # Errors
 /// [`Error::File`] where one cannot be read.
-pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
+pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<PackReader<'_>>, Error> {
     packs.iter().map(|pack| pack.reader()).collect()
 }
 
-impl Reader<'_> {
+impl PackReader<'_> {
     /// Outline of a trial; `None` where the pack has none.
     fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
         let Some(place) = self.pack.place(id) else {
@@ -286,14 +286,14 @@ impl Reader<'_> {
 
     fn metrics(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
         let entry = self.pack.entry(id).copied();
-        let bytes = |entry: Entry| {
+        let bytes = |entry: PackEntry| {
             let at = entry.at.saturating_add(entry.acknowledgement.into());
             self.bytes(at, entry.metrics.into())
         };
         entry.map(bytes).transpose()
     }
 
-    fn trial_at(&mut self, entry: &Entry) -> Result<ShortTrial, Error> {
+    fn trial_at(&mut self, entry: &PackEntry) -> Result<ShortTrial, Error> {
         let mut bytes = self.bytes(entry.at, entry.length())?;
         let metrics = bytes.split_off((entry.acknowledgement as usize).min(bytes.len()));
         Ok(ShortTrial {
@@ -336,7 +336,7 @@ impl Pack {
         self.index.entries.iter().map(|entry| id_of(entry.id))
     }
 
-    fn entry(&self, id: &str) -> Option<&Entry> {
+    fn entry(&self, id: &str) -> Option<&PackEntry> {
         self.place(id).map(|place| &self.index.entries[place])
     }
 
@@ -352,15 +352,15 @@ impl Pack {
     /// Places of the trials in the group of folders of the one at `place`.
     fn neighbours(&self, place: usize) -> Range<usize> {
         let entries = &self.index.entries;
-        let group = |entry: &Entry| entry.id >> (u128::BITS - 8);
+        let group = |entry: &PackEntry| entry.id >> (u128::BITS - 8);
         let own = group(&entries[place]);
         let begin = entries.partition_point(|entry| group(entry) < own);
         begin..entries.partition_point(|entry| group(entry) <= own)
     }
 
-    fn reader(&self) -> Result<Reader<'_>, Error> {
+    fn reader(&self) -> Result<PackReader<'_>, Error> {
         let file = File::open(&self.path).map_err(Error::file("read", &self.path))?;
-        Ok(Reader {
+        Ok(PackReader {
             pack: self,
             file,
             outlines: (0..0, Vec::new()),
@@ -372,7 +372,7 @@ impl Pack {
         self.entry(id).map(|entry| self.trial_at(entry)).transpose()
     }
 
-    fn trial_at(&self, entry: &Entry) -> Result<ShortTrial, Error> {
+    fn trial_at(&self, entry: &PackEntry) -> Result<ShortTrial, Error> {
         self.reader()?.trial_at(entry)
     }
 }

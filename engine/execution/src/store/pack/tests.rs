@@ -69,7 +69,7 @@ impl Bench {
         self.damage_at(seed, |_| 20);
     }
 
-    fn damage_at(&self, seed: u64, place: impl Fn(&Entry) -> usize) {
+    fn damage_at(&self, seed: u64, place: impl Fn(&PackEntry) -> usize) {
         let pack = Pack::open(&self.file()).unwrap().unwrap();
         let entry = *pack.entry(&trial(seed).id).unwrap();
         let mut bytes = fs::read(self.file()).unwrap();

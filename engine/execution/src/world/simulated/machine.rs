@@ -4,7 +4,7 @@ use super::{
     dice::Dice,
     disk::{Disk, Node},
 };
-use crate::world::process::{Place, ProcessState};
+use crate::world::process::{ProcessScope, ProcessState};
 use std::{
     collections::{BTreeMap, BTreeSet},
     ffi::{OsStr, OsString},
@@ -42,7 +42,7 @@ pub struct Machine {
     /// Time since the beginning; no process can set it.
     pub time: Duration,
     pub disk: Disk,
-    pub processes: Vec<Entry>,
+    pub processes: Vec<SimulatedProcess>,
     /// Place of the process that has the turn; `None` where no process is left.
     pub turn: Option<usize>,
     /// The failure that ends the simulation.
@@ -72,16 +72,16 @@ struct Host {
 }
 
 /// The process at one place of the simulation; a new one replaces it when it is gone.
-pub struct Entry {
+pub struct SimulatedProcess {
     pub host: usize,
     pub pid: u32,
     /// Number that grows with every process at this place.
     pub generation: u64,
-    pub state: State,
+    pub state: ProcessLifetime,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum State {
+pub enum ProcessLifetime {
     /// Runs, or begins, from this time on.
     From(Duration),
     /// The process is over, and none replaces it.
@@ -121,11 +121,11 @@ impl Machine {
             next_pid: 100,
         };
         for host in hosts_of {
-            let entry = Entry {
+            let entry = SimulatedProcess {
                 host: *host,
                 pid: 0,
                 generation: 0,
-                state: State::From(Duration::ZERO),
+                state: ProcessLifetime::From(Duration::ZERO),
             };
             machine.processes.push(entry);
             machine.replace(machine.processes.len() - 1, Duration::ZERO);
@@ -144,15 +144,17 @@ impl Machine {
         EPOCH + self.time
     }
 
-    pub fn place(&self, host: usize) -> Place {
-        Place {
+    pub fn place(&self, host: usize) -> ProcessScope {
+        ProcessScope {
             host: format!("host-{host}"),
             boot: format!("boot-{}", self.hosts[host].boot),
         }
     }
 
     pub fn look(&self, host: usize, pid: u32) -> ProcessState {
-        let runs = |entry: &&Entry| entry.host == host && entry.pid == pid && entry.state != State::Over;
+        let runs = |entry: &&SimulatedProcess| {
+            entry.host == host && entry.pid == pid && entry.state != ProcessLifetime::Over
+        };
         match self.processes.iter().find(runs) {
             Some(entry) => ProcessState::Started(u64::from(entry.pid)),
             None => ProcessState::Gone,
@@ -183,14 +185,14 @@ impl Machine {
     }
 
     fn is_ready(&self, at: usize) -> bool {
-        matches!(self.processes[at].state, State::From(time) if time <= self.time)
+        matches!(self.processes[at].state, ProcessLifetime::From(time) if time <= self.time)
     }
 
     /// Gives the turn to any process that can run; time passes where all wait.
     pub fn choose(&mut self) {
         let times = self.processes.iter().filter_map(|entry| match entry.state {
-            State::From(time) => Some(time),
-            State::Over => None,
+            ProcessLifetime::From(time) => Some(time),
+            ProcessLifetime::Over => None,
         });
         let Some(first) = times.min() else {
             self.turn = None;
@@ -264,7 +266,7 @@ impl Machine {
     }
 
     fn kill(&mut self, at: usize) {
-        if self.processes[at].state != State::Over {
+        if self.processes[at].state != ProcessLifetime::Over {
             let pause = Duration::from_millis(self.dice.up_to(60_000) as u64);
             self.replace(at, pause);
         }
@@ -277,7 +279,7 @@ impl Machine {
         let entry = &mut self.processes[at];
         entry.pid = self.next_pid;
         entry.generation += 1;
-        entry.state = State::From(self.time + pause);
+        entry.state = ProcessLifetime::From(self.time + pause);
     }
 
     /// Starts a new process at every place, sets the clocks right, and ends all faults.
@@ -292,7 +294,7 @@ impl Machine {
     }
 
     pub fn delay(&mut self, at: usize, wait: Duration) {
-        if let State::From(time) = &mut self.processes[at].state {
+        if let ProcessLifetime::From(time) = &mut self.processes[at].state {
             *time = (*time).max(self.time + wait);
         }
     }

@@ -17,7 +17,7 @@ mod turns;
 pub use machine::{Faults, Machine};
 pub use turns::{quietly, start};
 
-use super::process::{Place, ProcessState};
+use super::process::{ProcessScope, ProcessState};
 use std::{
     cell::RefCell,
     rc::Rc,
@@ -56,7 +56,7 @@ pub fn process_id() -> Option<u32> {
     Some(this()?.see(|_, me| me.pid))
 }
 
-pub fn place() -> Option<Place> {
+pub fn place() -> Option<ProcessScope> {
     Some(this()?.see(|machine, me| machine.place(me.host)))
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     THIS,
-    machine::{Entry, Machine, State},
+    machine::{Machine, ProcessLifetime, SimulatedProcess},
 };
 use std::{
     any::Any,
@@ -102,7 +102,7 @@ impl SharedMachine {
         let mut machine = self.lock();
         loop {
             let entry = &machine.processes[at];
-            if machine.failed.is_some() || entry.state == State::Over {
+            if machine.failed.is_some() || entry.state == ProcessLifetime::Over {
                 return None;
             }
             if machine.turn == Some(at) {
@@ -127,7 +127,7 @@ impl SharedMachine {
                     .get_or_insert(text.unwrap_or_else(|| "a panic".into()));
             }
             _ if killed => return machine.failed.is_some(),
-            Ok(true) => machine.processes[at].state = State::Over,
+            Ok(true) => machine.processes[at].state = ProcessLifetime::Over,
             _ => {
                 let pause = Duration::from_millis(machine.dice.up_to(5000) as u64);
                 machine.replace(at, pause);
@@ -135,7 +135,7 @@ impl SharedMachine {
         }
         machine.choose();
         self.tell(&machine);
-        machine.failed.is_some() || machine.processes[at].state == State::Over
+        machine.failed.is_some() || machine.processes[at].state == ProcessLifetime::Over
     }
 
     /// Wakes the process that has the turn; where the simulation has failed, every one.
@@ -225,7 +225,7 @@ impl Process {
     }
 
     fn me(&self, machine: &Machine) -> Caller {
-        let Entry { host, pid, .. } = machine.processes[self.at];
+        let SimulatedProcess { host, pid, .. } = machine.processes[self.at];
         Caller {
             at: self.at,
             host,

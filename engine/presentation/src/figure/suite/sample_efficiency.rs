@@ -63,7 +63,7 @@ impl Figure for SampleEfficiency {
         let suite = Suite::of(self.asked(), spec, context)?;
         let (mut series, mut missing, mut carried) = (Vec::new(), Vec::new(), false);
         for player in &suite.players {
-            let tasks: Vec<Vec<sample_efficiency::Run>> = suite
+            let tasks: Vec<Vec<sample_efficiency::StepSeries>> = suite
                 .scales
                 .iter()
                 .map(|scale| runs(&suite, player, scale))
@@ -125,15 +125,20 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
 }
 
 /// Whether the runs of all tasks were measured at the same steps.
-fn have_same_steps(tasks: &[Vec<sample_efficiency::Run>]) -> bool {
-    let steps = |run: &sample_efficiency::Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
+fn have_same_steps(tasks: &[Vec<sample_efficiency::StepSeries>]) -> bool {
+    let steps =
+        |run: &sample_efficiency::StepSeries| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
     let mut all = tasks.iter().flatten().map(steps);
     let first = all.next();
     all.all(|steps| Some(&steps) == first.as_ref())
 }
 
 /// The line of an agent; `None` where its runs have no step in common.
-fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<sample_efficiency::Run>]) -> Option<Series> {
+fn line(
+    suite: &Suite<'_>,
+    player: &Player<'_>,
+    tasks: &[Vec<sample_efficiency::StepSeries>],
+) -> Option<Series> {
     let learns = player.scope.learns() || player.scope.is_imported();
     if !learns && tasks.iter().flatten().all(|run| run.len() <= 1) {
         let value = SuiteStatistic::InterquartileMean.of(&player.tasks);
@@ -168,8 +173,8 @@ fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<sample_efficiency::
 }
 
 /// The scores of an agent in an environment during learning, run by run.
-fn runs(suite: &Suite<'_>, player: &Player<'_>, scale: &ScoreScale) -> Vec<sample_efficiency::Run> {
-    let run = |trial: &&TrialResult| -> sample_efficiency::Run {
+fn runs(suite: &Suite<'_>, player: &Player<'_>, scale: &ScoreScale) -> Vec<sample_efficiency::StepSeries> {
+    let run = |trial: &&TrialResult| -> sample_efficiency::StepSeries {
         let curve = trial.curve(Phase::Evaluate, suite.asked.metric).into_iter();
         curve
             .filter_map(|(step, value)| Some((step, scale.score(value)?)))

@@ -4,7 +4,7 @@ use super::*;
 use crate::table::{PublishedCell, PublishedRow, TableSpec, csv, html, latex, markdown, terminal};
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState, trial_result::TrialResult};
 use serde_json::Value;
-use statistics::{Design, Verdict};
+use statistics::{SequentialDesign, Verdict};
 use testing::synthetic::{ended, trial};
 
 /// Scores and aggregates made by `tests/fixtures/statistics/aggregate.py`.
@@ -222,7 +222,7 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
 #[test]
 fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();
-    results.design = Some(Design::new(vec![6, 12]));
+    results.design = Some(SequentialDesign::new(vec![6, 12]));
     let aggregate = spec(&serde_json::json!({"low": "weak", "high": "strong"}));
     let means = PublishedRow::Columns(BTreeMap::from([(
         SUITE_MEAN.to_owned(),

@@ -25,7 +25,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     }
     let axes = Axes::of(comparison, &scope);
     let (rows, columns) = places(comparison, &axes);
-    let cell = |of_row: &[usize], column: &Place| {
+    let cell = |of_row: &[usize], column: &GridLine| {
         make_cell(
             &axes.scope(&axes.at(of_row, &column.at)),
             &Measure {
@@ -37,12 +37,12 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         )
     };
     let all = axes.all();
-    let row = |row: &Place| {
+    let row = |row: &GridLine| {
         let of_row = axes.at(&all, &row.at);
         columns.iter().map(|column| cell(&of_row, column)).collect()
     };
     let cells: Vec<Vec<Cell>> = rows.iter().map(row).collect();
-    let heading = |place: Place| place.heading_with_budget(comparison, &axes);
+    let heading = |place: GridLine| place.heading_with_budget(comparison, &axes);
     Ok(Grid {
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
@@ -170,13 +170,13 @@ impl<'a> Relation<'a> {
 }
 
 /// A row or column: its heading, its place on each of its axes, and the step of the learning, unless it is the end.
-struct Place {
+struct GridLine {
     heading: Heading,
     at: Vec<(TableAxis, String)>,
     at_step: Option<u64>,
 }
 
-impl Place {
+impl GridLine {
     /// The heading, with steps and updates of the agent where the study asks for them.
     fn heading_with_budget(self, comparison: &Comparison, axes: &Axes<'_, '_>) -> Heading {
         let names_agent = self.at.iter().any(|(along, _)| *along == Axis::Agent.into());
@@ -193,7 +193,7 @@ impl Place {
     }
 }
 
-fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Place>) {
+fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<GridLine>, Vec<GridLine>) {
     let free = |along: &TableAxis| *along != comparison.rows && axes.vary(along);
     let cells = axes.all();
     let all = || Axis::ALL.into_iter().map(TableAxis::from);
@@ -214,7 +214,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Plac
             .iter()
             .map(|name| place(comparison, &[(axis.clone(), name.clone())]))
             .collect(),
-        None => vec![Place {
+        None => vec![GridLine {
             heading: only_column(comparison),
             at: Vec::new(),
             at_step: None,
@@ -248,7 +248,7 @@ fn split(
     rows.into_iter().flat_map(parts).collect()
 }
 
-fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> Place {
+fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> GridLine {
     let words = |write: &dyn Fn(&str) -> String| {
         let words: Vec<String> = at
             .iter()
@@ -266,7 +266,7 @@ fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> Place {
             text
         }
     };
-    Place {
+    GridLine {
         heading: Heading {
             label: or_as_given(labels),
             name: if name.is_empty() { AS_GIVEN.into() } else { name },
@@ -276,9 +276,9 @@ fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> Place {
     }
 }
 
-fn step_column(comparison: &Comparison, step: u64) -> Place {
+fn step_column(comparison: &Comparison, step: u64) -> GridLine {
     let name = step.to_string();
-    Place {
+    GridLine {
         heading: Heading {
             label: label(comparison, &name),
             name,

@@ -184,7 +184,7 @@ fn looked_at(results: &Results) -> Grid {
 
 #[test]
 fn later_seeds_move_no_verdict_of_an_earlier_look() {
-    let design = Some(Design::new(vec![3, 5]));
+    let design = Some(SequentialDesign::new(vec![3, 5]));
     let of = |prey: [&[f64]; 2], predators: [&[f64]; 2]| {
         let mut results = Results::of(trained(5).chain(all_meet_all(prey, predators)).collect());
         results.design.clone_from(&design);
@@ -242,7 +242,7 @@ fn a_look_waits_for_every_meeting_of_its_seeds() {
             meetings[index].end = None;
         }
         let mut results = Results::of(trained(3).chain(meetings).collect());
-        results.design = Some(Design::new(vec![3, 5]));
+        results.design = Some(SequentialDesign::new(vec![3, 5]));
         looked_at(&results).cells[0][0].looks.complete()
     };
     // The last trial is of another cell that sets the scale as well.

@@ -48,7 +48,7 @@ fn a_changed_bit_costs_one_trial_at_most_and_a_cut_those_that_it_takes_away() {
     // Metrics are held against one hash, whichever bit of theirs it is: one of each byte is enough.
     let is_metrics = |place: u64| {
         let metrics =
-            |entry: &form::Entry| entry.at + u64::from(entry.acknowledgement)..entry.at + entry.length();
+            |entry: &form::PackEntry| entry.at + u64::from(entry.acknowledgement)..entry.at + entry.length();
         entries.iter().any(|entry| metrics(entry).contains(&place))
     };
     for place in 0..bytes.len() {
