@@ -1,6 +1,6 @@
 //! The list of executors: the name and description of each, and the form of its table in `regimen.toml`.
 
-use super::{Error, Executor, hyperqueue, kubernetes, slurm, ssh};
+use super::{Error, Executor, OWN};
 use contract::Registry;
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
@@ -72,21 +72,18 @@ impl RegisterExecutor for Registry {
 /// All executors, in the order in which they are shown: those of the engine, and those that other crates registered.
 #[must_use]
 pub fn all(registry: &Registry) -> Vec<ExecutorKind> {
-    let here = ExecutorKind {
+    let others = registry.extensions::<Registered>().map(|it| it.0);
+    OWN.into_iter().chain(others).map(|kind| kind()).collect()
+}
+
+/// Entry of the worker processes on this machine.
+pub(super) fn local() -> ExecutorKind {
+    ExecutorKind {
         name: LOCAL,
         title: "this machine",
         about: "worker processes on this machine",
         way: Way::Here,
-    };
-    let own = [
-        here,
-        ssh::kind(),
-        slurm::kind(),
-        hyperqueue::kind(),
-        kubernetes::kind(),
-    ];
-    let others = registry.extensions::<Registered>().map(|it| (it.0)());
-    own.into_iter().chain(others).collect()
+    }
 }
 
 /// The executor of a name.

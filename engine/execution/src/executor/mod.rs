@@ -45,6 +45,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// The executors of the engine, each by the function that makes its entry.
+const OWN: [fn() -> ExecutorKind; 5] = [
+    kind::local,
+    ssh::kind,
+    slurm::kind,
+    hyperqueue::kind,
+    kubernetes::kind,
+];
+
 /// An executor: a batch system or a set of hosts that starts workers on other machines, with its options.
 pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
