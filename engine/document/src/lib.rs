@@ -3,6 +3,7 @@
 
 pub mod count;
 pub mod diagnostic;
+mod fitting;
 pub mod input_file;
 pub mod lookalikes;
 pub mod plain_text;
@@ -10,6 +11,7 @@ pub mod reach;
 pub mod schema_check;
 mod tree;
 
+pub use fitting::{Fitting, FittingEntries, FittingItems};
 pub use tree::{
     DEEPEST, Entry, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, NodeKind, Scalar, decode, parse, parse_from,
     plain_number,

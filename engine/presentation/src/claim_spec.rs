@@ -62,6 +62,16 @@ impl std::fmt::Display for Relevance {
     }
 }
 
+/// A claim alone, or with what is known of it besides.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum ClaimText {
+    /// The comparison, such as `learner.return > rule.return`.
+    Alone(String),
+    /// The comparison with what is known of it besides.
+    Long(ClaimSpec),
+}
+
 /// A comparison that the results support, refute or leave open.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

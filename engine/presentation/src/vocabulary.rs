@@ -1,10 +1,10 @@
 //! The names that the tables, figures and claims of a study may use.
 
 use contract::{ArtifactKind, Metric, part::Part};
-use document::{Node, diagnostic::Diagnostic};
+use document::diagnostic::Diagnostic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -94,7 +94,7 @@ pub struct Play {
     /// Protocol of the measurement.
     pub protocol: Part,
     /// The keys that differ between `environment` and `arena`, as given.
-    pub environment_config: Node,
+    pub environment_config: Map<String, Value>,
 }
 
 /// An agent of a play.

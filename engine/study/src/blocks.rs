@@ -1,12 +1,15 @@
 //! `blocks` and `<<`: keys that are written once and stand in several places.
 
-use super::overlay::{TAKE, below, overlay, without_nothing};
+use super::{
+    overlay::{TAKE, below, overlay, without_nothing},
+    sections::StudyText,
+};
 use document::{
-    DEEPEST, Entry, MOST_NODES, Node, NodeKind,
+    DEEPEST, Entry, FittingEntries, MOST_NODES, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     schema_check::View,
 };
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 /// Puts blocks where `<<` names them. Keys beside `<<` win over the block's.
 ///
@@ -18,6 +21,7 @@ pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), 
         .get("blocks")
         .map_or_else(Vec::new, |node| node.entries().to_vec());
     let mut blocks = Blocks {
+        text: StudyText::read(root).blocks,
         named: &named,
         sources,
         open: Vec::new(),
@@ -39,6 +43,8 @@ pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), 
 }
 
 struct Blocks<'a> {
+    text: FittingEntries<Map<String, Value>>,
+    /// The same with their positions, in the order of the study.
     named: &'a [Entry],
     sources: &'a Sources,
     /// The blocks around the place that is being filled; none of them may stand there.
@@ -119,10 +125,8 @@ impl Blocks<'_> {
             let help = suggest(name, named.iter().map(|entry| entry.key.as_str()));
             return self.refuse(wanted.span, at, format!("no block is named `{name}`"), &help);
         };
-        if !matches!(entry.value.kind, NodeKind::Mapping(_)) {
-            // The check of `blocks` reports it where the block is written.
-            return None;
-        }
+        // The check of `blocks` reports another form where the block is written.
+        self.text.get(name)?;
         if self.open.contains(&entry.key.as_str()) || self.open.len() >= DEEPEST {
             let message = format!("the block `{name}` contains itself");
             return self.refuse(wanted.span, at, message, "take it in one of the two places");

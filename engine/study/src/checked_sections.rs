@@ -6,6 +6,7 @@ use super::{
     part::{ConfigOrigin, Form, ResolvedPart},
     path,
     search::LocatedSearch,
+    sections::StudyText,
     sweep::Dimension,
     written::{PartKind, Selection, Target, Written},
 };
@@ -27,6 +28,8 @@ pub const MOST_TRIALS: u64 = 1_000_000;
 
 /// Everything that cells are made of.
 pub struct Sections<'a> {
+    /// The sections as they are written.
+    pub(super) text: &'a StudyText,
     /// Named parts of the study.
     pub written: &'a Written,
     /// Registered plugins.

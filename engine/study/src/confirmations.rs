@@ -6,7 +6,7 @@
 
 use super::seeds::{SeedPlan, SeedsText};
 use document::{
-    Node,
+    FittingItems, Node,
     diagnostic::{Diagnostic, Sources, Span},
 };
 use presentation::{claim_spec::ClaimSpec, table::TableSpec};
@@ -93,39 +93,34 @@ impl Confirmation {
     }
 }
 
-/// Reads the section, and checks it against the rest of the study. `used` are the seeds of the study and of its
+/// The rounds of the section, checked against the rest of the study. `used` are the seeds of the study and of its
 /// searches.
 ///
 /// # Errors
 /// Claims and tables that are not there, and seeds that are not above all those that were seen.
-pub(super) fn read(
+pub(super) fn rounds(
+    texts: &FittingItems<ConfirmationText>,
     root: &Node,
     (claims, tables): (&[ClaimSpec], &[(String, TableSpec)]),
     used: &[u64],
     sources: &Sources,
 ) -> Result<Vec<Confirmation>, Vec<Diagnostic>> {
     let (mut rounds, mut found): (Vec<Confirmation>, Vec<Diagnostic>) = (Vec::new(), Vec::new());
-    for (index, node) in root
-        .get("confirm")
-        .map_or(&[][..], Node::items)
-        .iter()
-        .enumerate()
-    {
+    for (index, text, node) in texts.located(root.get("confirm")) {
         let section = Section {
+            text,
             node,
             at: format!("confirm[{index}]"),
             sources,
         };
         match section.round() {
-            Ok(Some(round)) => {
+            Ok(round) => {
                 found.extend(section.unknown_claim(&round, claims));
                 found.extend(section.unknown_table(&round, tables));
                 found.extend(section.larger_difference(&round, claims));
                 found.extend(section.seen_seed(&round, &rounds, used));
                 rounds.push(round);
             }
-            // The check against the schema refused it.
-            Ok(None) => {}
             Err(errors) => found.extend(errors),
         }
     }
@@ -134,18 +129,17 @@ pub(super) fn read(
 
 /// A confirmation where it stands.
 struct Section<'a> {
+    text: &'a ConfirmationText,
     node: &'a Node,
     at: String,
     sources: &'a Sources,
 }
 
 impl Section<'_> {
-    fn round(&self) -> Result<Option<Confirmation>, Vec<Diagnostic>> {
-        let value = self.node.to_value();
-        let Ok(written) = serde_json::from_value::<ConfirmationText>(value.clone()) else {
-            return Ok(None);
-        };
-        let SeedPlan { seeds, design } = SeedPlan::read(self.node.get("seeds"), self.sources)?;
+    fn round(&self) -> Result<Confirmation, Vec<Diagnostic>> {
+        let written = self.text;
+        let SeedPlan { seeds, design } =
+            SeedPlan::of(Some(&written.seeds), self.node.get("seeds"), self.sources)?;
         if written.claims.is_empty() && written.tables.is_empty() {
             let error = self
                 .sources
@@ -154,16 +148,16 @@ impl Section<'_> {
                 "name the claims by their numbers, as in `claims: [1, 3]`, or tables with published values",
             )]);
         }
-        Ok(Some(Confirmation {
+        Ok(Confirmation {
             claims: written.claims.iter().map(|number| number - 1).collect(),
-            tables: written.tables,
-            rows: written.rows,
+            tables: written.tables.clone(),
+            rows: written.rows.clone(),
             seeds,
             design,
             min_effect: written.min_effect,
-            why: written.why,
-            written: value.as_object().cloned().unwrap_or_default(),
-        }))
+            why: written.why.clone(),
+            written: self.node.to_value().as_object().cloned().unwrap_or_default(),
+        })
     }
 
     fn error(&self, key: &str, message: String) -> Diagnostic {

@@ -12,12 +12,49 @@ use contract::{Environment, part::Part, protocol};
 use document::{
     Node,
     diagnostic::{Diagnostic, Span, suggest},
-    schema_check::{At, Checker},
+    schema_check::{At, Checker, NAME},
 };
 use presentation::vocabulary::{Pairs, Play, Player};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// Agents that meet after they were trained.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct PlayText {
+    /// The environment in which the agents were trained.
+    environment: String,
+    /// Seats by role, at least two roles; every seat of the environment has one.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    roles: BTreeMap<String, Seats>,
+    /// Agents of the study, those that learn with the policy of their final training step; all that learn
+    /// where absent.
+    #[serde(default)]
+    #[schemars(length(min = 1))]
+    agents: Vec<String>,
+    /// Episodes of each combination and seed.
+    #[serde(default = "episodes")]
+    #[schemars(range(min = 1, max = 1_000_000_000))]
+    episodes: u64,
+    /// Which seeds of the agents meet.
+    #[serde(default)]
+    pairs: Pairs,
+    /// Keys of the environment that differ from the training.
+    #[serde(default)]
+    environment_config: Map<String, Value>,
+}
+
+/// Names of the role's seats.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(transparent)]
+struct Seats(#[schemars(length(min = 1))] Vec<String>);
 
 /// Episodes of each trial where a play gives no number.
-pub(super) const EPISODES: u64 = 100;
+fn episodes() -> u64 {
+    100
+}
 
 /// The plays of a study.
 ///
@@ -30,7 +67,12 @@ pub(super) fn resolve(
 ) -> Result<Vec<Play>, Vec<Diagnostic>> {
     let (mut plays, mut found) = (Vec::new(), Vec::new());
     for named in &sections.written.plays {
-        let mut reader = Reader {
+        // A play that the check against the schema refused ended the check of the study before.
+        let Some(text) = sections.text.cross_play.get(&named.name) else {
+            continue;
+        };
+        let mut reader = CrossPlayReader {
+            text,
             sections,
             cells,
             named,
@@ -46,7 +88,8 @@ pub(super) fn resolve(
     if found.is_empty() { Ok(plays) } else { Err(found) }
 }
 
-struct Reader<'a> {
+struct CrossPlayReader<'a> {
+    text: &'a PlayText,
     sections: &'a Sections<'a>,
     cells: &'a Cells,
     named: &'a NamedPart,
@@ -54,33 +97,23 @@ struct Reader<'a> {
     found: Vec<Diagnostic>,
 }
 
-impl Reader<'_> {
+impl CrossPlayReader<'_> {
     fn play(&mut self, n_seeds: usize) -> Option<Play> {
         let environment = self.environment()?;
         let players = self.players(environment);
         let first = players.first()?.cell;
         self.trained_alike(&players);
-        let environment_config = self
-            .named
-            .config
-            .get("environment_config")
-            .cloned()
-            .unwrap_or_else(|| Node::empty_mapping(self.named.name_span));
-        let (arena, built) = self.arena(first, &environment_config)?;
+        let over = self.named.config.get("environment_config").cloned();
+        let over = over.unwrap_or_else(|| Node::empty_mapping(self.named.name_span));
+        let (arena, built) = self.arena(first, &over)?;
         let seats: Vec<String> = built.seats().iter().map(|seat| seat.name.clone()).collect();
         let roles = self.roles(&seats);
-        let pairs = self.pairs();
+        let (pairs, episodes) = (self.text.pairs, self.text.episodes);
         let per_combination = match pairs {
             Pairs::Matched => Some(n_seeds as u64),
             Pairs::All => (n_seeds as u64).checked_pow(u32::try_from(roles.len()).unwrap_or(u32::MAX)),
         };
         self.too_many(players.len(), roles.len(), per_combination);
-        let episodes = self
-            .named
-            .config
-            .get("episodes")
-            .and_then(|node| node.to_value().as_u64())
-            .unwrap_or(EPISODES);
         let Some(measuring) = self.sections.registry.measuring else {
             self.say(
                 self.named.name_span,
@@ -109,16 +142,8 @@ impl Reader<'_> {
             episodes,
             pairs,
             protocol: measuring(episodes),
-            environment_config,
+            environment_config: self.text.environment_config.clone(),
         })
-    }
-
-    /// Pairs of seeds that meet; the section was checked against the schema.
-    fn pairs(&self) -> Pairs {
-        let written = self.named.config.get("pairs").map(Node::to_value);
-        written
-            .and_then(|value| serde_json::from_value(value).ok())
-            .unwrap_or_default()
     }
 
     fn say(&mut self, span: Span, key: &str, message: impl Into<String>, help: impl Into<String>) {
@@ -133,8 +158,7 @@ impl Reader<'_> {
     }
 
     fn environment(&mut self) -> Option<usize> {
-        let node = self.named.config.get("environment")?;
-        let name = node.as_str()?;
+        let name = self.text.environment.as_str();
         let known: Vec<&str> = self
             .sections
             .written
@@ -144,8 +168,9 @@ impl Reader<'_> {
             .collect();
         let index = known.iter().position(|it| *it == name);
         if index.is_none() {
+            let span = self.named.config.get("environment")?.span;
             self.say(
-                node.span,
+                span,
                 "environment",
                 format!("no environment is named `{name}`"),
                 suggest(name, known),
@@ -197,8 +222,7 @@ impl Reader<'_> {
 
     fn listed(&mut self, items: &[Node]) -> Vec<(usize, Span)> {
         let mut indices: Vec<(usize, Span)> = Vec::new();
-        for item in items {
-            let Some(name) = item.as_str() else { continue };
+        for (name, item) in self.text.agents.iter().zip(items) {
             let known: Vec<&str> = self
                 .sections
                 .written
@@ -206,7 +230,7 @@ impl Reader<'_> {
                 .iter()
                 .map(|it| it.name.as_str())
                 .collect();
-            match known.iter().position(|it| *it == name) {
+            match known.iter().position(|it| it == name) {
                 None => self.say(
                     item.span,
                     "agents",
@@ -284,14 +308,13 @@ impl Reader<'_> {
         let [trained, ..] = self.cells.at(cell).parts;
         let given = &trained.given;
         let plugin = self.sections.plugin(given.target)?;
-        let at = format!("{}.environment_config", self.at);
         let mut checker = Checker::new(self.sections.sources);
         checker.check(
             over,
             &At {
                 key: over.span,
                 name: "environment_config".into(),
-                path: at,
+                path: format!("{}.environment_config", self.at),
             },
             &plugin.schema,
         );
@@ -354,12 +377,11 @@ impl Reader<'_> {
         let named = self.named;
         let written = named.config.get("roles").map_or(&[][..], Node::entries);
         let mut taken: Vec<(&str, &str)> = Vec::new();
+        let text = self.text;
         for role in written {
-            for item in role.value.items() {
-                if let Some(seat) = item
-                    .as_str()
-                    .filter(|_| self.is_free(item, &role.key, seats, &taken))
-                {
+            let own = text.roles.get(&role.key).into_iter().flat_map(|own| &own.0);
+            for (seat, item) in own.zip(role.value.items()) {
+                if self.is_free((seat, item.span), &role.key, seats, &taken) {
                     taken.push((seat, &role.key));
                 }
             }
@@ -384,19 +406,24 @@ impl Reader<'_> {
     }
 
     /// Whether a seat is there and no role has it yet.
-    fn is_free(&mut self, item: &Node, role: &str, seats: &[String], taken: &[(&str, &str)]) -> bool {
-        let Some(seat) = item.as_str() else { return false };
+    fn is_free(
+        &mut self,
+        (seat, span): (&str, Span),
+        role: &str,
+        seats: &[String],
+        taken: &[(&str, &str)],
+    ) -> bool {
         let at = format!("roles.{role}");
         if !seats.iter().any(|known| known == seat) {
             let help = suggest(seat, seats.iter().map(String::as_str));
             let message = format!("the environment has no seat `{seat}`");
-            self.say(item.span, &at, message, help);
+            self.say(span, &at, message, help);
             return false;
         }
         let other = taken.iter().find(|(known, _)| *known == seat);
         if let Some((_, other)) = other {
             let message = format!("`{seat}` has a role already: `{other}`");
-            self.say(item.span, &at, message, "every seat has one role");
+            self.say(span, &at, message, "every seat has one role");
         }
         other.is_none()
     }

@@ -4,14 +4,29 @@ use super::{checked_sections::Sections, relative_path::name_written_out, seeds::
 use analysis::results::Origin;
 use contract::Metric;
 use document::{
-    Entry, Node, NodeKind,
+    Entry, Node,
     diagnostic::{Diagnostic, Span, suggest},
     reach::{Outside, Reach},
 };
 use imported::{FIRST_SEED, Imported, ImportedText, PatternError, RunCollection, matching, read};
 use presentation::vocabulary::Vocabulary;
+use schemars::JsonSchema;
+use serde::Deserialize;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    slice,
+};
+
+/// Imported runs in one environment, or in several.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Parts {
+    /// In one.
+    One(Box<ImportedText>),
+    /// In several, a part for each.
+    Several(#[schemars(length(min = 1))] Vec<ImportedText>),
+}
 
 /// Reads the section and enters the metrics of the runs for tables, figures and claims.
 pub(super) fn resolve(
@@ -23,7 +38,7 @@ pub(super) fn resolve(
     let Some(section) = root.entry("imported") else {
         return Ok(Vec::new());
     };
-    let mut reader = Reader {
+    let mut reader = ImportReader {
         sections,
         vocabulary,
         found: Vec::new(),
@@ -31,7 +46,7 @@ pub(super) fn resolve(
     reader.seeds(section, plan);
     let entries = section.value.entries().iter().zip(0..);
     let read: Vec<Imported> = entries
-        .filter_map(|(entry, block)| reader.entry(entry, block))
+        .filter_map(|(entry, block)| reader.entry(sections.text.imported.get(&entry.key)?, entry, block))
         .collect();
     if reader.found.is_empty() {
         Ok(read)
@@ -40,13 +55,13 @@ pub(super) fn resolve(
     }
 }
 
-struct Reader<'a> {
+struct ImportReader<'a> {
     sections: &'a Sections<'a>,
     vocabulary: &'a mut Vocabulary,
     found: Vec<Diagnostic>,
 }
 
-impl Reader<'_> {
+impl ImportReader<'_> {
     fn say(&mut self, span: Span, at: &str, message: impl Into<String>, help: impl Into<String>) {
         let (error, help) = (self.sections.sources.error(span, at, message), help.into());
         self.found
@@ -72,7 +87,7 @@ impl Reader<'_> {
     }
 
     /// Reads an entry of one or several parts.
-    fn entry(&mut self, entry: &Entry, block: u64) -> Option<Imported> {
+    fn entry(&mut self, parts: &Parts, entry: &Entry, block: u64) -> Option<Imported> {
         let at = format!("imported.{}", entry.key);
         if self.is_taken(&entry.key) {
             let message = format!("`{}` names something else in this study, too", entry.key);
@@ -86,9 +101,9 @@ impl Reader<'_> {
         }
         let agent = self.vocabulary.agents.len();
         self.vocabulary.agents.push(entry.key.clone());
-        let parts = match &entry.value.kind {
-            NodeKind::Sequence(items) => items.iter().collect(),
-            _ => vec![&entry.value],
+        let (parts, nodes) = match parts {
+            Parts::One(part) => (slice::from_ref(&**part), slice::from_ref(&entry.value)),
+            Parts::Several(parts) => (&parts[..], entry.value.items()),
         };
         let mut whole = Imported {
             origin: Origin {
@@ -98,16 +113,16 @@ impl Reader<'_> {
             trials: Vec::new(),
         };
         let (mut words, before) = (Vec::new(), self.found.len());
-        for (place, node) in parts.iter().enumerate() {
+        for (place, (text, node)) in parts.iter().zip(nodes).enumerate() {
             let at = if parts.len() > 1 {
                 format!("{at}[{place}]")
             } else {
                 at.clone()
             };
-            let Some((text, found)) = self.part(node, entry, &at, (agent, block), &mut whole) else {
+            let Some(found) = self.part(text, (node, entry, &at), (agent, block), &mut whole) else {
                 continue;
             };
-            words.push(self.seen_from_folder(&sentence(&text, &found)));
+            words.push(self.seen_from_folder(&sentence(text, &found)));
             let seen_from = |path: &Path| {
                 path.strip_prefix(self.sections.folder)
                     .unwrap_or(path)
@@ -155,14 +170,12 @@ impl Reader<'_> {
     /// Reads the runs in one environment.
     fn part(
         &mut self,
-        node: &Node,
-        entry: &Entry,
-        at: &str,
+        text: &ImportedText,
+        (node, entry, at): (&Node, &Entry, &str),
         (agent, block): (usize, u64),
         whole: &mut Imported,
-    ) -> Option<(ImportedText, RunCollection)> {
-        let text: ImportedText = serde_json::from_value(node.to_value()).ok()?;
-        let environment = self.environment(&text, node, entry, at)?;
+    ) -> Option<RunCollection> {
+        let environment = self.environment(text, node, entry, at)?;
         if self.vocabulary.recorded.contains_key(&(environment, agent)) {
             let message = format!(
                 "`{}` has runs in `{}` already",
@@ -176,7 +189,7 @@ impl Reader<'_> {
             );
             return None;
         }
-        let files = self.files(&text, node, at)?;
+        let files = self.files(text, node, at)?;
         let mapping = text.mapping();
         let name = self.vocabulary.environments[environment].clone();
         let read = read(&files, &mapping).map_err(|error| error.to_string());
@@ -198,7 +211,7 @@ impl Reader<'_> {
                     .push(Metric::new(metric, "", "recorded by imported runs"));
             }
         }
-        Some((text, found))
+        Some(found)
     }
 
     fn environment(&mut self, text: &ImportedText, node: &Node, entry: &Entry, at: &str) -> Option<usize> {

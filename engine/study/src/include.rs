@@ -3,19 +3,32 @@
 use super::{
     overlay::overlay,
     relative_path::{along, name_from, way},
+    sections::StudyText,
 };
 use document::{
-    Entry, Node, NodeKind,
+    Entry, Fitting, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span},
     input_file,
     reach::{Outside, Reach},
     schema_check::View,
 };
+use schemars::JsonSchema;
+use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Most files that a study includes, those of its files counted.
 const MOST_FILES: usize = 64;
+
+/// One file or several.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Files {
+    /// The path of one file, from the folder of this one.
+    One(String),
+    /// The paths of several.
+    Several(Vec<Fitting<String>>),
+}
 
 /// A study with the sections of the files that it includes.
 pub struct MergedStudy {
@@ -36,7 +49,7 @@ pub fn read(
     schema: &Value,
     sources: &mut Sources,
 ) -> Result<MergedStudy, Vec<Diagnostic>> {
-    let mut reader = Reader {
+    let mut reader = IncludeReader {
         study: file.parent().unwrap_or(Path::new("")),
         reach: Reach::of(file.parent().unwrap_or(Path::new(""))),
         schema: View::new(schema, schema),
@@ -54,7 +67,7 @@ pub fn read(
     }
 }
 
-struct Reader<'a> {
+struct IncludeReader<'a> {
     /// Folder of the study.
     study: &'a Path,
     /// Reach of the study: the folders of its files.
@@ -67,10 +80,10 @@ struct Reader<'a> {
     found: Vec<Diagnostic>,
 }
 
-impl Reader<'_> {
+impl IncludeReader<'_> {
     fn with_included(&mut self, root: Node, folder: &Path) -> Node {
         let mut whole = Node::empty_mapping(root.span);
-        for (name, span) in named(&root, "include") {
+        for (name, span) in named(&root) {
             match self.file(&name, span, folder) {
                 Ok(node) => overlay(&mut whole, node, Some(&self.schema)),
                 Err(errors) => self.found.extend(errors),
@@ -166,15 +179,21 @@ impl Reader<'_> {
     }
 }
 
-/// The files that a study names in a section, with their places; the check reports values that are no names.
-pub fn named(root: &Node, section: &str) -> Vec<(String, Span)> {
-    let Some(node) = root.get(section) else {
+/// The files that a study includes, with their places; the check reports values that are no names.
+fn named(root: &Node) -> Vec<(String, Span)> {
+    let Some(node) = root.get("include") else {
         return Vec::new();
     };
-    std::iter::once(node)
-        .chain(node.items())
-        .filter_map(|node| Some((node.as_str()?.to_string(), node.span)))
-        .collect()
+    match StudyText::read(root).include.0 {
+        None => Vec::new(),
+        Some(Files::One(name)) => vec![(name, node.span)],
+        Some(Files::Several(names)) => {
+            let names = names.into_iter().zip(node.items());
+            names
+                .filter_map(|(name, item)| Some((name.0?, item.span)))
+                .collect()
+        }
+    }
 }
 
 fn forget(node: &mut Node, keys: &[&str]) {

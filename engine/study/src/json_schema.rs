@@ -1,7 +1,7 @@
 //! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and
 //! `check` holds studies against it, so the two cannot differ.
 
-use super::sections::Sections;
+use super::sections::StudyText;
 use contract::{Registry, cast, plugin::About};
 use document::{
     Node,
@@ -20,7 +20,7 @@ pub fn json_schema(registry: &Registry) -> Value {
     let kinds = Kinds::of(registry);
     let tables = kinds::properties(&kinds.of_tables(), &mut generator);
     let figures = kinds::properties(&kinds.of_figures(), &mut generator);
-    let mut schema = generator.into_root_schema_for::<Sections>().to_value();
+    let mut schema = generator.into_root_schema_for::<StudyText>().to_value();
     let mut definitions = match schema["$defs"].take() {
         Value::Object(definitions) => definitions,
         _ => Map::new(),

@@ -11,19 +11,20 @@ use super::{
     overrides, quotes,
     repeats::Repeats,
     resolved, search, search_checks,
+    sections::StudyText,
     seeds::SeedPlan,
     settings::{self, Options},
     sweep,
     written::Written,
 };
 use ::imported::Imported;
-use contract::{Registry, trial_result::Success};
+use contract::Registry;
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span, in_order},
     input_file,
 };
-use execution::limits::{LimitError, Limits};
+use execution::limits::LimitError;
 use presentation::request::{self, Kinds, Request};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -46,7 +47,7 @@ pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<St
     let (schema, mut sources) = (json_schema(registry), Sources::default());
     let composed =
         compose(&text, &name, folder_of(path), &schema, &mut sources, options).map_err(in_order)?;
-    Ok(section(&composed.root, "study").unwrap_or_default())
+    Ok(StudyText::read(&composed.root).study.0.unwrap_or_default())
 }
 
 /// The folder that files named by a study are sought from.
@@ -89,31 +90,34 @@ pub fn load_text(
     let schema = json_schema(registry);
     let composed = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
     let (root, mut found) = (composed.root, composed.found);
-    check_form(&root, &schema, &sources, &mut found);
+    let mut text = StudyText::read(&root);
+    check_form(&root, &text, &schema, &sources, &mut found);
     let mut written = Written::read(&root);
     found.extend(written.name_clashes(&sources));
-    let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
+    let (fixed, errors) = settings::apply(&root, &text, &mut written, &schema, &mut sources, options);
+    text.read_parts(&written);
     let sources = &sources;
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
-    let dimensions = sweep::read(&root, &written, &schema, sources, &fixed)
+    let dimensions = sweep::read(&root, &text, &written, &schema, sources, &fixed)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let overrides = overrides::read(&root, &written, &schema, sources, &dimensions, &fixed)
+    let overrides = overrides::read(&root, &text, &written, &schema, sources, &dimensions, &fixed)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let excluded = overrides::read_exclude(&root, &written, sources)
+    let excluded = overrides::read_exclude(&root, &text, &written, sources)
         .map_err(&mut keep)
         .unwrap_or_default();
     let given = (&fixed[..], &dimensions[..]);
-    let searches = search::read(&written, &schema, sources, given, &options.searches)
+    let searches = search::read(&text, &written, &schema, sources, given, &options.searches)
         .map_err(&mut keep)
         .unwrap_or_default();
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
-    let limits: Limits = section(&root, "limits").unwrap_or_default();
+    let limits = text.limits.0.clone().unwrap_or_default();
     let sections = Sections {
+        text: &text,
         written: &written,
         registry,
         schema: &schema,
@@ -136,10 +140,10 @@ pub fn load_text(
 }
 
 /// Checks a document against the schema, and the limits in it.
-fn check_form(root: &Node, schema: &Value, sources: &Sources, found: &mut Vec<Diagnostic>) {
+fn check_form(root: &Node, text: &StudyText, schema: &Value, sources: &Sources, found: &mut Vec<Diagnostic>) {
     found.extend(check_structure(root, schema, sources));
     if !found.iter().any(about_limits) {
-        found.extend(wrong_limits(root, sources));
+        found.extend(wrong_limits(root, text, sources));
     }
 }
 
@@ -176,7 +180,6 @@ fn compose(
 /// Result of the second half of loading.
 struct FinishedSections {
     plan: SeedPlan,
-    success: Option<Success>,
     cells: Cells,
     order: Vec<usize>,
     vocabulary: presentation::vocabulary::Vocabulary,
@@ -184,8 +187,8 @@ struct FinishedSections {
     request: Request,
     confirm: Vec<Confirmation>,
     resolved: Vec<(String, resolved::Section)>,
-    title: String,
-    deviations: Vec<String>,
+    /// The sections with values of the study in their texts.
+    text: StudyText,
 }
 
 /// The second half of loading: cells are made and built, and the sections on results are checked.
@@ -201,19 +204,17 @@ fn make(
     let sources = sections.sources;
     let known = found.clone();
     let with = |more: Vec<Diagnostic>| in_order(known.iter().cloned().chain(more).collect());
-    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sources).map_err(&with)?;
-    if let Some(error) = too_many(root, sections, plan.seeds.len()) {
+    let seeds = (sections.text.seeds.0.as_ref(), sections.written.seeds.as_ref());
+    let plan = SeedPlan::of(seeds.0, seeds.1, sources).map_err(&with)?;
+    let refused = too_many(root, sections, plan.seeds.len());
+    if let Some(error) = refused.or_else(|| searched_seed(root, sections, &plan)) {
         return Err(with(vec![error]));
     }
-    if let Some(error) = searched_seed(root, sections, &plan) {
-        return Err(with(vec![error]));
-    }
-    let success: Option<Success> = section(root, "success");
     let cells = sections.cells().map_err(&with)?;
     let (cells, order) = dependencies::link(sections, cells, &plan.seeds).map_err(&with)?;
     let mut vocabulary = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
     let imported = imported_runs::resolve(root, sections, &plan, &mut vocabulary).map_err(&with)?;
-    let about_success = request::success(root, success.as_ref(), &mut vocabulary, sources);
+    let about_success = request::success(root, sections.text.success.0.as_ref(), &mut vocabulary, sources);
     vocabulary.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let resolved = resolved::sections(root, sections, &plan, &vocabulary.plays);
@@ -221,24 +222,15 @@ fn make(
         found.extend(errors);
         root.clone()
     });
+    let text = StudyText::read(root);
+    let asked = (&text.request, root);
     let kinds = Kinds::of(sections.registry);
-    let request = Request::read(root, &vocabulary, &kinds, sources, sections.folder);
-    found.extend(
-        about_success
-            .into_iter()
-            .chain(search_checks::searches(sections, &vocabulary)),
-    );
-    found.extend(request::beside_the_source(root, &vocabulary, sources));
+    let request = Request::read(asked, &vocabulary, &kinds, sources, sections.folder);
+    let beside = request::beside_the_source(asked.0, root, &vocabulary, sources);
+    let of_searches = search_checks::searches(sections, &vocabulary);
+    found.extend(about_success.into_iter().chain(of_searches).chain(beside));
     found.extend(request.found.iter().cloned());
-    let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
-    let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
-    let confirm = if sections.is_as_written {
-        confirmations::read(root, (&request.claims, &request.tables), &used, sources)
-    } else {
-        // With profiles and options it is another study, which confirms nothing.
-        Ok(Vec::new())
-    };
-    let confirm = confirm.unwrap_or_else(|errors| {
+    let confirm = confirmed(&text, root, sections, (&request, &plan)).unwrap_or_else(|errors| {
         found.extend(errors);
         Vec::new()
     });
@@ -247,7 +239,6 @@ fn make(
     }
     Ok(FinishedSections {
         plan,
-        success,
         cells,
         order,
         vocabulary,
@@ -255,9 +246,24 @@ fn make(
         request,
         confirm,
         resolved,
-        title: section(root, "title").unwrap_or_default(),
-        deviations: section(root, "deviations").unwrap_or_default(),
+        text,
     })
+}
+
+/// The confirmations of the study. With profiles and options it is another one, which confirms nothing.
+fn confirmed(
+    text: &StudyText,
+    root: &Node,
+    sections: &Sections<'_>,
+    (request, plan): (&Request, &SeedPlan),
+) -> Result<Vec<Confirmation>, Vec<Diagnostic>> {
+    if !sections.is_as_written {
+        return Ok(Vec::new());
+    }
+    let searched = sections.searches.iter().flat_map(|it| &it.search.seeds);
+    let used: Vec<u64> = plan.seeds.iter().chain(searched).copied().collect();
+    let judged = (&request.claims[..], &request.tables[..]);
+    confirmations::rounds(&text.confirm, root, judged, &used, sections.sources)
 }
 
 /// The chosen setting is measured on other seeds than those by which it was chosen.
@@ -278,15 +284,9 @@ fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Optio
     Some(error.help("use smaller seeds"))
 }
 
-/// A section that was checked against its schema before; `None` where it is absent.
-fn section<T: serde::de::DeserializeOwned>(root: &Node, name: &str) -> Option<T> {
-    serde_json::from_value(root.get(name)?.to_value()).ok()
-}
-
 fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Study {
     let FinishedSections {
         plan,
-        success,
         cells,
         order,
         vocabulary,
@@ -294,28 +294,27 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
         request,
         confirm,
         resolved,
-        title,
-        deviations,
+        text,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
     Study {
-        name: section(root, "study").unwrap_or_default(),
-        title,
-        source: section(root, "source").unwrap_or_default(),
-        family: section(root, "family"),
+        name: text.study.0.unwrap_or_default(),
+        title: text.title.0.unwrap_or_default(),
+        source: text.source.0.unwrap_or_default(),
+        family: text.family.0,
         summary: request.summary,
         answers: request.answers,
-        deviations,
+        deviations: text.deviations.0.unwrap_or_default(),
         environments: vocabulary.environments,
         agents: vocabulary.agents,
         resolved,
         plays: vocabulary.plays,
         seeds: plan.seeds,
         design: plan.design,
-        success,
-        paper_budget: section(root, "paper_budget"),
-        floors: section(root, "floors").unwrap_or_default(),
-        relevance: section(root, "relevance"),
+        success: text.success.0,
+        paper_budget: text.request.paper_budget.0,
+        floors: text.request.floors.0.unwrap_or_default(),
+        relevance: text.request.relevance.0,
         profile: None,
         profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
         tables: request.tables,
@@ -346,9 +345,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
 }
 
 /// A limit that its schema allows and that limits nothing or everything.
-fn wrong_limits(root: &Node, sources: &Sources) -> Option<Diagnostic> {
-    let limits: Limits = section(root, "limits")?;
-    let LimitError { key, value, instead } = limits.check().err()?;
+fn wrong_limits(root: &Node, text: &StudyText, sources: &Sources) -> Option<Diagnostic> {
+    let LimitError { key, value, instead } = text.limits.0.as_ref()?.check().err()?;
     let span = root.get("limits")?.get(key)?.span;
     let message = format!("`{key}` is {value}, which is no limit");
     Some(

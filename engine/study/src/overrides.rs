@@ -3,6 +3,7 @@
 
 use super::{
     path::{self, KeyPath},
+    sections::StudyText,
     sweep::Dimension,
     written::{Selection, Target, Written},
 };
@@ -10,7 +11,49 @@ use document::{
     Node,
     diagnostic::{Diagnostic, Sources},
 };
-use serde_json::Value;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// A combination that is left out.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields, extend("minProperties" = 1, "x-kind" = "environment or agent"))]
+pub struct ExcludeText {
+    /// The environment; all where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", extend("default" = ""))]
+    environment: Option<String>,
+    /// The agent; all where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", extend("default" = ""))]
+    agent: Option<String>,
+}
+
+/// Values for a combination.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct OverrideText {
+    /// The environment; all where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", extend("default" = ""))]
+    environment: Option<String>,
+    /// The agent; all where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", extend("default" = ""))]
+    agent: Option<String>,
+    /// Values by dotted path.
+    set: Map<String, Value>,
+}
+
+impl OverrideText {
+    /// Itself with those of its values that are `kept`, as later stages read it.
+    pub fn kept(&self, kept: &Override<'_>) -> Self {
+        let mut text = self.clone();
+        text.set
+            .retain(|key, _| kept.set.iter().any(|(known, ..)| known == key));
+        text
+    }
+}
 
 /// Values that hold for the combinations of a selection.
 #[derive(Debug, Clone)]
@@ -36,6 +79,7 @@ impl Override<'_> {
 /// as well.
 pub fn read<'a>(
     root: &Node,
+    text: &StudyText,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -43,14 +87,10 @@ pub fn read<'a>(
     fixed: &[KeyPath<'_>],
 ) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
     let (mut overrides, mut found) = (Vec::new(), Vec::new());
-    for (index, item) in root
-        .get("overrides")
-        .map_or(&[][..], Node::items)
-        .iter()
-        .enumerate()
-    {
+    for (index, text, item) in text.overrides.located(root.get("overrides")) {
         let at = format!("overrides[{index}]");
-        let selection = Selection::read(item, &at, written, sources).unwrap_or_else(|errors| {
+        let names = [&text.environment, &text.agent];
+        let selection = Selection::of(names, item, &at, written, sources).unwrap_or_else(|errors| {
             found.extend(errors);
             Selection::default()
         });
@@ -135,17 +175,15 @@ fn useless(
 /// Names that do not exist, and sections that leave nothing.
 pub fn read_exclude(
     root: &Node,
+    text: &StudyText,
     written: &Written,
     sources: &Sources,
 ) -> Result<Vec<Selection>, Vec<Diagnostic>> {
     let (mut selections, mut found) = (Vec::new(), Vec::new());
     let section = root.entry("exclude");
-    for (index, item) in section
-        .map_or(&[][..], |entry| entry.value.items())
-        .iter()
-        .enumerate()
-    {
-        match Selection::read(item, &format!("exclude[{index}]"), written, sources) {
+    for (index, text, item) in text.exclude.located(root.get("exclude")) {
+        let (names, at) = ([&text.environment, &text.agent], format!("exclude[{index}]"));
+        match Selection::of(names, item, &at, written, sources) {
             Ok(selection) => selections.push(selection),
             Err(errors) => found.extend(errors),
         }

@@ -76,7 +76,7 @@ pub fn sections(
     let environments = parts(&sections.written.environments, Target::Environment);
     let agents = parts(&sections.written.agents, Target::Agent);
     let protocol = full(Target::Protocol, &sections.written.protocol);
-    let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
+    let exclude = json!(sections.text.exclude.0.as_deref().unwrap_or_default());
     let written = vec![
         ("environments".into(), environments),
         ("agents".into(), agents),
@@ -84,7 +84,7 @@ pub fn sections(
         ("seeds".into(), Section::Plain(seeds(plan))),
         ("sweep".into(), sweep(root, sections)),
         ("exclude".into(), Section::Plain(exclude)),
-        ("overrides".into(), Section::Plain(overrides(root, sections))),
+        ("overrides".into(), Section::Plain(overrides(sections))),
     ];
     let entries = sections.written.prepared.iter().enumerate();
     let prepared = entries.map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)));
@@ -182,7 +182,7 @@ fn play(play: &Play) -> Value {
     json!({
         "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.episodes,
         "pairs": play.pairs,
-        "environment_config": play.environment_config.to_value(),
+        "environment_config": play.environment_config,
     })
 }
 
@@ -205,20 +205,8 @@ fn sweep(root: &Node, sections: &Sections<'_>) -> Section {
 }
 
 /// The overrides without keys that a profile or an option fixed.
-fn overrides(root: &Node, sections: &Sections<'_>) -> Value {
-    let items = root
-        .get("overrides")
-        .map_or(&[][..], Node::items)
-        .iter()
-        .zip(sections.overrides);
-    let written = items.map(|(item, kept)| {
-        let mut value = item.to_value();
-        value["set"] = kept
-            .set
-            .iter()
-            .map(|(text, _, node)| (text.clone(), node.to_value()))
-            .collect();
-        value
-    });
-    written.collect()
+fn overrides(sections: &Sections<'_>) -> Value {
+    let written = sections.text.overrides.0.iter().flatten().zip(sections.overrides);
+    let kept = written.filter_map(|(text, kept)| Some(json!(text.0.as_ref()?.kept(kept))));
+    kept.collect()
 }

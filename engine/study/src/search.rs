@@ -6,6 +6,7 @@
 
 use super::{
     path::{self, KeyPath},
+    sections::StudyText,
     sweep::{self, Dimension},
     written::{NamedPart, Target, Written},
 };
@@ -22,7 +23,6 @@ use std::collections::BTreeMap;
 /// A search as it is written.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "the keys of `over` are read in their order")]
 pub(super) struct SearchText {
     /// Keys of one agent by dotted path, each with the values among which is searched.
     #[schemars(extend("minProperties" = 1))]
@@ -135,6 +135,7 @@ impl LocatedSearch<'_> {
 /// # Errors
 /// Paths and names that do not exist, limits that hold nothing, and agents that are searched twice or swept besides.
 pub fn read<'a>(
+    text: &StudyText,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -143,7 +144,12 @@ pub fn read<'a>(
 ) -> Result<Vec<LocatedSearch<'a>>, Vec<Diagnostic>> {
     let (mut searches, mut found) = (Vec::<LocatedSearch<'a>>::new(), Vec::new());
     for named in &written.searches {
+        // The check against the schema reported a search that it refused.
+        let Some(text) = text.tune.get(&named.name) else {
+            continue;
+        };
         let reader = SearchReader {
+            text,
             named,
             written,
             schema,
@@ -176,6 +182,7 @@ pub(super) fn progress(searched: &LocatedSearch<'_>) -> (Search, Progress) {
 }
 
 struct SearchReader<'a, 's> {
+    text: &'s SearchText,
     named: &'s NamedPart,
     written: &'s Written,
     schema: &'a Value,
@@ -190,9 +197,7 @@ impl<'a> SearchReader<'a, '_> {
         progress: &BTreeMap<String, Progress>,
         others: &[LocatedSearch<'_>],
     ) -> Result<LocatedSearch<'a>, Vec<Diagnostic>> {
-        // The check against the schema reported a text that it refused.
-        let text: SearchText =
-            serde_json::from_value(self.named.config.to_value()).map_err(|_| Vec::new())?;
+        let text = self.text;
         let keys = self.keys()?;
         let (agent, first) = self.agent(&keys)?;
         let environment = self.environment(&text.environment)?;
@@ -222,11 +227,11 @@ impl<'a> SearchReader<'a, '_> {
                     .iter()
                     .map(|(text, _, range)| (text.clone(), range.clone()))
                     .collect(),
-                metric: text.metric,
+                metric: text.metric.clone(),
                 direction: text.direction,
                 settings: text.settings,
                 seeds: (FIRST_TUNING_SEED..FIRST_TUNING_SEED + text.seeds).collect(),
-                method: text.method,
+                method: text.method.clone(),
                 failed: text.failed,
             },
             paths: keys.into_iter().map(|(_, path, _)| path).collect(),
@@ -269,40 +274,35 @@ impl<'a> SearchReader<'a, '_> {
                 error.help("a search chooses the setting of an agent: write `AGENT.KEY`"),
             ]);
         }
-        let [range] = entry.value.entries() else {
+        let (Some(range), [written]) = (self.text.over.get(&entry.key), entry.value.entries()) else {
             return Err(Vec::new());
         };
-        let range = self.range(range, &path, &at)?;
+        let range = self.range(range, written, &path, &at)?;
         Ok(Some((path, range)))
     }
 
-    fn range(&self, written: &Entry, path: &KeyPath<'_>, at: &str) -> Result<Range, Vec<Diagnostic>> {
-        if written.key == "choice" {
-            let wrong: Vec<_> = written
-                .value
-                .items()
-                .iter()
-                .flat_map(|it| path.check(it, at, self.sources))
-                .collect();
-            let values = written.value.items().iter().map(Node::to_value).collect();
-            return if wrong.is_empty() {
-                Ok(Range::Choice(values))
-            } else {
-                Err(wrong)
-            };
-        }
-        let limit = |key: &str| written.value.get(key).and_then(|node| node.to_value().as_f64());
-        let (Some(low), Some(high)) = (limit("low"), limit("high")) else {
-            return Err(Vec::new());
+    fn range(
+        &self,
+        range: &RangeText,
+        written: &Entry,
+        path: &KeyPath<'_>,
+        at: &str,
+    ) -> Result<Range, Vec<Diagnostic>> {
+        let (low, high, log) = match range {
+            RangeText::Choice(ValueList(values)) => {
+                let items = written.value.items().iter();
+                let wrong: Vec<_> = items.flat_map(|it| path.check(it, at, self.sources)).collect();
+                return if wrong.is_empty() {
+                    Ok(Range::Choice(values.clone()))
+                } else {
+                    Err(wrong)
+                };
+            }
+            RangeText::Uniform(Limits { low, high }) => (*low, *high, false),
+            RangeText::LogUniform(Limits { low, high }) => (*low, *high, true),
         };
-        let numbers = sweep::numbers(
-            written,
-            path,
-            (low, high, written.key == "log_uniform"),
-            at,
-            self.sources,
-        )
-        .map_err(|error| vec![*error])?;
+        let numbers = sweep::numbers(written, path, (low, high, log), at, self.sources)
+            .map_err(|error| vec![*error])?;
         let ends = [0.0, 1.0].map(|share| Node::from_value(written.key_span, &numbers.at(share)));
         let wrong: Vec<_> = ends
             .iter()

@@ -73,21 +73,22 @@ pub struct SeedPlan {
 }
 
 impl SeedPlan {
-    /// Reads the section; one seed where it is absent.
+    /// The seeds of the section, which stands in `node`; one seed where it is absent.
     ///
     /// # Errors
     /// Looks that contradict each other or the limits.
-    pub fn read(written: Option<&Node>, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
-        let Some(node) = written else {
-            return Ok(Self {
-                seeds: vec![0],
-                design: None,
-            });
-        };
+    pub(super) fn of(
+        text: Option<&SeedsText>,
+        node: Option<&Node>,
+        sources: &Sources,
+    ) -> Result<Self, Vec<Diagnostic>> {
         let fixed = |seeds| Ok(Self { seeds, design: None });
-        match serde_json::from_value(node.to_value()) {
-            Ok(SeedsText::Designed(written)) => {
-                let looks = looks(&written).map_err(|(key, message, help)| {
+        let Some((text, node)) = text.zip(node) else {
+            return fixed(vec![0]);
+        };
+        match text {
+            SeedsText::Designed(written) => {
+                let looks = looks(written).map_err(|(key, message, help)| {
                     let place = node.entry(key).map_or(node.span, |entry| entry.key_span);
                     vec![sources.error(place, &format!("seeds.{key}"), message).help(help)]
                 })?;
@@ -97,8 +98,8 @@ impl SeedPlan {
                     design: Some(SequentialDesign::new(looks)),
                 })
             }
-            Ok(SeedsText::Listed(list)) => fixed(list),
-            Ok(SeedsText::Ranges(text)) => match ranges(&text) {
+            SeedsText::Listed(list) => fixed(list.clone()),
+            SeedsText::Ranges(text) => match ranges(text) {
                 Ok(seeds) => fixed(seeds),
                 Err(message) => Err(vec![
                     sources
@@ -106,9 +107,7 @@ impl SeedPlan {
                         .help("write ranges as in `100-199` or `0-4, 10-14`"),
                 ]),
             },
-            Ok(SeedsText::Count(count)) => fixed((0..count).collect()),
-            // The check against the schema refused it.
-            Err(_) => fixed(vec![0]),
+            SeedsText::Count(count) => fixed((0..*count).collect()),
         }
     }
 

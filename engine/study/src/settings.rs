@@ -7,7 +7,9 @@
 use super::{
     json_schema::check_structure,
     path::{self, KeyPath},
-    section, sweep,
+    section,
+    sections::StudyText,
+    sweep,
     written::Written,
 };
 use analysis::search::Progress;
@@ -39,6 +41,7 @@ pub struct Options {
 /// Returns the keys that were set, which no sweep varies any more, and the mistakes.
 pub fn apply<'a>(
     root: &Node,
+    text: &StudyText,
     written: &mut Written,
     schema: &'a Value,
     sources: &mut Sources,
@@ -60,7 +63,7 @@ pub fn apply<'a>(
             }
         }
     }
-    found.extend(unknown_profile(options, profiles, sources));
+    found.extend(unknown_profile(options, text, profiles, sources));
     let of_parts = |set: &&String| section_of_option(set, written, schema).is_none();
     let sets: Vec<&String> = options.sets.iter().filter(of_parts).collect();
     for set in sets {
@@ -92,9 +95,15 @@ fn value_at<'a>(
     if wrong.is_empty() { Ok(path) } else { Err(wrong) }
 }
 
-fn unknown_profile(options: &Options, profiles: &[Entry], sources: &mut Sources) -> Option<Diagnostic> {
+fn unknown_profile(
+    options: &Options,
+    text: &StudyText,
+    profiles: &[Entry],
+    sources: &mut Sources,
+) -> Option<Diagnostic> {
     let wanted = options.profile.as_deref()?;
-    if profiles.iter().any(|profile| profile.key == wanted) {
+    let known = text.profiles.0.as_ref();
+    if known.is_some_and(|known| known.contains_key(wanted)) {
         return None;
     }
     let source = sources.add_option(&format!("--profile {wanted}"));
@@ -180,7 +189,7 @@ fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &So
 fn problems(root: &Node, written: &Written, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut found = check_structure(root, schema, sources);
     found.extend(
-        sweep::read(root, written, schema, sources, &[])
+        sweep::read(root, &StudyText::read(root), written, schema, sources, &[])
             .err()
             .into_iter()
             .flatten(),

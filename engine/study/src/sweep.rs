@@ -6,6 +6,7 @@
 
 use super::{
     path::{self, KeyPath},
+    sections::StudyText,
     written::{Target, Written},
 };
 use analysis::search::Numbers;
@@ -17,7 +18,7 @@ use document::{
 use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A way to make the values of a swept key.
@@ -57,7 +58,7 @@ pub(super) enum Generator {
 pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 
 /// Most samples of a key; nothing is drawn where more are asked for.
-const MOST_SAMPLES: u64 = 100_000;
+const MOST_SAMPLES: usize = 100_000;
 
 /// Samples between two limits.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -140,6 +141,7 @@ impl Dimension<'_> {
 /// Paths that do not exist, values that do not fit, lists of unequal length.
 pub fn read<'a>(
     root: &Node,
+    text: &StudyText,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -154,7 +156,8 @@ pub fn read<'a>(
         let [generator] = entry.value.entries() else {
             continue;
         };
-        let key = match swept_key(entry, generator, written, schema, sources) {
+        let read = text.sweep.get(&entry.key);
+        let key = match swept_key(entry, (read, generator), written, schema, sources) {
             Ok(key) if fixed.iter().any(|fixed| fixed.overlaps(&key.path)) => continue,
             Ok(key) => key,
             Err(errors) => {
@@ -195,7 +198,7 @@ pub fn read<'a>(
 
 fn swept_key<'a>(
     entry: &Entry,
-    generator: &Entry,
+    generator: (Option<&Generator>, &Entry),
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -254,41 +257,37 @@ fn swept_key<'a>(
 }
 
 fn values(
-    generator: &Entry,
+    (generator, written): (Option<&Generator>, &Entry),
     path: &KeyPath<'_>,
     at: &str,
     sources: &Sources,
 ) -> Result<Vec<Node>, Box<Diagnostic>> {
-    // A generator that the check against the schema refused has no values.
-    let samples = generator.value.get("samples").map(Node::to_value);
-    if samples.is_some_and(|samples| samples.as_u64().is_none_or(|count| count > MOST_SAMPLES)) {
-        return Ok(vec![]);
-    }
-    let Ok(read) = serde_json::from_value(json!({ generator.key.as_str(): generator.value.to_value() }))
-    else {
-        return Ok(vec![]);
-    };
-    let (low, high, count, log) = match read {
-        Generator::Grid(_) | Generator::Zip(_) => return Ok(generator.value.items().to_vec()),
-        Generator::Random(Samples { low, high, samples }) => (low, high, samples, false),
-        Generator::LogUniform(Samples { low, high, samples }) => (low, high, samples, true),
-        Generator::LatinHypercube(SlicedSamples {
+    let (low, high, count, log) = match generator {
+        // A generator that the check against the schema refused has no values.
+        None => return Ok(vec![]),
+        Some(Generator::Grid(_) | Generator::Zip(_)) => return Ok(written.value.items().to_vec()),
+        Some(&Generator::Random(Samples { low, high, samples })) => (low, high, samples, false),
+        Some(&Generator::LogUniform(Samples { low, high, samples })) => (low, high, samples, true),
+        Some(&Generator::LatinHypercube(SlicedSamples {
             low,
             high,
             samples,
             log,
-        }) => (low, high, samples, log),
+        })) => (low, high, samples, log),
     };
-    let range = numbers(generator, path, (low, high, log), at, sources)?;
+    if count > MOST_SAMPLES {
+        return Ok(vec![]);
+    }
+    let range = numbers(written, path, (low, high, log), at, sources)?;
     let name = path.name();
-    let drawn = if generator.key == "latin_hypercube" {
+    let drawn = if written.key == "latin_hypercube" {
         slices(&name, count)
     } else {
-        independent(&name, &generator.key, count)
+        independent(&name, &written.key, count)
     };
     Ok(drawn
         .into_iter()
-        .map(|share| Node::scalar(generator.key_span, range.at(share)))
+        .map(|share| Node::scalar(written.key_span, range.at(share)))
         .collect())
 }
 

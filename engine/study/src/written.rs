@@ -359,24 +359,24 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// Reads the keys `environment` and `agent`.
+    /// The parts that the keys `environment` and `agent` of `node` name.
     ///
     /// # Errors
     /// Names that the study does not have.
-    pub fn read(
+    pub fn of(
+        [environment, agent]: [&Option<String>; 2],
         node: &Node,
         at: &str,
         written: &Written,
         sources: &Sources,
     ) -> Result<Self, Vec<Diagnostic>> {
         let mut found = Vec::new();
-        let mut index = |key: &str, known: &[NamedPart]| {
-            let value = node.get(key)?;
-            let name = value.as_str()?;
-            let index = known.iter().position(|named| named.name == name);
+        let mut index = |key: &str, name: &Option<String>, known: &[NamedPart]| {
+            let name = name.as_ref()?;
+            let index = known.iter().position(|named| named.name == *name);
             if index.is_none() {
                 let error = sources.error(
-                    value.span,
+                    node.get(key)?.span,
                     &format!("{at}.{key}"),
                     format!("no {key} is named `{name}`"),
                 );
@@ -385,8 +385,8 @@ impl Selection {
             index
         };
         let (environment, agent) = (
-            index("environment", &written.environments),
-            index("agent", &written.agents),
+            index("environment", environment, &written.environments),
+            index("agent", agent, &written.agents),
         );
         if found.is_empty() {
             Ok(Self { environment, agent })

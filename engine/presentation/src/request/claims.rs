@@ -1,8 +1,7 @@
 //! Claims against the names that trials record.
 
-use super::typed;
 use crate::{
-    claim_spec::ClaimSpec,
+    claim_spec::{ClaimSpec, ClaimText},
     names::{Names, Picked},
 };
 use analysis::claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within};
@@ -56,16 +55,16 @@ impl Text<'_> {
 
 impl Names<'_> {
     /// Checks every name in a claim.
-    pub(super) fn claim(&mut self, item: &Node, at: &str) -> Option<ClaimSpec> {
-        let (spec, node) = match item.as_str() {
-            Some(text) => (
+    pub(super) fn claim(&mut self, claim: &ClaimText, item: &Node, at: &str) -> Option<ClaimSpec> {
+        let (spec, node) = match claim {
+            ClaimText::Alone(text) => (
                 ClaimSpec {
-                    claim: text.into(),
+                    claim: text.clone(),
                     ..ClaimSpec::default()
                 },
                 item,
             ),
-            None => (typed::<ClaimSpec>(item)?, item.get("claim")?),
+            ClaimText::Long(spec) => (spec.clone(), item.get("claim")?),
         };
         let outer = match item.get("environment") {
             Some(node) => Some(self.known(

@@ -6,19 +6,20 @@ use crate::{
     names::{Names, Place},
 };
 use document::{Entry, diagnostic::suggest};
+use serde_json::{Map, Value};
 use std::path::Path;
 
 impl Names<'_> {
     /// Reads a figure and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
     pub(super) fn figure(
         &mut self,
-        entry: &Entry,
+        (keys, entry): (&Map<String, Value>, &Entry),
         kinds: &[Readable<dyn Figure>],
         folder: &Path,
     ) -> Option<FigureSpec> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
         let what = format!("the figure `{}`", entry.key);
-        let (mut spec, kind) = self.kind::<FigureSpec, _>((&what, &place), kinds, folder)?;
+        let (mut spec, kind) = self.kind::<FigureSpec, _>(keys, (&what, &place), kinds, folder)?;
         spec.kind = kind;
         spec.kind.check(self, &place.below(spec.kind.name)?);
         self.figure_labels(&place);

@@ -11,8 +11,8 @@ mod tables;
 pub use kinds::{Kinds, RegisterKinds};
 
 use crate::{
-    answers::Answer,
-    claim_spec::{ClaimSpec, Relevance},
+    answers::{Answer, AnswerText},
+    claim_spec::{ClaimSpec, ClaimText, Relevance},
     figure::FigureSpec,
     kinds::{Chosen, Kind, Readable},
     names::{Names, Place, quoted},
@@ -20,15 +20,45 @@ use crate::{
     table::TableSpec,
     vocabulary::Vocabulary,
 };
+use analysis::results::PaperBudget;
 use contract::{Metric, standard_metrics::SUCCESS, trial_result::Success};
 use document::{
-    Node, NodeKind,
+    Fitting, FittingEntries, FittingItems, Node,
     diagnostic::{Diagnostic, Sources, suggest},
+    schema_check::SLUG,
 };
 use schemars::{JsonSchema, schema_for};
-use serde::de::DeserializeOwned;
-use serde_json::Value;
-use std::path::Path;
+use serde::{Deserialize, de::DeserializeOwned};
+use serde_json::{Map, Value, json};
+use std::{collections::BTreeMap, path::Path};
+
+/// The sections of a study on its results, as they are written.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+pub struct RequestText {
+    /// The result, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a value, with
+    /// `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
+    pub summary: Fitting<String>,
+    /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
+    /// each.
+    pub answers: FittingItems<AnswerText>,
+    /// How long the source trained. Where the trainings here are less than half as long, what differs and what is
+    /// refuted is NOT AT THIS BUDGET.
+    pub paper_budget: Fitting<PaperBudget>,
+    /// Agents that do nothing, act at random or by a plain rule. Where no trained agent is better than all of them, no
+    /// claim that compares trained agents is judged: NOT LEARNED.
+    #[schemars(extend("x-kind" = "agent"))]
+    pub floors: Fitting<Vec<String>>,
+    /// Which difference matters for claims of a direction without `min_effect`: a share of the range from floor to bound.
+    pub relevance: Fitting<Relevance>,
+    /// Tables by name.
+    #[schemars(with = "BTreeMap<String, TableSpec>", extend("propertyNames" = json!({ "pattern": SLUG })))]
+    pub tables: FittingEntries<Map<String, Value>>,
+    /// Figures by name.
+    #[schemars(with = "BTreeMap<String, FigureSpec>", extend("propertyNames" = json!({ "pattern": SLUG })))]
+    pub figures: FittingEntries<Map<String, Value>>,
+    /// Comparisons that the results support, refute or leave open.
+    pub claims: FittingItems<ClaimText>,
+}
 
 /// Tables, figures, claims and sentences that a study asks for, with the mistakes in them.
 #[derive(Debug, Default)]
@@ -52,7 +82,7 @@ impl Request {
     /// `folder`. Entries that the check against the schema refused are passed over.
     #[must_use]
     pub fn read(
-        root: &Node,
+        (text, root): (&RequestText, &Node),
         vocabulary: &Vocabulary,
         kinds: &Kinds,
         sources: &Sources,
@@ -61,38 +91,33 @@ impl Request {
         let mut request = Self::default();
         let mut names = Names::new(vocabulary, sources);
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            request.tables.extend(
-                names
-                    .table(entry, &kinds.tables, folder)
-                    .map(|spec| (entry.key.clone(), spec)),
-            );
+            let keys = text.tables.get(&entry.key);
+            let spec = names.table((keys, entry), &kinds.tables, folder);
+            request.tables.extend(spec.map(|spec| (entry.key.clone(), spec)));
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            request.figures.extend(
-                names
-                    .figure(entry, &kinds.figures, folder)
-                    .map(|spec| (entry.key.clone(), spec)),
-            );
+            let keys = text.figures.get(&entry.key);
+            let spec = keys.and_then(|keys| names.figure((keys, entry), &kinds.figures, folder));
+            request.figures.extend(spec.map(|spec| (entry.key.clone(), spec)));
         }
         for (search, _) in &vocabulary.searches {
             request.show_search(search);
         }
-        let claims = root.get("claims").map_or(&[][..], Node::items);
-        for (index, item) in claims.iter().enumerate() {
-            request
-                .claims
-                .extend(names.claim(item, &format!("claims[{index}]")));
-        }
-        request.summary = root
-            .get("summary")
-            .and_then(|node| names.sentence(node, "summary", claims.len()));
-        let answers = root
-            .get("answers")
-            .map_or(&[][..], Node::items)
-            .iter()
-            .enumerate();
-        let answers = answers.filter_map(|(index, node)| names.answer(node, index, claims.len()));
-        request.answers = answers.collect();
+        let claims = text.claims.located(root.get("claims"));
+        request.claims = claims
+            .filter_map(|(index, claim, node)| names.claim(claim, node, &format!("claims[{index}]")))
+            .collect();
+        let count = text.claims.0.as_ref().map_or(0, Vec::len);
+        request.summary = text.summary.0.as_ref().and_then(|summary| {
+            let node = root.get("summary")?;
+            names.sentence(summary, (node.span, "summary"), count)
+        });
+        let answers = text.answers.located(root.get("answers"));
+        request.answers = answers
+            .filter_map(|(index, answer, node)| {
+                names.answer(answer, node, &format!("answers[{index}]"), count)
+            })
+            .collect();
         request.found = names.found;
         request
     }
@@ -151,29 +176,40 @@ pub fn success(
 }
 
 /// Checks the agents that `paper_budget`, `floors` and `relevance` name, and the reason of the latter.
-pub fn beside_the_source(root: &Node, vocabulary: &Vocabulary, sources: &Sources) -> Vec<Diagnostic> {
-    let budget = root.get("paper_budget").and_then(|budget| budget.get("agents"));
-    let lists = [("paper_budget.agents", budget), ("floors", root.get("floors"))];
-    let items = lists.into_iter().flat_map(|(at, list)| {
-        let items = list.map_or(&[][..], Node::items).iter().enumerate();
-        items.map(move |(index, item)| (format!("{at}[{index}]"), item))
+pub fn beside_the_source(
+    text: &RequestText,
+    root: &Node,
+    vocabulary: &Vocabulary,
+    sources: &Sources,
+) -> Vec<Diagnostic> {
+    let node = |section: &str, key: &str| root.get(section)?.get(key);
+    let budget = text.paper_budget.0.as_ref().map(|budget| &budget.agents);
+    let lists = [
+        ("paper_budget.agents", budget, node("paper_budget", "agents")),
+        ("floors", text.floors.0.as_ref(), root.get("floors")),
+    ];
+    let items = lists.into_iter().flat_map(|(at, names, list)| {
+        let nodes = list.map_or(&[][..], Node::items);
+        let items = names.into_iter().flatten().zip(nodes).enumerate();
+        items.map(move |(index, (name, item))| (format!("{at}[{index}]"), name, item))
     });
-    let ends = ["floor", "bound"].into_iter();
-    let ends = ends.filter_map(|key| Some((format!("relevance.{key}"), root.get("relevance")?.get(key)?)));
-    let unknown = items.chain(ends).filter_map(|(at, item)| {
-        let name = item.to_value().as_str()?.to_owned();
-        let is_known = vocabulary.agents.contains(&name);
+    let ends = text.relevance.0.iter();
+    let ends = ends.flat_map(|it| [("floor", &it.floor), ("bound", &it.bound)]);
+    let ends =
+        ends.filter_map(|(key, name)| Some((format!("relevance.{key}"), name, node("relevance", key)?)));
+    let unknown = items.chain(ends).filter_map(|(at, name, item)| {
         let error = || sources.error(item.span, &at, format!("there is no agent `{name}`"));
-        (!is_known).then(|| error().help(suggest(&name, vocabulary.agents.iter().map(String::as_str))))
+        let help = || suggest(name, vocabulary.agents.iter().map(String::as_str));
+        (!vocabulary.agents.contains(name)).then(|| error().help(help()))
     });
-    unknown.chain(unreasoned(root, sources)).collect()
+    let unreasoned = text.relevance.0.as_ref();
+    let unreasoned = unreasoned.and_then(|it| unreasoned_share(it, node("relevance", "share")?, sources));
+    unknown.chain(unreasoned).collect()
 }
 
 /// Diagnostic for a share other than the usual one without a reason.
-fn unreasoned(root: &Node, sources: &Sources) -> Option<Diagnostic> {
-    let node = root.get("relevance")?;
-    let relevance: Relevance = typed(node)?;
-    let span = node.get("share").filter(|_| relevance.lacks_reason())?.span;
+fn unreasoned_share(relevance: &Relevance, node: &Node, sources: &Sources) -> Option<Diagnostic> {
+    let span = Some(node).filter(|_| relevance.lacks_reason())?.span;
     let message = format!(
         "a share of {} is another one than that of all studies",
         relevance.share
@@ -182,25 +218,18 @@ fn unreasoned(root: &Node, sources: &Sources) -> Option<Diagnostic> {
     Some(error.help("say `why`, by what a difference is worth there, or leave the share out"))
 }
 
-fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
-    // A list would be read as the fields in their order.
-    matches!(node.kind, NodeKind::Mapping(_))
-        .then(|| serde_json::from_value(node.to_value()).ok())
-        .flatten()
-}
-
 impl Names<'_> {
     /// Reads the one kind of a table or figure with its options, and the rest of it. Of options that exclude each other
     /// all but one are removed, so that further mistakes are found too.
     fn kind<Spec: DeserializeOwned + JsonSchema, T: ?Sized>(
         &mut self,
+        keys: &Map<String, Value>,
         (what, place): (&str, &Place<'_>),
         kinds: &[Readable<T>],
         folder: &Path,
     ) -> Option<(Spec, Chosen<T>)> {
-        let mut value = place.node.to_value();
+        let mut options = keys.clone();
         // A key without a value counts as not given.
-        let options = value.as_object_mut()?;
         options.retain(|key, value| !value.is_null() || kinds.iter().all(|it| it.kind.name != key));
         let given: Vec<_> = kinds
             .iter()
@@ -216,7 +245,9 @@ impl Names<'_> {
         let mut own = options.remove(it.kind.name)?;
         self.contradictions(&it.kind, &place.below(it.kind.name)?, &mut own);
         let chosen = it.read(own, folder).ok()?;
-        serde_json::from_value(value).ok().map(|spec| (spec, chosen))
+        serde_json::from_value(json!(options))
+            .ok()
+            .map(|spec| (spec, chosen))
     }
 
     /// Says that a table or figure gives no kind, or several. An unknown key may have been meant as the kind and has

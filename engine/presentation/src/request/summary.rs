@@ -13,17 +13,22 @@ use document::{
 
 impl Names<'_> {
     /// Reads a line of the answers; `None` where it cannot be read, after a diagnostic.
-    pub(super) fn answer(&mut self, node: &Node, index: usize, claims: usize) -> Option<Answer> {
-        let at = format!("answers[{index}]");
-        let text: AnswerText = serde_json::from_value(node.to_value()).ok()?;
+    pub(super) fn answer(
+        &mut self,
+        text: &AnswerText,
+        node: &Node,
+        at: &str,
+        claims: usize,
+    ) -> Option<Answer> {
         let here = match node.get("here") {
-            Some(here) => self.sentence(here, &format!("{at}.here"), claims)?,
+            Some(here) => self.sentence(&text.here, (here.span, &format!("{at}.here")), claims)?,
             None => Summary::default(),
         };
         let mut by = Vec::new();
-        for (index, item) in node.get("by").map_or(&[][..], Node::items).iter().enumerate() {
+        let items = node.get("by").map_or(&[][..], Node::items);
+        for (index, (words, item)) in text.by.iter().zip(items).enumerate() {
             let place = (item.span, format!("{at}.by[{index}]"));
-            match Summary::asks(item.as_str()?) {
+            match Summary::asks(words) {
                 Ok(asks) => {
                     self.asked(&asks, claims, place);
                     by.push(asks);
@@ -31,17 +36,19 @@ impl Names<'_> {
                 Err(message) => self.say(place, message, "write `claim N`, or `TABLE: ROW, COLUMN`"),
             }
         }
+        let text = text.clone();
         Some(Answer { text, here, by })
     }
 
     /// Checks every placeholder of the sentence; `None` where it cannot be read, after a diagnostic. `claims` is the
     /// number of claims.
-    pub(super) fn sentence(&mut self, node: &Node, at: &str, claims: usize) -> Option<Summary> {
-        let text = Text {
-            text: node.as_str()?,
-            span: node.span,
-            at,
-        };
+    pub(super) fn sentence(
+        &mut self,
+        text: &str,
+        (span, at): (Span, &str),
+        claims: usize,
+    ) -> Option<Summary> {
+        let text = Text { text, span, at };
         match Summary::parse(text.text) {
             Err(SummaryError {
                 start,

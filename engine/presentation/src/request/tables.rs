@@ -9,20 +9,21 @@ use document::{
     Entry,
     diagnostic::{Span, suggest},
 };
+use serde_json::{Map, Value};
 use std::path::Path;
 
 impl Names<'_> {
     /// Reads a table and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
     pub(super) fn table(
         &mut self,
-        entry: &Entry,
+        (keys, entry): (Option<&Map<String, Value>>, &Entry),
         kinds: &[Readable<dyn Table>],
         folder: &Path,
     ) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
         self.shown.entry(entry.key.clone()).or_default();
         let what = format!("the table `{}`", entry.key);
-        let (mut spec, kind) = self.kind::<TableSpec, _>((&what, &place), kinds, folder)?;
+        let (mut spec, kind) = self.kind::<TableSpec, _>(keys?, (&what, &place), kinds, folder)?;
         spec.kind = kind;
         spec.published_curves
             .iter_mut()
