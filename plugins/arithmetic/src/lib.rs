@@ -39,6 +39,7 @@ pub mod products;
 pub mod single;
 pub mod slices;
 pub mod steps;
+pub mod tiles;
 pub mod trigonometry;
 
 /// Raised whenever a change in this crate changes a bit of a result.
