@@ -29,10 +29,10 @@ const LANES: usize = 32;
 /// A matrix in a slice, row by row or column by column.
 #[derive(Debug, Clone, Copy)]
 pub struct Matrix<'a> {
-    values: &'a [f32],
-    rows: usize,
-    columns: usize,
-    is_transposed: bool,
+    pub(crate) values: &'a [f32],
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
+    pub(crate) is_transposed: bool,
 }
 
 impl<'a> Matrix<'a> {
