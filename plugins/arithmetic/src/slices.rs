@@ -6,8 +6,10 @@
 use crate::single;
 
 /// Runs loops compiled for the processor's widest vectors. The functions that they call have to be inlined.
+///
+/// Rust contracts no operations, so the bits are those of the loops outside of it.
 #[inline(always)]
-pub(crate) fn widest<R>(loops: impl FnOnce() -> R) -> R {
+pub fn widest<R>(loops: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(loops)
 }
 

@@ -87,10 +87,14 @@ pub fn clip(gradients: &mut [&mut [f32]], largest: f64) -> f64 {
 
 /// Moves the average `target <- target + tau (source - target)`, entry by entry.
 pub fn follow(target: &mut [f32], source: &[f32], tau: f32) {
-    target
-        .iter_mut()
-        .zip(source)
-        .for_each(|(t, s)| *t += tau * (s - *t));
+    widest(
+        #[inline(always)]
+        || {
+            for (t, s) in target.iter_mut().zip(source) {
+                *t += tau * (s - *t);
+            }
+        },
+    );
 }
 
 /// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive would fade to

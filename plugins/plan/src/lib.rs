@@ -1,0 +1,41 @@
+//! Plans of operations: learners over flat buffers of numbers, built once per shape and executed many times.
+//!
+//! A [`Graph`] holds values, which are matrices `[rows, columns]`, and routines, which are lists of operations (act,
+//! critic update, policy update). Routines share parameters and the state of optimisers; all other values belong to
+//! the routine that computes them. [`Graph::gradients`] adds the operations of reverse mode. A [`Processor`]
+//! executes a graph in `f32`, or in `f64` for tests of gradients.
+//!
+//! The results have the same bits on every processor: every operation is one of [`arithmetic`], or rounds each entry
+//! of its result once per stated operation, and the order of every sum is stated.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`graph`] | the builder: leaves, routines, checks of shapes |
+//! | [`operations`] | kinds of operations, and what each computes |
+//! | [`build`] | the methods that add operations |
+//! | [`gradients`] | reverse mode |
+//! | [`updates`] | changes of parameters: Adam, moving averages, assignments; clipping of gradients |
+//! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
+//! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
+//! | [`processor`] | the executor |
+//!
+//! A plan computes no random numbers and no data-dependent choices of operations: noise, batches and learning rates
+//! are inputs.
+
+pub mod build;
+mod fusion;
+pub mod gradients;
+pub mod graph;
+pub mod listing;
+pub mod operations;
+pub mod processor;
+pub mod scalar;
+pub mod updates;
+
+pub use graph::{Graph, Number, Routine, Shape, Value};
+pub use operations::Activation;
+pub use processor::{Processor, StateError, Work};
+pub use updates::Optimiser;
+
+#[cfg(test)]
+mod tests;
