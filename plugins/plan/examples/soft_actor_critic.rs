@@ -240,11 +240,11 @@ fn main() {
     kernels(&mut processor, routine);
 }
 
-/// Prints the time of kernels by kind and shape: of 30 runs the fastest one of each kernel.
+/// Prints the time of kernels by kind and shape: of 100 runs the fastest one of each kernel.
 #[allow(clippy::print_stdout, reason = "the program prints its results")]
 fn kernels(processor: &mut Processor<f32>, routine: Routine) {
     let mut fastest: Vec<(Work, Shape, Duration)> = Vec::new();
-    for _ in 0..30 {
+    for _ in 0..100 {
         let (mut last, mut at) = (Instant::now(), 0);
         processor.run_observed(routine, |work, shape| {
             let took = last.elapsed();
@@ -263,13 +263,18 @@ fn kernels(processor: &mut Processor<f32>, routine: Routine) {
     let total: Duration = fastest.iter().map(|kernel| kernel.2).sum();
     let of_products = fastest
         .iter()
-        .filter(|kernel| matches!(kernel.0, Work::Product(_)));
+        .filter(|kernel| matches!(kernel.0, Work::Product { .. }));
     let products: Duration = of_products.map(|kernel| kernel.2).sum();
     for ((work, shape), (n, took)) in by_kind {
-        println!(
-            "{n:3} x {work:?} {shape:?}: {:.0} us each",
-            took.as_secs_f64() / f64::from(n) * 1e6
-        );
+        let each = took.as_secs_f64() / f64::from(n);
+        let speed = match work {
+            Work::Product { inner, .. } => {
+                let gigaflops = (2 * inner * shape[0] * shape[1]) as f64 / each / 1e9;
+                format!(", {gigaflops:.0} GFLOP/s")
+            }
+            _ => String::new(),
+        };
+        println!("{n:3} x {work:?} {shape:?}: {:.0} us each{speed}", each * 1e6);
     }
     let share = products.as_secs_f64() / total.as_secs_f64();
     println!(

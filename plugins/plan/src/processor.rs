@@ -51,8 +51,15 @@ enum Kernel {
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Work {
-    /// Product or dense layer, and whether its factors are transposed.
-    Product([bool; 2]),
+    /// Product or dense layer: whether its factors are transposed, and the number of summands of an entry.
+    Product {
+        /// Whether each factor is transposed.
+        transposed: [bool; 2],
+        /// Number of summands of an entry.
+        inner: usize,
+        /// Whether bias and activation follow.
+        is_dense: bool,
+    },
     /// Number of entrywise operations in one loop.
     Loop(usize),
     /// A sum, or entries moved.
@@ -303,10 +310,19 @@ impl<T: Scalar> Processor<T> {
                 Kernel::Single(value, pack) => {
                     self.compute(*value, *pack);
                     let node = &self.graph.nodes[value.0];
-                    let work = match (pack, &node.operation) {
-                        (Some(_), Operation::Product { transposed }) => Work::Product(*transposed),
-                        (Some(_), _) => Work::Product([false; 2]),
-                        (None, _) => Work::SumOrMove,
+                    let [rows, columns] = self.graph.shape(node.operands[0]);
+                    let work = match node.operation {
+                        Operation::Product { transposed } => Work::Product {
+                            transposed,
+                            inner: if transposed[0] { rows } else { columns },
+                            is_dense: false,
+                        },
+                        Operation::Dense(_) => Work::Product {
+                            transposed: [false; 2],
+                            inner: columns,
+                            is_dense: true,
+                        },
+                        _ => Work::SumOrMove,
                     };
                     after(work, node.shape);
                 }
@@ -362,14 +378,14 @@ impl<T: Scalar> Processor<T> {
         let a = self.factor(node.operands[0], is_turned);
         if let Operation::Dense(activation) = node.operation {
             let (bias, function) = (&self.buffers[node.operands[2].0], activation.function());
-            T::multiply(&mut memory, a, &packed, result, |first, entries| {
+            T::multiply(&mut memory, a, &packed, result, &mut |first, entries| {
                 combine(Pair::Add, entries, &bias[first..]);
                 if let Some(function) = function {
                     map(function, entries);
                 }
             });
         } else {
-            T::multiply(&mut memory, a, &packed, result, |_, _| {});
+            T::multiply(&mut memory, a, &packed, result, &mut |_, _| {});
         }
         self.multiplier = memory;
         (self.packs[pack].packed, self.packs[pack].version) = (packed, newest);

@@ -62,7 +62,7 @@ pub trait Scalar:
         a: Factor<Self>,
         b: &Self::Packed,
         product: &mut [Self],
-        finish: impl FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(usize, &mut [Self]),
     );
 
     /// Sum of all entries in blocks.
@@ -143,7 +143,7 @@ impl Scalar for f32 {
         a: Factor<Self>,
         b: &Packed,
         product: &mut [Self],
-        finish: impl FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(usize, &mut [Self]),
     ) {
         memory.product(matrix(a), b, product, finish);
     }
@@ -226,7 +226,7 @@ impl Scalar for f64 {
         a: Factor<Self>,
         (b, columns): &PlainFactor,
         product: &mut [Self],
-        mut finish: impl FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(usize, &mut [Self]),
     ) {
         let [rows, width] = a.shape;
         product.fill(0.0);
@@ -276,16 +276,35 @@ impl Scalar for f64 {
     }
 }
 
-#[inline(always)]
-fn each<T: Scalar>(entries: &mut [T], function: impl Fn(T) -> T) {
-    widest(
-        #[inline(always)]
-        || {
-            for x in entries.iter_mut() {
-                *x = function(*x);
-            }
-        },
-    );
+/// Replaces each entry `x` by an expression of it. The expression is no closure, which might not be inlined into the
+/// wide vectors; what it captures is moved, so that no store of an entry can change it and the loop is vectorised.
+macro_rules! each {
+    ($entries:expr, |$x:ident| $value:expr) => {
+        widest(
+            #[inline(always)]
+            move || {
+                for entry in $entries.iter_mut() {
+                    let $x = *entry;
+                    *entry = $value;
+                }
+            },
+        )
+    };
+}
+
+/// Replaces each entry `a` of the first slice by an expression of it and the entry `b` of the second one.
+macro_rules! both {
+    ($first:expr, $second:expr, |$a:ident, $b:ident| $value:expr) => {
+        widest(
+            #[inline(always)]
+            move || {
+                for (entry, other) in $first.iter_mut().zip($second) {
+                    let ($a, $b) = (*entry, *other);
+                    *entry = $value;
+                }
+            },
+        )
+    };
 }
 
 /// Replaces each entry by a function of it.
@@ -293,51 +312,39 @@ pub(crate) fn map<T: Scalar>(function: Function, entries: &mut [T]) {
     let (zero, one) = (T::of(0.0), T::of(1.0));
     match function {
         Function::Repeat | Function::Stop => {}
-        Function::Negate => each(entries, |x| -x),
+        Function::Negate => each!(entries, |x| -x),
         Function::Rectify(below) => {
             let below = T::of(below);
-            each(entries, |x| if x <= zero { below * x } else { x });
+            each!(entries, |x| if x <= zero { below * x } else { x });
         }
         Function::RectifierSlope(below) => {
             let below = T::of(below);
-            each(entries, |x| if x > zero { one } else { below });
+            each!(entries, |x| if x > zero { one } else { below });
         }
-        Function::OneLessSquare => each(entries, |x| one - x * x),
-        Function::Square => each(entries, |x| x * x),
-        Function::Sqrt => each(entries, T::root),
+        Function::OneLessSquare => each!(entries, |x| one - x * x),
+        Function::Square => each!(entries, |x| x * x),
+        Function::Sqrt => each!(entries, |x| x.root()),
         Function::Scale(factor) => {
             let factor = T::of(factor);
-            each(entries, |x| factor * x);
+            each!(entries, |x| factor * x);
         }
         Function::Shift(summand) => {
             let summand = T::of(summand);
-            each(entries, |x| x + summand);
+            each!(entries, |x| x + summand);
         }
         Function::Clamp(low, high) => {
             let (low, high) = (T::of(low), T::of(high));
-            each(entries, |x| {
+            each!(entries, |x| {
                 let x = if x < low { low } else { x };
                 if x > high { high } else { x }
             });
         }
         Function::Within(low, high) => {
             let (low, high) = (T::of(low), T::of(high));
-            each(entries, |x| if (low <= x) & (x <= high) { one } else { zero });
+            each!(entries, |x| if (low <= x) & (x <= high) { one } else { zero });
         }
         elementary => T::elementary(elementary, entries),
     }
-}
-
-#[inline(always)]
-fn both<T: Scalar>(a: &mut [T], b: &[T], function: impl Fn(T, T) -> T) {
-    widest(
-        #[inline(always)]
-        || {
-            for (a, b) in a.iter_mut().zip(b) {
-                *a = function(*a, *b);
-            }
-        },
-    );
 }
 
 /// Replaces each entry of `a` by a function of it and the entry of `b`.
@@ -345,14 +352,14 @@ fn both<T: Scalar>(a: &mut [T], b: &[T], function: impl Fn(T, T) -> T) {
 pub(crate) fn combine<T: Scalar>(pair: Pair, a: &mut [T], b: &[T]) {
     let (zero, one) = (T::of(0.0), T::of(1.0));
     match pair {
-        Pair::Add => both(a, b, |a, b| a + b),
-        Pair::Subtract => both(a, b, |a, b| a - b),
-        Pair::Multiply => both(a, b, |a, b| a * b),
-        Pair::Divide => both(a, b, |a, b| a / b),
-        Pair::Smaller => both(a, b, |a, b| if (b < a) | (b != b) { b } else { a }),
-        Pair::Larger => both(a, b, |a, b| if (b > a) | (b != b) { b } else { a }),
-        Pair::Exceeds => both(a, b, |a, b| if a > b { one } else { zero }),
-        Pair::AtMost => both(a, b, |a, b| if a > b { zero } else { one }),
+        Pair::Add => both!(a, b, |a, b| a + b),
+        Pair::Subtract => both!(a, b, |a, b| a - b),
+        Pair::Multiply => both!(a, b, |a, b| a * b),
+        Pair::Divide => both!(a, b, |a, b| a / b),
+        Pair::Smaller => both!(a, b, |a, b| if (b < a) | (b != b) { b } else { a }),
+        Pair::Larger => both!(a, b, |a, b| if (b > a) | (b != b) { b } else { a }),
+        Pair::Exceeds => both!(a, b, |a, b| if a > b { one } else { zero }),
+        Pair::AtMost => both!(a, b, |a, b| if a > b { zero } else { one }),
     }
 }
 
@@ -361,7 +368,7 @@ pub(crate) fn sum_rows<T: Scalar>(entries: &[T], sums: &mut [T], chains: &mut Ve
     let n = sums.len();
     sums.fill(T::default());
     let add = |sums: &mut [T], row: &[T]| {
-        both(sums, row, |sum, x| sum + x);
+        both!(sums, row, |sum, x| sum + x);
     };
     let mut blocks = entries.chunks(BLOCK * n);
     let first = blocks.next().unwrap_or_default();
