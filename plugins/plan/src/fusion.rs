@@ -2,6 +2,7 @@
 //! values stay in a small memory.
 
 use crate::graph::{Graph, Shape, Step, Value};
+use crate::memory::Memory;
 use crate::operations::{Function, Operation, Pair};
 use crate::scalar::{Scalar, combine, map};
 
@@ -60,18 +61,16 @@ impl<T: Scalar> Pieces<T> {
 }
 
 impl Loop {
-    /// The loop of the first operations of `steps`, if the first one is entrywise.
-    pub(crate) fn of_first(graph: &Graph, steps: &[&Step]) -> Option<Self> {
+    /// The loop of an entrywise operation and of those that follow it directly and have its shape.
+    pub(crate) fn new(graph: &Graph, first: Value, others: &[&Step]) -> Self {
+        let shape = graph.shape(first);
         let entrywise = |step: &&Step| match step {
             Step::Compute(value) if graph.nodes[value.0].operation.is_elementwise() => Some(*value),
             _ => None,
         };
-        let shape = graph.shape(steps.first().and_then(entrywise)?);
-        let values: Vec<Value> = steps
-            .iter()
-            .map_while(entrywise)
-            .take_while(|value| graph.shape(*value) == shape)
-            .collect();
+        let others = others.iter().map_while(entrywise);
+        let others = others.take_while(|value| graph.shape(*value) == shape);
+        let values: Vec<Value> = std::iter::once(first).chain(others).collect();
         let source = |operand: &Value| match values.iter().position(|value| value == operand) {
             Some(at) => Source::Result(at),
             None if graph.shape(*operand) == shape => Source::Whole(*operand),
@@ -89,12 +88,23 @@ impl Loop {
                 _ => None,
             }
         };
-        Some(Self {
+        Self {
             shape,
             operations: values.iter().filter_map(operation).collect(),
             values,
             kept: Vec::new(),
-        })
+        }
+    }
+
+    /// Values that the loop reads from outside.
+    pub(crate) fn operands(&self, graph: &Graph) -> Vec<Value> {
+        let all = self
+            .values
+            .iter()
+            .flat_map(|value| &graph.nodes[value.0].operands);
+        all.copied()
+            .filter(|operand| !self.values.contains(operand))
+            .collect()
     }
 
     /// Number of operations.
@@ -118,14 +128,14 @@ impl Loop {
         self.kept.iter().map(|(_, value)| *value)
     }
 
-    pub(crate) fn run<T: Scalar>(&self, buffers: &mut [Vec<T>], pieces: &mut Pieces<T>) {
+    pub(crate) fn run<T: Scalar>(&self, memory: &mut Memory<T>, pieces: &mut Pieces<T>) {
         let n = self.shape[0] * self.shape[1];
         for start in (0..n).step_by(PIECE) {
             let length = PIECE.min(n - start);
             for (at, operation) in self.operations.iter().enumerate() {
                 let (earlier, rest) = pieces.results.split_at_mut(at);
                 let result = &mut rest[0][..length];
-                let load = |source, target: &mut [T]| self.load(source, start, target, earlier, buffers);
+                let load = |source, target: &mut [T]| self.load(source, start, target, earlier, memory);
                 match *operation {
                     Entrywise::Map(function, x) => {
                         load(x, result);
@@ -135,7 +145,7 @@ impl Loop {
                         load(a, result);
                         match b {
                             Source::Result(of) => combine(pair, result, &earlier[of]),
-                            Source::Whole(value) => combine(pair, result, &buffers[value.0][start..]),
+                            Source::Whole(value) => combine(pair, result, &memory.of(value)[start..]),
                             Source::Repeated(..) => {
                                 let operand = &mut pieces.operand[..length];
                                 load(b, operand);
@@ -146,7 +156,7 @@ impl Loop {
                 }
             }
             for (at, value) in &self.kept {
-                let target = &mut buffers[value.0][start..start + length];
+                let target = &mut memory.of_mut(*value)[start..start + length];
                 target.copy_from_slice(&pieces.results[*at][..length]);
             }
         }
@@ -159,15 +169,15 @@ impl Loop {
         start: usize,
         target: &mut [T],
         results: &[Vec<T>],
-        buffers: &[Vec<T>],
+        memory: &Memory<T>,
     ) {
         let n = target.len();
         match source {
             Source::Result(at) => target.copy_from_slice(&results[at][..n]),
-            Source::Whole(value) => target.copy_from_slice(&buffers[value.0][start..start + n]),
-            Source::Repeated(value, [1, 1]) => target.fill(buffers[value.0][0]),
+            Source::Whole(value) => target.copy_from_slice(&memory.of(value)[start..start + n]),
+            Source::Repeated(value, [1, 1]) => target.fill(memory.of(value)[0]),
             Source::Repeated(value, shape) => {
-                let (buffer, columns) = (&buffers[value.0], self.shape[1]);
+                let (buffer, columns) = (memory.of(value), self.shape[1]);
                 let (mut row, mut column, mut rest) = (start / columns, start % columns, target);
                 while !rest.is_empty() {
                     let width = rest.len().min(columns - column);

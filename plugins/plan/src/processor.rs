@@ -1,12 +1,13 @@
 //! The executor on the processor.
 //!
-//! A graph is compiled once: one buffer for each value that is read outside of the loop that computes it, loops of
-//! entrywise operations ([`crate::fusion`]), and packed second factors of products, which are packed again only after
-//! their value has changed. A run allocates nothing after the first one of its routine. A processor with one thread
-//! runs a routine; nothing is shared.
+//! A graph is compiled once to kernels with buffers for their results. Second factors of products that are leaves are
+//! packed again only after they have changed. A run allocates nothing after the first one of its routine, and one
+//! thread executes it.
 
-use crate::fusion::{Loop, Pieces};
-use crate::graph::{Graph, Number, Routine, Shape, Step, Value};
+use crate::fusion::Pieces;
+use crate::graph::{Graph, Number, Routine, Shape, Value};
+use crate::kernels::{Kernel, compile};
+use crate::memory::Memory;
 use crate::operations::{Operation, Pair};
 use crate::scalar::{Factor, Scalar, combine, map, sum_row, sum_rows};
 use crate::updates::Update;
@@ -40,14 +41,6 @@ impl std::fmt::Display for StateError {
 
 impl std::error::Error for StateError {}
 
-#[derive(Debug, Clone)]
-enum Kernel {
-    Loop(Loop),
-    /// An operation, and the place of its packed second factor if it is a product.
-    Single(Value, Option<usize>),
-    Update(Update),
-}
-
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Work {
@@ -68,12 +61,12 @@ pub enum Work {
     Update,
 }
 
-/// A packed second factor.
+/// A packed second factor of products.
 #[derive(Debug, Clone)]
 struct Pack<T: Scalar> {
     value: Value,
     is_transposed: bool,
-    /// Version of the value that is packed.
+    /// Version of the value that is packed; none for a factor that is computed, all of which share one memory.
     version: Option<u64>,
     packed: T::Packed,
 }
@@ -83,12 +76,11 @@ struct Pack<T: Scalar> {
 pub struct Processor<T: Scalar> {
     graph: Graph,
     kernels: Vec<Vec<Kernel>>,
-    buffers: Vec<Vec<T>>,
-    /// How often each buffer was written.
-    versions: Vec<u64>,
+    memory: Memory<T>,
     packs: Vec<Pack<T>>,
     numbers: Vec<f64>,
     counts: Vec<u64>,
+    packed: T::Packed,
     multiplier: T::Multiplier,
     pieces: Pieces<T>,
     chains: Vec<T>,
@@ -98,97 +90,29 @@ impl<T: Scalar> Processor<T> {
     /// Compiles a graph. Parameters, inputs and states are 0.
     #[must_use]
     pub fn new(graph: &Graph) -> Self {
-        let mut processor = Self {
+        let mut memory = Memory::new(graph);
+        let routines = 0..graph.routines.len();
+        let kernels: Vec<_> = routines
+            .map(|routine| compile(graph, routine, &mut memory))
+            .collect();
+        let mut pieces = Pieces::default();
+        for kernel in kernels.iter().flatten() {
+            if let Kernel::Loop(entrywise) = kernel {
+                pieces.provide(entrywise.len());
+            }
+        }
+        Self {
             graph: graph.clone(),
-            kernels: Vec::new(),
-            buffers: vec![Vec::new(); graph.nodes.len()],
-            versions: vec![0; graph.nodes.len()],
+            kernels,
+            memory,
             packs: Vec::new(),
             numbers: graph.numbers.iter().map(|(_, first)| *first).collect(),
             counts: vec![0; graph.counts.len()],
+            packed: T::Packed::default(),
             multiplier: T::Multiplier::default(),
-            pieces: Pieces::default(),
+            pieces,
             chains: Vec::new(),
-        };
-        for (node, buffer) in graph.nodes.iter().zip(&mut processor.buffers) {
-            match &node.operation {
-                Operation::Constant(entries) => buffer.extend(entries.iter().map(|entry| T::of(*entry))),
-                _ if node.routine.is_none() => buffer.resize(node.shape[0] * node.shape[1], T::default()),
-                _ => {}
-            }
         }
-        for routine in 0..graph.routines.len() {
-            let kernels = processor.compile(graph, routine);
-            processor.kernels.push(kernels);
-        }
-        processor
-    }
-
-    /// Kernels of a routine in the order of its steps, with buffers for their results.
-    fn compile(&mut self, graph: &Graph, routine: usize) -> Vec<Kernel> {
-        let (steps, mut kernels) = (graph.live_steps(routine), Vec::new());
-        let mut at = 0;
-        // The kernel that computes each value, and whether another one reads it.
-        let mut is_read: Vec<bool> = graph.nodes.iter().map(|node| node.is_output).collect();
-        while at < steps.len() {
-            let kernel = Loop::of_first(graph, &steps[at..]);
-            let end = at + kernel.as_ref().map_or(1, Loop::len);
-            for step in &steps[at..end] {
-                let operands = match step {
-                    Step::Compute(value) => graph.nodes[value.0].operands.clone(),
-                    Step::Update(update) => update.operands(),
-                };
-                let is_inside = |operand: &Value| {
-                    let computes = |step: &&Step| matches!(step, Step::Compute(value) if value == operand);
-                    steps[at..end].iter().any(computes)
-                };
-                for operand in operands.iter().filter(|operand| !is_inside(operand)) {
-                    is_read[operand.0] = true;
-                }
-            }
-            kernels.push(match (kernel, steps[at]) {
-                (Some(kernel), _) => Kernel::Loop(kernel),
-                (None, Step::Compute(value)) => Kernel::Single(*value, self.pack_of(graph, *value)),
-                (None, Step::Update(update)) => Kernel::Update(update.clone()),
-            });
-            at = end;
-        }
-        for kernel in &mut kernels {
-            if let Kernel::Loop(entrywise) = kernel {
-                entrywise.keep(|value| is_read[value.0]);
-                self.pieces.provide(entrywise.len());
-                entrywise.kept().for_each(|value| self.provide(value));
-            } else if let Kernel::Single(value, _) = kernel {
-                self.provide(*value);
-            }
-        }
-        kernels
-    }
-
-    fn provide(&mut self, value: Value) {
-        let [rows, columns] = self.graph.shape(value);
-        self.buffers[value.0].resize(rows * columns, T::default());
-    }
-
-    /// Place of the packed second factor of a product.
-    fn pack_of(&mut self, graph: &Graph, value: Value) -> Option<usize> {
-        let node = &graph.nodes[value.0];
-        let is_transposed = match node.operation {
-            Operation::Dense(_) => false,
-            Operation::Product { transposed } => transposed[1],
-            _ => return None,
-        };
-        let factor = node.operands[1];
-        let is_it = |pack: &Pack<T>| pack.value == factor && pack.is_transposed == is_transposed;
-        self.packs.iter().position(is_it).or_else(|| {
-            self.packs.push(Pack {
-                value: factor,
-                is_transposed,
-                version: None,
-                packed: T::Packed::default(),
-            });
-            Some(self.packs.len() - 1)
-        })
     }
 
     /// Writes a leaf row by row.
@@ -212,10 +136,13 @@ impl<T: Scalar> Processor<T> {
     /// # Panics
     /// Where the value is computed.
     pub fn entries_mut(&mut self, value: Value) -> &mut [T] {
+        self.check_leaf(value);
+        self.memory.of_mut(value)
+    }
+
+    fn check_leaf(&self, value: Value) {
         let is_leaf = self.graph.nodes[value.0].routine.is_none();
         assert!(is_leaf, "{} is computed", self.graph.shown(value));
-        self.versions[value.0] += 1;
-        &mut self.buffers[value.0]
     }
 
     /// Entries of a leaf or an output row by row; those of an output are of the last run, 0 before it.
@@ -227,7 +154,7 @@ impl<T: Scalar> Processor<T> {
         let node = &self.graph.nodes[value.0];
         let is_kept = node.routine.is_none() || node.is_output;
         assert!(is_kept, "{} is no output", self.graph.shown(value));
-        &self.buffers[value.0]
+        self.memory.of(value)
     }
 
     /// Changes a number for the following runs.
@@ -237,11 +164,10 @@ impl<T: Scalar> Processor<T> {
 
     /// Name, shape and entries of every parameter and moment, in the order in which they were made.
     pub fn states(&self) -> impl Iterator<Item = (&str, Shape, &[T])> {
-        let nodes = self.graph.nodes.iter().zip(&self.buffers);
-        nodes.filter_map(|(node, buffer)| {
+        self.graph.nodes.iter().enumerate().filter_map(|(at, node)| {
             let is_state = matches!(node.operation, Operation::Parameter | Operation::State);
             let name = node.name.as_deref().filter(|_| is_state)?;
-            Some((name, node.shape, buffer.as_slice()))
+            Some((name, node.shape, self.memory.of(Value(at))))
         })
     }
 
@@ -255,7 +181,7 @@ impl<T: Scalar> Processor<T> {
             matches!(operation, Operation::Parameter | Operation::State)
         });
         let value = value.ok_or_else(|| StateError::Missing(name.to_owned()))?;
-        if entries.len() != self.buffers[value.0].len() {
+        if entries.len() != self.memory.of(value).len() {
             return Err(StateError::Length {
                 name: name.to_owned(),
                 shape: self.graph.shape(value),
@@ -301,14 +227,11 @@ impl<T: Scalar> Processor<T> {
         for kernel in &kernels {
             match kernel {
                 Kernel::Loop(entrywise) => {
-                    entrywise.run(&mut self.buffers, &mut self.pieces);
-                    for value in entrywise.kept() {
-                        self.versions[value.0] += 1;
-                    }
+                    entrywise.run(&mut self.memory, &mut self.pieces);
                     after(Work::Loop(entrywise.len()), entrywise.shape());
                 }
-                Kernel::Single(value, pack) => {
-                    self.compute(*value, *pack);
+                Kernel::Single(value) => {
+                    self.compute(*value);
                     let node = &self.graph.nodes[value.0];
                     let [rows, columns] = self.graph.shape(node.operands[0]);
                     let work = match node.operation {
@@ -335,35 +258,52 @@ impl<T: Scalar> Processor<T> {
         self.kernels[routine.0] = kernels;
     }
 
-    fn compute(&mut self, value: Value, pack: Option<usize>) {
-        let mut result = std::mem::take(&mut self.buffers[value.0]);
-        if let Some(pack) = pack {
-            self.multiply(value, pack, &mut result);
-        } else {
-            self.move_or_sum(value, &mut result);
+    fn compute(&mut self, value: Value) {
+        let mut result = self.memory.take(value);
+        match self.graph.nodes[value.0].operation {
+            Operation::Dense(_) => self.multiply(value, false, &mut result),
+            Operation::Product { transposed } => self.multiply(value, transposed[1], &mut result),
+            _ => self.move_or_sum(value, &mut result),
         }
-        self.buffers[value.0] = result;
-        self.versions[value.0] += 1;
+        self.memory.put(value, result);
     }
 
     fn factor(&self, value: Value, is_transposed: bool) -> Factor<'_, T> {
         Factor {
-            entries: &self.buffers[value.0],
+            entries: self.memory.of(value),
             shape: self.graph.shape(value),
             is_transposed,
         }
     }
 
-    /// A product or a dense layer; its second factor is packed if it has changed.
-    fn multiply(&mut self, value: Value, pack: usize, result: &mut [T]) {
-        let Pack {
-            value: b,
-            is_transposed,
-            version,
-            ..
-        } = self.packs[pack];
-        let mut packed = std::mem::take(&mut self.packs[pack].packed);
-        let newest = Some(self.versions[b.0]);
+    /// Place of the pack of a second factor that is a leaf. Others change in every run.
+    fn pack_of(&mut self, value: Value, is_transposed: bool) -> Option<usize> {
+        if self.graph.nodes[value.0].routine.is_some() {
+            return None;
+        }
+        let is_it = |pack: &Pack<T>| pack.value == value && pack.is_transposed == is_transposed;
+        self.packs.iter().position(is_it).or_else(|| {
+            self.packs.push(Pack {
+                value,
+                is_transposed,
+                version: None,
+                packed: T::Packed::default(),
+            });
+            Some(self.packs.len() - 1)
+        })
+    }
+
+    /// A product or a dense layer.
+    fn multiply(&mut self, value: Value, is_transposed: bool, result: &mut [T]) {
+        let b = self.graph.nodes[value.0].operands[1];
+        let place = self.pack_of(b, is_transposed);
+        let (newest, mut version) = (Some(self.memory.version(b)), None);
+        if let Some(pack) = place.map(|at| &mut self.packs[at]) {
+            // The common memory holds the pack while it is read.
+            std::mem::swap(&mut self.packed, &mut pack.packed);
+            version = std::mem::replace(&mut pack.version, newest);
+        }
+        let mut packed = std::mem::take(&mut self.packed);
         if version != newest {
             T::pack(&mut packed, self.factor(b, is_transposed));
         }
@@ -377,7 +317,7 @@ impl<T: Scalar> Processor<T> {
         );
         let a = self.factor(node.operands[0], is_turned);
         if let Operation::Dense(activation) = node.operation {
-            let (bias, function) = (&self.buffers[node.operands[2].0], activation.function());
+            let (bias, function) = (self.memory.of(node.operands[2]), activation.function());
             T::multiply(&mut memory, a, &packed, result, &mut |first, entries| {
                 combine(Pair::Add, entries, &bias[first..]);
                 if let Some(function) = function {
@@ -388,20 +328,23 @@ impl<T: Scalar> Processor<T> {
             T::multiply(&mut memory, a, &packed, result, &mut |_, _| {});
         }
         self.multiplier = memory;
-        (self.packs[pack].packed, self.packs[pack].version) = (packed, newest);
+        self.packed = packed;
+        if let Some(at) = place {
+            std::mem::swap(&mut self.packed, &mut self.packs[at].packed);
+        }
     }
 
     /// Capacities of all memory.
     #[cfg(test)]
     pub(crate) fn capacities(&self) -> Vec<usize> {
-        let buffers = self.buffers.iter().chain([&self.chains]).map(Vec::capacity);
-        buffers.chain(self.pieces.capacities()).collect()
+        let own = [self.chains.capacity(), self.packs.capacity()];
+        [self.memory.capacities(), self.pieces.capacities(), own.to_vec()].concat()
     }
 
     fn move_or_sum(&mut self, value: Value, result: &mut [T]) {
         let node = &self.graph.nodes[value.0];
         // Operations without operands are leaves, which no kernel computes.
-        let x = &self.buffers[node.operands[0].0];
+        let x = self.memory.of(node.operands[0]);
         let [width, columns] = [self.graph.shape(node.operands[0])[1], node.shape[1]];
         match node.operation {
             Operation::SumRows => sum_rows(x, result, &mut self.chains),
@@ -412,7 +355,7 @@ impl<T: Scalar> Processor<T> {
                 let mut first = 0;
                 for operand in &node.operands {
                     let width = self.graph.shape(*operand)[1];
-                    place(result, columns, first, &self.buffers[operand.0], width);
+                    place(result, columns, first, self.memory.of(*operand), width);
                     first += width;
                 }
             }
@@ -426,14 +369,14 @@ impl<T: Scalar> Processor<T> {
                 place(result, columns, first, x, width);
             }
             Operation::Gather => {
-                let index = &self.buffers[node.operands[1].0];
+                let index = self.memory.of(node.operands[1]);
                 for ((target, row), index) in result.iter_mut().zip(x.chunks_exact(width)).zip(index) {
                     *target = row[column(*index, width)];
                 }
             }
             Operation::Scatter => {
                 result.fill(T::default());
-                let index = &self.buffers[node.operands[1].0];
+                let index = self.memory.of(node.operands[1]);
                 for ((row, x), index) in result.chunks_exact_mut(columns).zip(x).zip(index) {
                     row[column(*index, columns)] = *x;
                 }
@@ -442,7 +385,7 @@ impl<T: Scalar> Processor<T> {
                 let squares = node
                     .operands
                     .iter()
-                    .map(|it| T::sum_of_squares(&self.buffers[it.0]));
+                    .map(|it| T::sum_of_squares(self.memory.of(*it)));
                 let norm = squares.fold(0.0, |sum, squares| sum + squares).sqrt();
                 result[0] = T::of(if norm > largest { largest / norm } else { 1.0 });
             }
@@ -452,7 +395,7 @@ impl<T: Scalar> Processor<T> {
 
     fn update(&mut self, update: &Update) {
         let target = update.target();
-        let mut changed = std::mem::take(&mut self.buffers[target.0]);
+        let mut changed = self.memory.take(target);
         match *update {
             Update::Adam {
                 gradient,
@@ -461,25 +404,22 @@ impl<T: Scalar> Processor<T> {
                 settings,
                 ..
             } => {
-                let [mut first, mut second] =
-                    moments.map(|moment| std::mem::take(&mut self.buffers[moment.0]));
+                let [mut first, mut second] = moments.map(|moment| self.memory.take(moment));
                 self.counts[count] += 1;
                 let rate = self.numbers[settings.learning_rate.0];
-                let (t, gradient) = (self.counts[count], &self.buffers[gradient.0]);
+                let (t, gradient) = (self.counts[count], self.memory.of(gradient));
                 let both: [&mut [T]; 2] = [&mut first, &mut second];
                 T::descend(t, rate, settings.betas, &mut changed, gradient, both);
                 for (moment, buffer) in moments.into_iter().zip([first, second]) {
-                    self.buffers[moment.0] = buffer;
-                    self.versions[moment.0] += 1;
+                    self.memory.put(moment, buffer);
                 }
             }
             Update::Follow { source, tau, .. } => {
-                T::follow(&mut changed, &self.buffers[source.0], T::of(tau));
+                T::follow(&mut changed, self.memory.of(source), T::of(tau));
             }
-            Update::Assign { source, .. } => changed.copy_from_slice(&self.buffers[source.0]),
+            Update::Assign { source, .. } => changed.copy_from_slice(self.memory.of(source)),
         }
-        self.buffers[target.0] = changed;
-        self.versions[target.0] += 1;
+        self.memory.put(target, changed);
     }
 }
 
