@@ -178,7 +178,11 @@ fn draw(processor: &mut Processor<f32>, value: Value, sd: f64) {
     entries.for_each(|(i, x)| *x = (sd * normal(mix(seed.wrapping_add(i as u64 * GOLDEN)))) as f32);
 }
 
-#[allow(clippy::print_stdout, reason = "the program prints its results")]
+#[allow(
+    clippy::print_stdout,
+    clippy::disallowed_methods,
+    reason = "the program measures time and prints its results"
+)]
 fn main() {
     let seconds = std::env::args()
         .nth(1)
@@ -241,7 +245,11 @@ fn main() {
 }
 
 /// Prints the time of kernels by kind and shape: of 100 runs the fastest one of each kernel.
-#[allow(clippy::print_stdout, reason = "the program prints its results")]
+#[allow(
+    clippy::print_stdout,
+    clippy::disallowed_methods,
+    reason = "the program measures time and prints its results"
+)]
 fn kernels(processor: &mut Processor<f32>, routine: Routine) {
     let mut fastest: Vec<(Work, Shape, Duration)> = Vec::new();
     for _ in 0..100 {

@@ -87,42 +87,14 @@ impl Graph {
                     None => gradient,
                     Some(function) => self.through_activation(function, value, gradient),
                 };
-                let mut parts = Vec::new();
-                if is_needed(0) {
-                    parts.push((x, self.product(gradient, operands[1], [false, true])));
-                }
-                if is_needed(1) {
-                    parts.push((operands[1], self.product(x, gradient, [true, false])));
-                }
+                let mut parts = self.through_product([false; 2], [x, operands[1]], gradient, depends);
                 if is_needed(2) {
                     parts.push((operands[2], self.sum_rows(gradient)));
                 }
                 parts
             }
-            Operation::Product {
-                transposed: [turn_a, turn_b],
-            } => {
-                let (a, b) = (x, operands[1]);
-                let mut parts = Vec::new();
-                if is_needed(0) {
-                    parts.push((
-                        a,
-                        match turn_a {
-                            false => self.product(gradient, b, [false, !turn_b]),
-                            true => self.product(b, gradient, [turn_b, true]),
-                        },
-                    ));
-                }
-                if is_needed(1) {
-                    parts.push((
-                        b,
-                        match turn_b {
-                            false => self.product(a, gradient, [!turn_a, false]),
-                            true => self.product(gradient, a, [true, turn_a]),
-                        },
-                    ));
-                }
-                parts
+            Operation::Product { transposed } => {
+                self.through_product(transposed, [x, operands[1]], gradient, depends)
             }
             Operation::Map(function) => vec![(x, self.through_function(function, x, value, gradient))],
             Operation::Combine(pair) => (0..2)
@@ -153,6 +125,33 @@ impl Graph {
             // Leaves have no operands, and no gradient passes through the others.
             _ => Vec::new(),
         }
+    }
+
+    fn through_product(
+        &mut self,
+        [turn_a, turn_b]: [bool; 2],
+        [a, b]: [Value; 2],
+        gradient: Value,
+        depends: &[bool],
+    ) -> Vec<(Value, Value)> {
+        let mut parts = Vec::new();
+        if depends[a.0] {
+            let part = if turn_a {
+                self.product(b, gradient, [turn_b, true])
+            } else {
+                self.product(gradient, b, [false, !turn_b])
+            };
+            parts.push((a, part));
+        }
+        if depends[b.0] {
+            let part = if turn_b {
+                self.product(gradient, a, [true, turn_a])
+            } else {
+                self.product(a, gradient, [!turn_a, false])
+            };
+            parts.push((b, part));
+        }
+        parts
     }
 
     fn through_join(&mut self, parts: &[Value], gradient: Value, depends: &[bool]) -> Vec<(Value, Value)> {

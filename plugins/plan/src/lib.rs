@@ -18,6 +18,7 @@
 //! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
 //! | [`processor`] | the executor |
+//! | [`states`] | parameters, moments and step counts for checkpoints |
 //!
 //! A plan computes no random numbers and no data-dependent choices of operations: noise, batches and learning rates
 //! are inputs.
@@ -31,12 +32,15 @@ pub mod listing;
 mod memory;
 pub mod operations;
 pub mod processor;
+mod rows;
 pub mod scalar;
+pub mod states;
 pub mod updates;
 
 pub use graph::{Graph, Number, Routine, Shape, Value};
 pub use operations::Activation;
-pub use processor::{Processor, StateError, Work};
+pub use processor::{Processor, Work};
+pub use states::StateError;
 pub use updates::Optimiser;
 
 #[cfg(test)]

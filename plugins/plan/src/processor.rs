@@ -9,37 +9,9 @@ use crate::graph::{Graph, Number, Routine, Shape, Value};
 use crate::kernels::{Kernel, compile};
 use crate::memory::Memory;
 use crate::operations::{Operation, Pair};
-use crate::scalar::{Factor, Scalar, combine, map, sum_row, sum_rows};
+use crate::rows::{by_rows, column, largest, place, sum_row, sum_rows};
+use crate::scalar::{Factor, Scalar, combine, map};
 use crate::updates::Update;
-
-/// A state that does not fit a graph.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum StateError {
-    /// No parameter, moment or count has this name.
-    Missing(String),
-    /// A number of entries that is not that of the state's shape.
-    Length {
-        /// Name of the state.
-        name: String,
-        /// Shape in the graph.
-        shape: Shape,
-        /// Number of entries that was given.
-        found: usize,
-    },
-}
-
-impl std::fmt::Display for StateError {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        match self {
-            StateError::Missing(name) => write!(f, "the plan has no state `{name}`"),
-            StateError::Length { name, shape, found } => {
-                write!(f, "{found} entries for the state `{name}` {shape:?}")
-            }
-        }
-    }
-}
-
-impl std::error::Error for StateError {}
 
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,8 +22,6 @@ pub enum Work {
         transposed: [bool; 2],
         /// Number of summands of an entry.
         inner: usize,
-        /// Whether bias and activation follow.
-        is_dense: bool,
     },
     /// Number of entrywise operations in one loop.
     Loop(usize),
@@ -74,12 +44,12 @@ struct Pack<T: Scalar> {
 /// Buffers and compiled routines of one graph.
 #[derive(Debug, Clone)]
 pub struct Processor<T: Scalar> {
-    graph: Graph,
+    pub(crate) graph: Graph,
     kernels: Vec<Vec<Kernel>>,
-    memory: Memory<T>,
+    pub(crate) memory: Memory<T>,
     packs: Vec<Pack<T>>,
     numbers: Vec<f64>,
-    counts: Vec<u64>,
+    pub(crate) counts: Vec<u64>,
     packed: T::Packed,
     multiplier: T::Multiplier,
     pieces: Pieces<T>,
@@ -162,53 +132,6 @@ impl<T: Scalar> Processor<T> {
         self.numbers[number.0] = to;
     }
 
-    /// Name, shape and entries of every parameter and moment, in the order in which they were made.
-    pub fn states(&self) -> impl Iterator<Item = (&str, Shape, &[T])> {
-        self.graph.nodes.iter().enumerate().filter_map(|(at, node)| {
-            let is_state = matches!(node.operation, Operation::Parameter | Operation::State);
-            let name = node.name.as_deref().filter(|_| is_state)?;
-            Some((name, node.shape, self.memory.of(Value(at))))
-        })
-    }
-
-    /// Replaces the entries of a parameter or moment.
-    ///
-    /// # Errors
-    /// [`StateError`] where the name or the number of entries does not fit.
-    pub fn restore(&mut self, name: &str, entries: &[T]) -> Result<(), StateError> {
-        let value = self.graph.named(name).filter(|value| {
-            let operation = &self.graph.nodes[value.0].operation;
-            matches!(operation, Operation::Parameter | Operation::State)
-        });
-        let value = value.ok_or_else(|| StateError::Missing(name.to_owned()))?;
-        if entries.len() != self.memory.of(value).len() {
-            return Err(StateError::Length {
-                name: name.to_owned(),
-                shape: self.graph.shape(value),
-                found: entries.len(),
-            });
-        }
-        self.entries_mut(value).copy_from_slice(entries);
-        Ok(())
-    }
-
-    /// Name and number of the steps of every optimiser.
-    pub fn counts(&self) -> impl Iterator<Item = (&str, u64)> {
-        let names = self.graph.counts.iter().map(String::as_str);
-        names.zip(self.counts.iter().copied())
-    }
-
-    /// Replaces a number of steps.
-    ///
-    /// # Errors
-    /// [`StateError::Missing`] where no optimiser has the name.
-    pub fn restore_count(&mut self, name: &str, count: u64) -> Result<(), StateError> {
-        let at = self.graph.counts.iter().position(|other| other == name);
-        let at = at.ok_or_else(|| StateError::Missing(name.to_owned()))?;
-        self.counts[at] = count;
-        Ok(())
-    }
-
     /// Executes a routine.
     ///
     /// # Panics
@@ -234,17 +157,13 @@ impl<T: Scalar> Processor<T> {
                     self.compute(*value);
                     let node = &self.graph.nodes[value.0];
                     let [rows, columns] = self.graph.shape(node.operands[0]);
+                    let product = |transposed: [bool; 2]| Work::Product {
+                        transposed,
+                        inner: if transposed[0] { rows } else { columns },
+                    };
                     let work = match node.operation {
-                        Operation::Product { transposed } => Work::Product {
-                            transposed,
-                            inner: if transposed[0] { rows } else { columns },
-                            is_dense: false,
-                        },
-                        Operation::Dense(_) => Work::Product {
-                            transposed: [false; 2],
-                            inner: columns,
-                            is_dense: true,
-                        },
+                        Operation::Product { transposed } => product(transposed),
+                        Operation::Dense(_) => product([false; 2]),
                         _ => Work::SumOrMove,
                     };
                     after(work, node.shape);
@@ -421,40 +340,4 @@ impl<T: Scalar> Processor<T> {
         }
         self.memory.put(target, changed);
     }
-}
-
-/// One number for each row.
-fn by_rows<T: Scalar>(result: &mut [T], x: &[T], width: usize, function: impl Fn(&[T]) -> T) {
-    for (result, row) in result.iter_mut().zip(x.chunks_exact(width)) {
-        *result = function(row);
-    }
-}
-
-/// Largest number of a row; a NaN where one is.
-#[allow(clippy::eq_op, reason = "a NaN differs from itself")]
-fn largest<T: Scalar>(row: &[T]) -> T {
-    let larger = |a: T, b: T| if b > a || b != b { b } else { a };
-    row.iter().copied().reduce(larger).unwrap_or_default()
-}
-
-/// Copies rows of `width` entries to rows of `columns` entries, from column `first` on.
-fn place<T: Scalar>(result: &mut [T], columns: usize, first: usize, x: &[T], width: usize) {
-    for (target, row) in result.chunks_exact_mut(columns).zip(x.chunks_exact(width)) {
-        target[first..first + width].copy_from_slice(row);
-    }
-}
-
-/// Column that a number names.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "checked below"
-)]
-fn column<T: Scalar>(index: T, columns: usize) -> usize {
-    let (index, at) = (index.wide(), index.wide() as usize);
-    assert!(
-        index == at as f64 && at < columns,
-        "index {index} of {columns} columns"
-    );
-    at
 }

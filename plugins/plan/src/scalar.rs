@@ -2,7 +2,7 @@
 //! tests of gradients, with plain loops.
 
 use crate::operations::{Function, Pair};
-use arithmetic::products::{self, BLOCK, Matrix};
+use arithmetic::products::{self, Matrix};
 use arithmetic::slices::{self, widest};
 use arithmetic::steps::{self, EPSILON, Rates};
 use arithmetic::tiles::{Multiplier, Packed};
@@ -361,30 +361,4 @@ pub(crate) fn combine<T: Scalar>(pair: Pair, a: &mut [T], b: &[T]) {
         Pair::Exceeds => both!(a, b, |a, b| if a > b { one } else { zero }),
         Pair::AtMost => both!(a, b, |a, b| if a > b { zero } else { one }),
     }
-}
-
-/// Sum of each column over the rows: chains over blocks of rows, added in their order.
-pub(crate) fn sum_rows<T: Scalar>(entries: &[T], sums: &mut [T], chains: &mut Vec<T>) {
-    let n = sums.len();
-    sums.fill(T::default());
-    let add = |sums: &mut [T], row: &[T]| {
-        both!(sums, row, |sum, x| sum + x);
-    };
-    let mut blocks = entries.chunks(BLOCK * n);
-    let first = blocks.next().unwrap_or_default();
-    first.chunks_exact(n).for_each(|row| add(sums, row));
-    for block in blocks {
-        chains.clear();
-        chains.resize(n, T::default());
-        block.chunks_exact(n).for_each(|row| add(chains, row));
-        add(sums, chains);
-    }
-}
-
-/// Sum of one row: chains over blocks of columns, added in their order.
-pub(crate) fn sum_row<T: Scalar>(row: &[T]) -> T {
-    let chain = |block: &[T]| block.iter().fold(T::default(), |sum, x| sum + *x);
-    let mut blocks = row.chunks(BLOCK);
-    let first = chain(blocks.next().unwrap_or_default());
-    blocks.fold(first, |sum, block| sum + chain(block))
 }

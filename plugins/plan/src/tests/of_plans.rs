@@ -187,6 +187,56 @@ fn refusal(build: fn(&mut Graph, [Value; 3])) -> String {
     text.unwrap_or_else(|| (*payload.downcast_ref::<&str>().unwrap()).to_owned())
 }
 
+proptest! {
+    /// Random entrywise operations, products and sums of earlier values: with the last value alone read, buffers are
+    /// shared and loops keep little; with every value read, nothing is shared.
+    #[test]
+    fn shared_buffers_and_loops_change_no_bit(
+        choices in prop::collection::vec((0..9_usize, 0..64_usize, 0..64_usize), 1..40),
+        seed: u64,
+    ) {
+        let of = |is_all_read: bool| {
+            let mut graph = Graph::new();
+            let x = graph.input("x", [5, 5]);
+            let routine = graph.routine("some");
+            let mut values = vec![x];
+            for (kind, first, second) in &choices {
+                let (a, b) = (values[first % values.len()], values[second % values.len()]);
+                let value = match kind {
+                    0 => graph.add(a, b),
+                    1 => graph.sub(a, b),
+                    2 => graph.min(a, b),
+                    3 => graph.tanh(a),
+                    4 => graph.product(a, b, [false, true]),
+                    5 => graph.product(a, b, [true, false]),
+                    6 => {
+                        let row = graph.sum_rows(b);
+                        graph.add(row, a)
+                    }
+                    7 => {
+                        let column = graph.mean_columns(a);
+                        graph.mul(b, column)
+                    }
+                    _ => graph.scale(a, 0.5),
+                };
+                // Bounded, so that no value becomes infinite.
+                values.push(graph.clamp(value, -2.0, 2.0));
+            }
+            let last = values[values.len() - 1];
+            let names = values.iter().skip(1).enumerate();
+            names.filter(|(_, value)| is_all_read || **value == last).for_each(|(at, value)| {
+                graph.output(&format!("y{at}"), *value);
+            });
+            let mut processor = Processor::<f32>::new(&graph);
+            processor.write(x, &singles(25, seed));
+            processor.run(routine);
+            processor.run(routine);
+            bits(processor.entries(last))
+        };
+        prop_assert_eq!(of(true), of(false));
+    }
+}
+
 #[test]
 fn plans_that_do_not_fit_are_refused() {
     type Build = fn(&mut Graph, [Value; 3]);
@@ -213,10 +263,10 @@ fn plans_that_do_not_fit_are_refused() {
             let _ = graph.gather(x, b);
         }),
         ("Follow of `w` [4, 5] by `x` [2, 3]", |graph, [x, w, _]| {
-            graph.follow(w, x, 0.5)
+            graph.follow(w, x, 0.5);
         }),
         ("Assign of `x` [2, 3] by `x` [2, 3]", |graph, [x, _, _]| {
-            graph.assign(x, x)
+            graph.assign(x, x);
         }),
         ("two values named `x`", |graph, _| {
             let _ = graph.input("x", [1, 1]);
