@@ -237,14 +237,16 @@ impl<T: Scalar> Processor<T> {
         let a = self.factor(node.operands[0], is_turned);
         if let Operation::Dense(activation) = node.operation {
             let (bias, function) = (self.memory.of(node.operands[2]), activation.function());
-            T::multiply(&mut memory, a, &packed, result, &mut |first, entries| {
-                combine(Pair::Add, entries, &bias[first..]);
+            T::multiply(&mut memory, a, &packed, result, &mut |rows| {
+                for row in rows.chunks_exact_mut(bias.len()) {
+                    combine(Pair::Add, row, bias);
+                }
                 if let Some(function) = function {
-                    map(function, entries);
+                    map(function, rows);
                 }
             });
         } else {
-            T::multiply(&mut memory, a, &packed, result, &mut |_, _| {});
+            T::multiply(&mut memory, a, &packed, result, &mut |_| {});
         }
         self.multiplier = memory;
         self.packed = packed;

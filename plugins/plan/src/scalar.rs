@@ -55,14 +55,13 @@ pub trait Scalar:
     /// Packs a second factor.
     fn pack(packed: &mut Self::Packed, factor: Factor<Self>);
 
-    /// Product of `a` and a packed factor. `finish` gets each piece of a row that is complete: its first column and its
-    /// entries.
+    /// Product of `a` and a packed factor. `finish` gets some complete rows at a time, in their order.
     fn multiply(
         memory: &mut Self::Multiplier,
         a: Factor<Self>,
         b: &Self::Packed,
         product: &mut [Self],
-        finish: &mut dyn FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(&mut [Self]),
     );
 
     /// Sum of all entries in blocks.
@@ -143,7 +142,7 @@ impl Scalar for f32 {
         a: Factor<Self>,
         b: &Packed,
         product: &mut [Self],
-        finish: &mut dyn FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(&mut [Self]),
     ) {
         memory.product(matrix(a), b, product, finish);
     }
@@ -226,7 +225,7 @@ impl Scalar for f64 {
         a: Factor<Self>,
         (b, columns): &PlainFactor,
         product: &mut [Self],
-        finish: &mut dyn FnMut(usize, &mut [Self]),
+        finish: &mut dyn FnMut(&mut [Self]),
     ) {
         let [rows, width] = a.shape;
         product.fill(0.0);
@@ -240,7 +239,7 @@ impl Scalar for f64 {
                 debug_assert!(a.is_transposed || row < rows);
                 c.iter_mut().zip(b).for_each(|(c, b)| *c += a.entries[place] * b);
             }
-            finish(0, c);
+            finish(c);
         }
     }
 
