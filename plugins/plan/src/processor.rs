@@ -31,12 +31,12 @@ pub enum Work {
     Update,
 }
 
-/// A packed second factor of products.
+/// A leaf that is packed as the second factor of products. Computed factors share one memory.
 #[derive(Debug, Clone)]
 struct Pack<T: Scalar> {
     value: Value,
     is_transposed: bool,
-    /// Version of the value that is packed; none for a factor that is computed, all of which share one memory.
+    /// Version of the value that is packed.
     version: Option<u64>,
     packed: T::Packed,
 }
@@ -90,15 +90,16 @@ impl<T: Scalar> Processor<T> {
     /// # Panics
     /// Where the value is computed or the number of entries is not that of its shape.
     pub fn write(&mut self, value: Value, entries: &[T]) {
-        let shown = self.graph.shown(value);
-        let buffer = self.entries_mut(value);
+        self.check_leaf(value);
+        let n = self.memory.of(value).len();
         assert_eq!(
             entries.len(),
-            buffer.len(),
-            "{} entries for {shown}",
-            entries.len()
+            n,
+            "{} entries for {}",
+            entries.len(),
+            self.graph.shown(value)
         );
-        buffer.copy_from_slice(entries);
+        self.memory.of_mut(value).copy_from_slice(entries);
     }
 
     /// Entries of a leaf row by row, to be written in place.
