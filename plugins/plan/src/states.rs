@@ -1,4 +1,4 @@
-//! What a plan keeps between runs: parameters, moments and step counts, by their names, for checkpoints and export.
+//! State that a plan keeps between runs, by its names, for checkpoints and export: parameters, moments and step counts.
 
 use crate::graph::{Shape, Value};
 use crate::operations::Operation;
