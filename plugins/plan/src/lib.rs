@@ -21,7 +21,8 @@
 //! | [`states`] | parameters, moments and step counts for checkpoints |
 //!
 //! One update of soft actor-critic (`examples/soft_actor_critic.rs`: two hidden layers of 256, a batch of 256) takes
-//! 5.3 ms on one core of a Xeon with AVX-512 that other programs use too, 90 % of it in products.
+//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too, 90 % of it
+//! in products.
 //!
 //! A plan computes no random numbers and no data-dependent choices of operations: noise, batches and learning rates
 //! are inputs.
