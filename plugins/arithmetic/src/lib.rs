@@ -39,6 +39,7 @@ pub mod products;
 pub mod single;
 pub mod slices;
 pub mod steps;
+pub mod tiles;
 pub mod trigonometry;
 
 /// Version of the results, raised whenever a change in this crate changes a bit of one.

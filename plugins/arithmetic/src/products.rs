@@ -29,10 +29,10 @@ const LANES: usize = 32;
 /// A matrix in a slice, row by row or column by column.
 #[derive(Debug, Clone, Copy)]
 pub struct Matrix<'a> {
-    values: &'a [f32],
-    rows: usize,
-    columns: usize,
-    is_transposed: bool,
+    pub(crate) values: &'a [f32],
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
+    pub(crate) is_transposed: bool,
 }
 
 impl<'a> Matrix<'a> {
@@ -155,19 +155,35 @@ pub fn sum_of_squares(values: &[f32]) -> f64 {
     in_blocks(values, |value| f64::from(value) * f64::from(value))
 }
 
+/// Sum in blocks without memory of its own.
 #[inline(always)]
 fn in_blocks<T: Copy, S: Copy + Default + std::ops::AddAssign>(values: &[T], term: impl Fn(T) -> S) -> S {
-    let mut sums: Vec<S> = values
-        .chunks(SUM_BLOCK)
-        .map(|block| block_sum(block, &term))
-        .collect();
-    while sums.len() > 1 {
-        sums = sums
-            .chunks(SUM_BLOCK)
-            .map(|block| block_sum(block, &|sum| sum))
-            .collect();
+    // Summands below one block of the last round.
+    let mut width = 1;
+    while width * SUM_BLOCK < values.len() {
+        width *= SUM_BLOCK;
     }
-    sums.first().copied().unwrap_or_default()
+    tree_sum(values, &term, width)
+}
+
+/// Sum of at most `SUM_BLOCK` blocks of `width` values, each of which is summed the same way first.
+fn tree_sum<T: Copy, S: Copy + Default + std::ops::AddAssign>(
+    values: &[T],
+    term: &impl Fn(T) -> S,
+    width: usize,
+) -> S {
+    if width == 1 {
+        return block_sum(values, term);
+    }
+    let mut lanes = [S::default(); LANES];
+    for row in values.chunks(LANES * width) {
+        let blocks = row.chunks(width);
+        lanes
+            .iter_mut()
+            .zip(blocks)
+            .for_each(|(lane, block)| *lane += tree_sum(block, term, width / SUM_BLOCK));
+    }
+    folded(lanes)
 }
 
 #[inline(always)]
@@ -179,6 +195,12 @@ fn block_sum<T: Copy, S: Copy + Default + std::ops::AddAssign>(block: &[T], term
             .zip(row)
             .for_each(|(lane, value)| *lane += term(*value));
     }
+    folded(lanes)
+}
+
+/// Sum of the lanes, by halves.
+#[inline(always)]
+fn folded<S: Copy + std::ops::AddAssign>(mut lanes: [S; LANES]) -> S {
     for width in [16, 8, 4, 2, 1] {
         let (near, far) = lanes.split_at_mut(width);
         near.iter_mut().zip(far).for_each(|(near, far)| *near += *far);

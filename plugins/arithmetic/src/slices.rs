@@ -4,11 +4,21 @@
 //! source without fused multiply-adds, and a call takes the widest version that the processor runs.
 
 use crate::single;
+use std::sync::OnceLock;
 
 /// Runs loops compiled for the processor's widest vectors. The functions that they call have to be inlined.
+///
+/// Rust contracts no operations, so the bits are those of the loops outside of it.
 #[inline(always)]
-pub(crate) fn widest<R>(loops: impl FnOnce() -> R) -> R {
-    pulp::Arch::new().dispatch(loops)
+pub fn widest<R>(loops: impl FnOnce() -> R) -> R {
+    arch().dispatch(loops)
+}
+
+/// The processor's widest vectors. Asking the processor takes 100 ns, so the answer is kept.
+#[inline(always)]
+pub(crate) fn arch() -> pulp::Arch {
+    static ARCH: OnceLock<pulp::Arch> = OnceLock::new();
+    *ARCH.get_or_init(pulp::Arch::new)
 }
 
 /// Replaces each entry `x` by `e^x`.

@@ -53,15 +53,20 @@ impl Rates {
     /// Steps parameters `x` once against `gradient`, with the moments `first` and `second`. All slices have
     /// the same length.
     pub fn descend(&self, x: &mut [f32], gradient: &[f32], first: &mut [f32], second: &mut [f32]) {
-        let ([b1, b2], epsilon) = (self.betas, EPSILON as f32);
+        let Self {
+            step,
+            root,
+            betas: [b1, b2],
+        } = *self;
+        let epsilon = EPSILON as f32;
         let (c1, c2) = (1.0 - b1, 1.0 - b2);
         widest(
             #[inline(always)]
-            || {
+            move || {
                 for (((x, g), m), v) in x.iter_mut().zip(gradient).zip(first).zip(second) {
                     *m = normal_or_zero(b1 * *m + c1 * g);
                     *v = normal_or_zero(b2 * *v + c2 * g * g);
-                    *x -= self.step * *m / (v.sqrt() * self.root + epsilon);
+                    *x -= step * *m / (v.sqrt() * root + epsilon);
                 }
             },
         );
@@ -87,10 +92,14 @@ pub fn clip(gradients: &mut [&mut [f32]], largest: f64) -> f64 {
 
 /// Moves the average `target <- target + tau (source - target)`, entry by entry.
 pub fn follow(target: &mut [f32], source: &[f32], tau: f32) {
-    target
-        .iter_mut()
-        .zip(source)
-        .for_each(|(t, s)| *t += tau * (s - *t));
+    widest(
+        #[inline(always)]
+        move || {
+            for (t, s) in target.iter_mut().zip(source) {
+                *t += tau * (s - *t);
+            }
+        },
+    );
 }
 
 /// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive would fade to

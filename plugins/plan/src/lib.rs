@@ -1,0 +1,51 @@
+//! Plans of operations: learners over flat buffers of numbers, built once per shape and executed many times.
+//!
+//! A [`Graph`] holds values, which are matrices `[rows, columns]`, and routines, which are lists of operations (act,
+//! critic update, policy update). Routines share parameters and the state of optimisers; all other values belong to
+//! the routine that computes them. [`Graph::gradients`] adds the operations of reverse mode. A [`Processor`]
+//! executes a graph in `f32`, or in `f64` for tests of gradients.
+//!
+//! The results have the same bits on every processor: every operation is one of [`arithmetic`], or rounds each entry
+//! of its result once per stated operation, and the order of every sum is stated.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`graph`] | the builder: leaves, routines, checks of shapes |
+//! | [`operations`] | kinds of operations, and what each computes |
+//! | [`build`] | the methods that add operations |
+//! | [`gradients`] | reverse mode |
+//! | [`updates`] | changes of parameters: Adam, moving averages, assignments; clipping of gradients |
+//! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
+//! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
+//! | [`processor`] | the executor |
+//! | [`states`] | parameters, moments and step counts for checkpoints |
+//!
+//! One update of soft actor-critic (`examples/soft_actor_critic.rs`: two hidden layers of 256, a batch of 256) takes
+//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too, 90 % of it
+//! in products.
+//!
+//! A plan computes no random numbers and no data-dependent choices of operations: noise, batches and learning rates
+//! are inputs.
+
+pub mod build;
+mod fusion;
+pub mod gradients;
+pub mod graph;
+mod kernels;
+pub mod listing;
+mod memory;
+pub mod operations;
+pub mod processor;
+mod rows;
+pub mod scalar;
+pub mod states;
+pub mod updates;
+
+pub use graph::{Graph, Number, Routine, Shape, Value};
+pub use operations::Activation;
+pub use processor::{Processor, Work};
+pub use states::StateError;
+pub use updates::Optimiser;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! Buffers of values. Leaves and outputs have their own; other values share those of the same length whose values
+//! are read no more, so that a routine works in as little of the cache as it can.
+
+use crate::graph::{Graph, Shape, Value};
+use crate::operations::Operation;
+use crate::scalar::Scalar;
+
+#[derive(Debug, Clone)]
+pub(crate) struct Memory<T> {
+    buffers: Vec<Vec<T>>,
+    /// Place of each value's buffer; that of a value without one is beyond the end.
+    places: Vec<usize>,
+    /// How often each value was written.
+    versions: Vec<u64>,
+    /// Places of buffers that no longer hold a value; the one that was read last is at the end.
+    free: Vec<usize>,
+    /// Places of buffers that may be shared.
+    shared: Vec<usize>,
+}
+
+impl<T: Scalar> Memory<T> {
+    /// Memory for leaves and outputs, with the entries of constants.
+    pub(crate) fn new(graph: &Graph) -> Self {
+        let mut memory = Self {
+            buffers: Vec::new(),
+            places: vec![usize::MAX; graph.nodes.len()],
+            versions: vec![0; graph.nodes.len()],
+            free: Vec::new(),
+            shared: Vec::new(),
+        };
+        for (node, place) in graph.nodes.iter().zip(&mut memory.places) {
+            let n = node.shape[0] * node.shape[1];
+            let entries = match &node.operation {
+                Operation::Constant(entries) => entries.iter().map(|entry| T::of(*entry)).collect(),
+                _ if node.routine.is_none() || node.is_output => vec![T::default(); n],
+                _ => continue,
+            };
+            *place = memory.buffers.len();
+            memory.buffers.push(entries);
+        }
+        memory
+    }
+
+    /// Begins a routine, whose values may use all shared buffers.
+    pub(crate) fn begin(&mut self) {
+        self.free.clone_from(&self.shared);
+    }
+
+    /// Gives a value a buffer, if it has none of its own.
+    pub(crate) fn provide(&mut self, value: Value, [rows, columns]: Shape) {
+        let n = rows * columns;
+        if self.places[value.0] != usize::MAX {
+            return;
+        }
+        let fitting = self
+            .free
+            .iter()
+            .rposition(|place| self.buffers[*place].len() == n);
+        self.places[value.0] = fitting.map_or_else(
+            || {
+                self.buffers.push(vec![T::default(); n]);
+                self.shared.push(self.buffers.len() - 1);
+                self.buffers.len() - 1
+            },
+            |at| self.free.remove(at),
+        );
+    }
+
+    /// Frees the buffer of a value that is read no more, if it is shared.
+    pub(crate) fn release(&mut self, value: Value) {
+        let place = self.places[value.0];
+        if self.shared.contains(&place) && !self.free.contains(&place) {
+            self.free.push(place);
+        }
+    }
+
+    pub(crate) fn of(&self, value: Value) -> &[T] {
+        &self.buffers[self.places[value.0]]
+    }
+
+    /// Entries of a value that are about to change.
+    pub(crate) fn of_mut(&mut self, value: Value) -> &mut [T] {
+        self.versions[value.0] += 1;
+        &mut self.buffers[self.places[value.0]]
+    }
+
+    /// Takes the buffer of a value out, so that it can change while others are read; [`Memory::put`] brings it back.
+    pub(crate) fn take(&mut self, value: Value) -> Vec<T> {
+        self.versions[value.0] += 1;
+        std::mem::take(&mut self.buffers[self.places[value.0]])
+    }
+
+    pub(crate) fn put(&mut self, value: Value, buffer: Vec<T>) {
+        self.buffers[self.places[value.0]] = buffer;
+    }
+
+    pub(crate) fn version(&self, value: Value) -> u64 {
+        self.versions[value.0]
+    }
+
+    #[cfg(test)]
+    pub(crate) fn capacities(&self) -> Vec<usize> {
+        self.buffers.iter().map(Vec::capacity).collect()
+    }
+}

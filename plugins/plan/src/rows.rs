@@ -1,0 +1,65 @@
+//! Sums, largest entries and moves of rows.
+
+use crate::operations::Pair;
+use crate::scalar::{Scalar, combine};
+use arithmetic::products::BLOCK;
+
+/// Sum of each column over the rows: chains over blocks of rows, added in their order.
+pub(crate) fn sum_rows<T: Scalar>(entries: &[T], sums: &mut [T], chains: &mut Vec<T>) {
+    let n = sums.len();
+    sums.fill(T::default());
+    let add = |sums: &mut [T], row: &[T]| combine(Pair::Add, sums, row);
+    let mut blocks = entries.chunks(BLOCK * n);
+    let first = blocks.next().unwrap_or_default();
+    first.chunks_exact(n).for_each(|row| add(sums, row));
+    for block in blocks {
+        chains.clear();
+        chains.resize(n, T::default());
+        block.chunks_exact(n).for_each(|row| add(chains, row));
+        add(sums, chains);
+    }
+}
+
+/// Sum of one row: chains over blocks of columns, added in their order.
+pub(crate) fn sum_row<T: Scalar>(row: &[T]) -> T {
+    let chain = |block: &[T]| block.iter().fold(T::default(), |sum, x| sum + *x);
+    let mut blocks = row.chunks(BLOCK);
+    let first = chain(blocks.next().unwrap_or_default());
+    blocks.fold(first, |sum, block| sum + chain(block))
+}
+
+/// One number for each row.
+pub(crate) fn by_rows<T: Scalar>(result: &mut [T], x: &[T], width: usize, function: impl Fn(&[T]) -> T) {
+    for (result, row) in result.iter_mut().zip(x.chunks_exact(width)) {
+        *result = function(row);
+    }
+}
+
+/// Largest number of a row; a NaN where one is.
+#[allow(clippy::eq_op, reason = "a NaN differs from itself")]
+pub(crate) fn largest<T: Scalar>(row: &[T]) -> T {
+    let larger = |a: T, b: T| if b > a || b != b { b } else { a };
+    row.iter().copied().reduce(larger).unwrap_or_default()
+}
+
+/// Copies rows of `width` entries to rows of `columns` entries, from column `first` on.
+pub(crate) fn place<T: Scalar>(result: &mut [T], columns: usize, first: usize, x: &[T], width: usize) {
+    for (target, row) in result.chunks_exact_mut(columns).zip(x.chunks_exact(width)) {
+        target[first..first + width].copy_from_slice(row);
+    }
+}
+
+/// Column that a number names.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "checked below"
+)]
+pub(crate) fn column<T: Scalar>(index: T, columns: usize) -> usize {
+    let (index, at) = (index.wide(), index.wide() as usize);
+    assert!(
+        index == at as f64 && at < columns,
+        "index {index} of {columns} columns"
+    );
+    at
+}

@@ -1,0 +1,141 @@
+//! Changes of parameters: Adam, moving averages, assignments; clipping of gradients before them.
+//!
+//! Updates take place in the order of their routine: an operation added after an update reads the new entries.
+
+use crate::graph::{Graph, Number, Value};
+use crate::operations::Operation;
+
+/// Settings of Adam (Kingma and Ba 2015), with the epsilon of the paper, 1e-8.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Optimiser {
+    /// Step size, a number that a caller may change between runs.
+    pub learning_rate: Number,
+    /// Decay rates of the two moments.
+    pub betas: [f64; 2],
+}
+
+impl Optimiser {
+    /// Settings with a learning rate and the decay rates of the paper, 0.9 and 0.999.
+    #[must_use]
+    pub fn new(learning_rate: Number) -> Self {
+        Self {
+            learning_rate,
+            betas: [0.9, 0.999],
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Update {
+    Adam {
+        parameter: Value,
+        gradient: Value,
+        moments: [Value; 2],
+        /// Index of the step count.
+        count: usize,
+        settings: Optimiser,
+    },
+    Follow {
+        target: Value,
+        source: Value,
+        tau: f64,
+    },
+    Assign {
+        target: Value,
+        source: Value,
+    },
+}
+
+impl Update {
+    /// The parameter that changes.
+    pub(crate) fn target(&self) -> Value {
+        match self {
+            Update::Adam { parameter, .. } => *parameter,
+            Update::Follow { target, .. } | Update::Assign { target, .. } => *target,
+        }
+    }
+
+    /// The value that is read.
+    pub(crate) fn source(&self) -> Value {
+        match self {
+            Update::Adam { gradient, .. } => *gradient,
+            Update::Follow { source, .. } | Update::Assign { source, .. } => *source,
+        }
+    }
+
+    pub(crate) fn operands(&self) -> Vec<Value> {
+        vec![self.target(), self.source()]
+    }
+}
+
+impl Graph {
+    /// One step of Adam, as `arithmetic::steps` has it. The moments and the step count belong to the parameter and
+    /// are named after it: `NAME.first`, `NAME.second`, `NAME.steps`. Several steps of one parameter share them.
+    ///
+    /// # Panics
+    /// Where `parameter` is no parameter, or the gradient has another shape or is the parameter itself.
+    pub fn adam(&mut self, parameter: Value, gradient: Value, settings: Optimiser) {
+        let name = self.check_update("Adam", parameter, gradient);
+        let shape = self.shape(parameter);
+        let moments = ["first", "second"].map(|moment| {
+            let name = format!("{name}.{moment}");
+            self.named(&name)
+                .unwrap_or_else(|| self.leaf(Operation::State, &name, shape))
+        });
+        let steps = format!("{name}.steps");
+        let count = self.counts.iter().position(|other| *other == steps);
+        let count = count.unwrap_or_else(|| {
+            self.counts.push(steps);
+            self.counts.len() - 1
+        });
+        self.update(Update::Adam {
+            parameter,
+            gradient,
+            moments,
+            count,
+            settings,
+        });
+    }
+
+    /// Moves a parameter: `target <- target + tau (source - target)`.
+    ///
+    /// # Panics
+    /// Where `target` is no parameter, or the source has another shape or is the target itself.
+    pub fn follow(&mut self, target: Value, source: Value, tau: f64) {
+        self.check_update("Follow", target, source);
+        self.update(Update::Follow { target, source, tau });
+    }
+
+    /// Copies a value to a parameter.
+    ///
+    /// # Panics
+    /// Where `target` is no parameter, or the source has another shape or is the target itself.
+    pub fn assign(&mut self, target: Value, source: Value) {
+        self.check_update("Assign", target, source);
+        self.update(Update::Assign { target, source });
+    }
+
+    /// Gradients scaled down to a joint Euclidean norm of at most `largest`, each multiplied by `largest / norm`,
+    /// computed in `f64` and rounded, or by 1. No gradient passes through the factor.
+    #[must_use]
+    pub fn clip_norm(&mut self, gradients: &[Value], largest: f64) -> Vec<Value> {
+        let scale = self.compute(Operation::ClipScale { largest }, gradients.to_vec(), [1, 1]);
+        gradients
+            .iter()
+            .map(|gradient| self.mul(*gradient, scale))
+            .collect()
+    }
+
+    /// Name of the parameter that an update changes.
+    fn check_update(&self, update: &str, target: Value, source: Value) -> String {
+        let node = &self.nodes[target.0];
+        assert!(
+            node.operation == Operation::Parameter && node.shape == self.shape(source) && target != source,
+            "{update} of {} by {}",
+            self.shown(target),
+            self.shown(source)
+        );
+        // Leaves have names.
+        node.name.clone().unwrap_or_default()
+    }
+}
