@@ -168,7 +168,7 @@ fn one_folder_names_the_library_for_parquet() {
     });
 }
 
-/// What two agents need lies in `shared`; one agent alone is about another, whose gradients it takes apart.
+/// Code that two agents need lies in `shared`; one agent alone is about another, whose gradients it takes apart.
 #[test]
 fn no_agent_is_made_of_another() {
     let mut found = Vec::new();

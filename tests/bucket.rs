@@ -81,7 +81,7 @@ impl Service {
         ]
     }
 
-    /// What a line of Python prints that knows the service as `s3`.
+    /// Output of a line of Python that knows the service as `s3`.
     fn python(&self, line: &str) -> String {
         let program = format!("import boto3\ns3 = boto3.client('s3', region_name='us-east-1')\n{line}");
         let mut command = Command::new(self.interpreter);
@@ -201,7 +201,7 @@ fn trials_that_were_computed_alone_are_brought_and_a_machine_that_is_killed_is_m
         "{}",
         heir.err
     );
-    // What lay in the store of another machine before it knew the bucket is brought by its next run.
+    // The next run brings the trials that lay in the store of another machine before it knew the bucket.
     service.python("for it in s3.list_objects_v2(Bucket='lab')['Contents']: s3.delete_object(Bucket='lab', Key=it['Key'])");
     let brings = service.run(&bench, "here", &["run", "study.yaml"]);
     assert!(brings.err.contains("brought 6 trials"), "{}", brings.err);

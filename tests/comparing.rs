@@ -75,7 +75,7 @@ fn a_revision_is_no_option() {
     assert!(!bench.path("x").exists());
 }
 
-/// What a CSV file of a table says of the seeds of a row.
+/// Entry of a CSV file of a table for the seeds of a row.
 fn seeds(path: &Path, row: &str) -> Vec<f64> {
     let text = fs::read_to_string(path).unwrap();
     let line = |line: &str| line.strip_prefix(row)?.rsplit(',').next()?.parse().ok();

@@ -146,7 +146,7 @@ fn killed_at_a_hundred_random_instants_and_resumed_it_ends_as_if_nothing_had_hap
         whole,
         "after {kills} kills in {rounds} whole rounds"
     );
-    // What the dead left is found, and holds no results.
+    // Leases and pauses of killed processes are found, and hold no results.
     bench.ok(&["fsck", "killed"]);
     assert!(
         bench

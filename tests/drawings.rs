@@ -1,4 +1,4 @@
-//! What trials leave to be shown: kept with the trial, drawn in figures, missed where it is damaged.
+//! Drawings that trials leave: kept with the trial, drawn in figures, missed where they are damaged.
 
 use crate::program::{Bench, trial_files};
 use std::fs;

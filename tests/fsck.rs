@@ -1,4 +1,4 @@
-//! What is wrong in a store is found, set aside, and runs again.
+//! Damage in a store is found, set aside, and the trials run again.
 
 use crate::program::{Bench, reseal, trial_files};
 use execution::store::{Fault, Store};
@@ -268,7 +268,7 @@ fn a_store_that_is_not_there_is_said() {
     assert!(answer.err.contains("no store at `nowhere`"), "{}", answer.err);
 }
 
-/// What is no store is nothing that `fsck` may set aside, however it came to be named.
+/// `fsck` sets nothing aside in a folder that is no store, by whichever name it is given.
 #[test]
 fn a_folder_that_is_no_store_is_left_as_it_is() {
     let bench = Bench::new();

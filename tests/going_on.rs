@@ -19,7 +19,7 @@ use std::{
     time::Duration,
 };
 
-/// What the agent saved at the end of learning, by file, and what was recorded until then.
+/// Files that the agent saved at the end of learning, and the record until then.
 #[derive(Debug, PartialEq)]
 struct Learned {
     files: BTreeMap<String, Vec<u8>>,
@@ -302,7 +302,7 @@ fn a_population_ends_alike_for_any_number_of_workers_and_after_kills() {
     assert_eq!((tables(&bench), bench.digests("killed")), (expected, whole));
     let plan = bench.ok(&["plan", "grown.yaml", "--store", "one"]);
     assert!(plan.contains("nothing is missing"), "{plan}");
-    // What is shown of the agent was learned along the schedule, on seeds of the study.
+    // The results of the agent were learned along the schedule, on seeds of the study.
     let goes_on = |file: &std::path::PathBuf| {
         let trial: Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
         let key = &trial["key"];

@@ -245,7 +245,7 @@ fn no_more_tasks_are_handed_over_than_may_live() {
     assert_eq!(submissions(&bench).len(), 1);
 }
 
-/// What the same study comes to here.
+/// Results of the same study here.
 fn local(study: &str) -> Vec<(String, String)> {
     let bench = Bench::new();
     bench.write("small.yaml", study);
@@ -267,7 +267,7 @@ fn spawn(bench: &Bench, arguments: &[&str]) -> Child {
     command.spawn().unwrap()
 }
 
-/// What a program says that is interrupted, which it takes note of soon.
+/// Output of a program that is interrupted, which it notices soon.
 fn interrupted(child: Child) -> Answer {
     let id = child.id().to_string();
     assert!(

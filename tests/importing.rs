@@ -146,7 +146,7 @@ fn a_resolved_study_finds_the_runs_again_and_nothing_else_meets_them() {
     assert!(said.contains("Of ") && said.contains("stayed within"), "{said}");
 }
 
-/// What this program exports for TensorBoard comes back with the values that it had, in single precision.
+/// Values that this program exports for TensorBoard come back as they were, in single precision.
 #[test]
 fn event_files_are_read_back() {
     let bench = bench();
@@ -268,7 +268,7 @@ fn copied_files_stand_beside_the_study_with_where_they_came_from() {
     is_read(&bench, own, &copied);
 }
 
-/// What is replaced in the study, by what, and what is said of it.
+/// Replacement in the study, and the message about it.
 const MISTAKES: [(&str, &str, &[&str]); 10] = [
     (
         "runs/*.csv",

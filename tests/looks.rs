@@ -143,7 +143,7 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     );
     bench.ok(&["run", "looks.yaml"]);
     assert!(!report(&bench).contains("unplanned look"));
-    // What was seen of the first experiment is not forgotten over the second.
+    // Verdicts that were seen of the first experiment are not forgotten over the second.
     bench.write("looks.yaml", &fixed(6));
     bench.ok(&["run", "looks.yaml"]);
     assert!(report(&bench).contains("the verdict was seen with 3 seeds before"));

@@ -1,4 +1,4 @@
-//! What ended badly is said and tried again, what is damaged is set aside and computed again, both also where
+//! Bad ends are said and tried again, damaged files are set aside and computed again, both also where
 //! a run is killed.
 
 use crate::{

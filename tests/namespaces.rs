@@ -18,7 +18,7 @@ protocol: { train_evaluate: { steps: 0, final_episodes: 2000, trace_episodes: 0 
 seeds: 2
 ";
 
-/// What starts a program in a process namespace of its own.
+/// Command that starts a program in a process namespace of its own.
 const UNSHARE: [&str; 3] = ["--pid", "--fork", "--mount-proc"];
 
 #[test]

@@ -119,7 +119,7 @@ pub(crate) fn any_python() -> &'static str {
     found.unwrap_or("python3")
 }
 
-/// What a Python has that is not as a lock file pins it, in words; `None` where all is.
+/// Packages of a Python that differ from those that a lock file pins, in words; `None` where none does.
 pub(crate) fn differs_from_lock(python: &str, lock: &Path) -> Option<String> {
     let lock = lock.to_string_lossy();
     let differs = said(python, PINNED, &[&lock]);

@@ -1,4 +1,4 @@
-//! What lies in a store where something else belongs costs one trial, is said, and is set aside by `fsck`.
+//! A file in the place of another one in a store costs one trial, is said, and is set aside by `fsck`.
 
 use crate::program::{Answer, Bench, reseal, trial_files};
 use std::{

@@ -1,4 +1,4 @@
-//! What a study says is text wherever it is shown: no link, no formula, nothing that a terminal obeys.
+//! Texts of a study are text wherever they are shown: no link, no formula, nothing that a terminal obeys.
 
 use crate::program::Bench;
 

@@ -274,7 +274,7 @@ fn a_team_is_one_agent_to_minari_and_its_seats_come_apart_here() {
     for one in &transitions {
         assert!(one.action.len() == 3 && one.rewards.len() == 3 && !one.observation.state.is_empty());
     }
-    // What learned from it is a policy as any other.
+    // An agent that learned from it leaves a policy as any other.
     let learner = trial(&bench, "value_decomposition");
     bench.ok(&["export", "--onnx", id(&learner), "--to", "graphs"]);
 

@@ -11,7 +11,7 @@ pub(crate) struct Bench {
     folder: TempDir,
 }
 
-/// What a command printed and how it left.
+/// Output of a command, and its exit code.
 pub(crate) struct Answer {
     /// Exit code.
     pub(crate) code: i32,
@@ -158,7 +158,7 @@ pub(crate) fn forge(file: &Path) {
     std::fs::write(file, reseal(&text)).unwrap();
 }
 
-/// What a finished command answered.
+/// Answer of a finished command.
 pub(crate) fn answer(output: &Output) -> Answer {
     Answer {
         code: output.status.code().unwrap_or(-1),

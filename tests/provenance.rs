@@ -61,7 +61,7 @@ fn sources() -> tempfile::TempDir {
     folder
 }
 
-/// What the build script tells of a folder: the commit, and whether files had changed.
+/// Output of the build script for a folder: the commit, and whether files had changed.
 fn told(folder: &Path) -> (String, String) {
     let lines = build_script::told(folder);
     let value = |key: &str| {

@@ -5,7 +5,7 @@ use crate::results::{builds, folders, read};
 use report::{Passed, Verdicts};
 use std::path::{Path, PathBuf};
 
-/// What a report says of a program of which no commit holds all files.
+/// Sentence of a report on a program whose files no commit holds in full.
 const CHANGED: &str = "with changed files";
 
 /// Fails with the offenders, one a line.

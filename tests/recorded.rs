@@ -205,7 +205,7 @@ fn damage_is_an_error_that_names_the_file_and_never_a_number() {
     );
 }
 
-/// What was judged is judged alike when it is made again from the record.
+/// Verdicts are the same when they are made again from the record.
 #[test]
 fn committed_results_are_made_again_from_their_records() {
     let bench = Bench::new();
@@ -250,7 +250,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// What is judged in a folder, and how.
+/// Judged values and claims of a folder, with their verdicts.
 fn words(folder: &Path) -> Vec<[String; 3]> {
     let verdicts: Verdicts = serde_json::from_str(&read(folder, "verdicts.json")).unwrap();
     let words = |it: report::Passed| {

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What a report says at its head where no commit reproduces it.
+/// Sentence at the head of a report that no commit reproduces.
 const IRREPRODUCIBLE: &str = "so that no commit reproduces them";
 
 /// Folders of committed results: those of smoke profiles and of changed runs are not committed.

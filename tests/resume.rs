@@ -74,7 +74,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
     keys
 }
 
-/// What a trial gives, where the agent fits environment and protocol: some learn from actions, some from
+/// Record of a trial, where the agent fits environment and protocol: some learn from actions, some from
 /// answers, and some say by a panic that they cannot.
 fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
     catch_unwind(AssertUnwindSafe(|| run(registry, key, &mut NoKeeper)))
@@ -110,7 +110,7 @@ fn costs_too_much(key: &TrialKey) -> bool {
     key.environment.plugin == "generator_search" && !(designs && key.protocol.plugin == "search")
 }
 
-/// What must not depend on how often a trial was interrupted.
+/// Part of a record that must not depend on how often a trial was interrupted.
 #[derive(Debug, PartialEq)]
 struct Outcome {
     names: Vec<String>,
@@ -240,7 +240,7 @@ fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
             let last = opportunities(&registry, &key);
             assert!(last > 20, "{place}: {last} opportunities to save");
             stopped_again_and_again(&registry, (&key, &place), &whole, last);
-            // What agents and environments keep does not depend on each other: each is looked at closely once.
+            // States of agents and environments do not depend on each other: each is looked at closely once.
             let mut first = |plugin: &str| met.insert((plugin.to_string(), protocol.clone()));
             if first(name) | first(environment) {
                 stopped_once(&registry, (&key, &place), &whole, last);

@@ -40,7 +40,7 @@ fn all_four_are_drawn_of_what_was_measured() {
         ["estimates", "profile", "improvement", "efficiency"].map(lines),
         [1 + 4 * 3, 1 + 3 * 101, 1 + 2 + 2, 1 + 3 * 5]
     );
-    // What the scores are normalised by is 0 or 1 in the mean.
+    // The agents by which scores are normalised have 0 or 1 in the mean.
     let estimates = read("estimates.csv");
     let mean = |agent: &str| {
         let line = estimates

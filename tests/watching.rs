@@ -1,4 +1,4 @@
-//! What is seen of a study while its trials run and after it, as text and as a page; nothing in the store changes.
+//! The view of a study while its trials run and after it, as text and as a page; nothing in the store changes.
 
 use crate::{program::Bench, slurm::until};
 use serde_json::Value;

@@ -183,7 +183,7 @@ fn a_vector_is_what_its_environments_are_alone_in_both_modes_and_lets_other_thre
     check("wheel_vectors.py", MODULES, &[]);
 }
 
-/// What `rollout` says of a config, without its first words and the place of the file.
+/// Output of `rollout` for a config, without its first words and the place of the file.
 fn said(bench: &Bench, keys: &str) -> String {
     bench.write("config.yaml", keys);
     let answer = bench.run(&[

@@ -1,4 +1,4 @@
-//! What learns from examples of a life knows all of it: its error does not depend on the place in the life, and no
+//! An agent that learns from examples of a life knows all of it: its error does not depend on the place in the life, and no
 //! constant is better than the fitted one.
 
 use crate::program::Bench;

@@ -1,4 +1,4 @@
-//! What strangers may hand to the program: each function takes the bytes of a file and panics where a reader does,
+//! Files of strangers that the program reads: each function takes the bytes of a file and panics where a reader does,
 //! or where what it says of the file cannot be true. The fuzzer calls them with what it makes up, the tests with what
 //! it has found.
 

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What a small trial of an agent left, and how it acts.
+/// Files that a small trial of an agent left, and the way the agent acts.
 struct Trained {
     folder: tempfile::TempDir,
     environment: Box<dyn Environment>,
@@ -53,7 +53,7 @@ fn portable(registry: &Registry, folder: &Path) -> Vec<PortablePolicy> {
     all
 }
 
-/// What all seats observe while the agent acts, rounded to what single precision holds.
+/// Observations of all seats while the agent acts, rounded to single precision.
 fn observations(environment: &mut dyn Environment, agent: &mut dyn Agent) -> Vec<Observation> {
     let mut rng = stream(&["portable", "observations"]);
     let mut rows: Vec<Observation> = Vec::new();

@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What it does.
+/// Behaviour of the agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Config {
@@ -118,7 +118,7 @@ impl Agent for Fickle {
     }
 }
 
-/// What whoever runs the program lets happen.
+/// Faults that the person who runs the program allows.
 #[expect(
     clippy::disallowed_methods,
     reason = "whoever runs the tests says which trials fail; no number of a trial that ends knows of it"

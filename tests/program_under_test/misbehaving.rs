@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 const POLICY_FILE: &str = "policy.safetensors";
 
-/// What goes wrong.
+/// Kinds of misbehaviour.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum How {
@@ -35,11 +35,11 @@ enum How {
     Kill,
 }
 
-/// What goes wrong, and when.
+/// A misbehaviour, and its time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Config {
-    /// What goes wrong.
+    /// The misbehaviour.
     how: How,
     /// It goes wrong only while this file is not there, and is created then: once.
     once: Option<PathBuf>,

@@ -3,7 +3,7 @@
 use super::*;
 use std::time::{Duration, Instant};
 
-/// What it does, what `check` says of that and what the trial ends as; both are well where nothing is given.
+/// The environment's fault, the message of `check` and the end of the trial; both are well where nothing is given.
 const WAYS: &[(&str, &str, &str)] = &[
     ("fork", "", ""),
     ("session", "", ""),

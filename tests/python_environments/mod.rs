@@ -144,12 +144,12 @@ impl Place {
         build(&self.config(make, arguments)).unwrap_or_else(|error| panic!("{make}: {error}"))
     }
 
-    /// What `check` says of a study that it refuses.
+    /// Message of `check` for a study that it refuses.
     fn refusal(&self, make: &str, arguments: &str) -> String {
         self.said_by_check(2, make, arguments)
     }
 
-    /// What `check` says where it leaves with a code.
+    /// Message of `check` where it leaves with a code.
     fn said_by_check(&self, code: i32, make: &str, arguments: &str) -> String {
         self.short(make, arguments, RULE);
         let answer = self.bench.run(&["check", "study.yaml"]);

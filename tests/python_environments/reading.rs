@@ -1,4 +1,4 @@
-//! What has to run nothing asks nothing of Python.
+//! Commands that run nothing ask nothing of Python.
 
 use super::*;
 
@@ -22,7 +22,7 @@ fn what_runs_nothing_needs_no_python() {
     assert_eq!(again.code, 0, "nothing is missing: {}", again.err);
     let found = place.bench.run(&["fsck"]);
     assert_eq!(found.code, 0, "{}{}", found.out, found.err);
-    // What has to run needs it, and says so before any trial begins.
+    // Commands that run trials need it, and say so before any trial begins.
     let more = place.bench.run(&["run", "study.yaml", "-j", "1", "--seeds", "2"]);
     assert_eq!(more.code, 2, "{}", more.err);
     assert!(

@@ -1,8 +1,8 @@
-//! What is refused before anything runs, and what the id of a trial is made of.
+//! Refusals before anything runs, and the parts of a trial's id.
 
 use super::*;
 
-/// What makes an environment, with which arguments, and what is said of it.
+/// The callable that makes an environment, its arguments, and the message about it.
 const REFUSED: &[(&str, &str, &str)] = &[
     ("gymnasium:NoSuchTask-v0", "", "`NoSuchTask` doesn't exist"),
     (
