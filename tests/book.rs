@@ -151,6 +151,43 @@ fn every_link_of_the_book_leads_somewhere() {
     assert!(counted > 200, "{counted} links");
 }
 
+/// The paths of source files without their `src` folders.
+fn sources() -> Vec<String> {
+    fn visit(folder: &Path, found: &mut Vec<String>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                visit(&path, found);
+            } else if path.extension().is_some_and(|end| end == "rs") {
+                found.push(path.to_string_lossy().replace("/src/", "/"));
+            }
+        }
+    }
+    let mut found = Vec::new();
+    ["engine", "plugins", "tests", "examples"]
+        .iter()
+        .for_each(|folder| visit(&repository().join(folder), &mut found));
+    found
+}
+
+#[test]
+fn every_source_file_that_the_book_names_is_there() {
+    let sources = sources();
+    for (page, text) in pages() {
+        let words = text.split('`').skip(1).step_by(2);
+        for named in words
+            .filter(|word| word.ends_with(".rs") && word.contains('/') && !word.contains(['*', '<', ' ']))
+        {
+            let end = format!("/{}", named.replace("/src/", "/"));
+            assert!(
+                sources.iter().any(|path| path.ends_with(&end)),
+                "{}: there is no file `{named}`",
+                page.display()
+            );
+        }
+    }
+}
+
 #[test]
 fn every_page_is_in_the_summary_and_names_no_heading_twice() {
     let summary = fs::read_to_string(source().join("SUMMARY.md")).unwrap();
