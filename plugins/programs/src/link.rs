@@ -34,7 +34,7 @@ pub struct Link {
 
 /// The line of a request.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Line")]
+#[serde(deny_unknown_fields, expecting = "a request")]
 struct RequestLine {
     step: Option<u64>,
 }

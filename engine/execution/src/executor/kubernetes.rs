@@ -20,7 +20,7 @@ use std::{
 
 /// The table `[kubernetes]` in `regimen.toml`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+#[serde(deny_unknown_fields, default, expecting = "a table of options")]
 pub struct KubernetesOptions {
     /// Container image with the program; needed.
     pub image: Option<String>,

@@ -10,7 +10,7 @@ use std::{
 
 /// The table `[ssh]` in `regimen.toml`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+#[serde(deny_unknown_fields, default, expecting = "a table of options")]
 pub struct SshOptions {
     /// Hosts, as `ssh` knows them: `["node1", "me@node2"]`, or names in its configuration, which says ports and keys;
     /// needed.

@@ -10,7 +10,7 @@ use std::{
 
 /// The table `[hyperqueue]`. Every key can be left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+#[serde(deny_unknown_fields, default, expecting = "a table of options")]
 pub struct HyperQueueOptions {
     /// Directory of the server, from the root or the home (`~/.hq-server`); where absent `HQ_SERVER_DIR`, else
     /// `~/.hq-server`.

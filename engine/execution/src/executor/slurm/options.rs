@@ -10,7 +10,7 @@ use std::{
 
 /// The table `[slurm]`. Every key can be left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, expecting = "struct Options")]
+#[serde(deny_unknown_fields, default, expecting = "a table of options")]
 pub struct SlurmOptions {
     /// Partition; the cluster's default.
     pub partition: Option<String>,
