@@ -6,55 +6,16 @@ use super::{
     config::{self, Files, locate},
     part::Form,
     path::KeyPath,
+    sections::PlayText,
     written::{NamedPart, Target},
 };
 use contract::{Environment, part::Part, protocol};
 use document::{
     Node,
     diagnostic::{Diagnostic, Span, suggest},
-    schema_check::{At, Checker, NAME},
+    schema_check::{At, Checker},
 };
 use presentation::vocabulary::{Pairs, Play, Player};
-use schemars::JsonSchema;
-use serde::Deserialize;
-use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
-
-/// Agents that meet after they were trained.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct PlayText {
-    /// The environment in which the agents were trained.
-    environment: String,
-    /// Seats by role, at least two roles; every seat of the environment has one.
-    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
-    roles: BTreeMap<String, Seats>,
-    /// Agents of the study, those that learn with the policy of their final training step; all that learn
-    /// where absent.
-    #[serde(default)]
-    #[schemars(length(min = 1))]
-    agents: Vec<String>,
-    /// Episodes of each combination and seed.
-    #[serde(default = "episodes")]
-    #[schemars(range(min = 1, max = 1_000_000_000))]
-    episodes: u64,
-    /// Which seeds of the agents meet.
-    #[serde(default)]
-    pairs: Pairs,
-    /// Keys of the environment that differ from the training.
-    #[serde(default)]
-    environment_config: Map<String, Value>,
-}
-
-/// Names of the role's seats.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(transparent)]
-struct Seats(#[schemars(length(min = 1))] Vec<String>);
-
-/// Episodes of each trial where a play gives no number.
-fn episodes() -> u64 {
-    100
-}
 
 /// The plays of a study.
 ///

@@ -1,6 +1,6 @@
 //! The section `imported`: runs of other programs, which stand beside the study's own agents.
 
-use super::{checked_sections::Sections, relative_path::name_written_out, seeds::SeedPlan};
+use super::{checked_sections::Sections, relative_path::name_written_out, sections::Parts, seeds::SeedPlan};
 use analysis::results::Origin;
 use contract::Metric;
 use document::{
@@ -10,23 +10,11 @@ use document::{
 };
 use imported::{FIRST_SEED, Imported, ImportedText, PatternError, RunCollection, matching, read};
 use presentation::vocabulary::Vocabulary;
-use schemars::JsonSchema;
-use serde::Deserialize;
 use serde_json::{Value, json};
 use std::{
     path::{Path, PathBuf},
     slice,
 };
-
-/// Imported runs in one environment, or in several.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(untagged)]
-pub enum Parts {
-    /// In one.
-    One(Box<ImportedText>),
-    /// In several, a part for each.
-    Several(#[schemars(length(min = 1))] Vec<ImportedText>),
-}
 
 /// Reads the section and enters the metrics of the runs for tables, figures and claims.
 pub(super) fn resolve(

@@ -3,32 +3,20 @@
 use super::{
     overlay::overlay,
     relative_path::{along, name_from, way},
-    sections::StudyText,
+    sections::{Files, StudyText},
 };
 use document::{
-    Entry, Fitting, Node, NodeKind,
+    Entry, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span},
     input_file,
     reach::{Outside, Reach},
     schema_check::View,
 };
-use schemars::JsonSchema;
-use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Most files that a study includes, those of its files counted.
 const MOST_FILES: usize = 64;
-
-/// One file or several.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(untagged)]
-pub enum Files {
-    /// The path of one file, from the folder of this one.
-    One(String),
-    /// The paths of several.
-    Several(Vec<Fitting<String>>),
-}
 
 /// A study with the sections of the files that it includes.
 pub struct MergedStudy {

@@ -99,17 +99,25 @@ pub fn load_text(
     let sources = &sources;
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
-    let dimensions = sweep::read(&root, &text, &written, &schema, sources, &fixed)
+    let dimensions = sweep::read(&root, &text.sweep, &written, &schema, sources, &fixed)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let overrides = overrides::read(&root, &text, &written, &schema, sources, &dimensions, &fixed)
-        .map_err(&mut keep)
-        .unwrap_or_default();
-    let excluded = overrides::read_exclude(&root, &text, &written, sources)
+    let overrides = overrides::read(
+        &root,
+        &text.overrides,
+        &written,
+        &schema,
+        sources,
+        &dimensions,
+        &fixed,
+    )
+    .map_err(&mut keep)
+    .unwrap_or_default();
+    let excluded = overrides::read_exclude(&root, &text.exclude, &written, sources)
         .map_err(&mut keep)
         .unwrap_or_default();
     let given = (&fixed[..], &dimensions[..]);
-    let searches = search::read(&text, &written, &schema, sources, given, &options.searches)
+    let searches = search::read(&text.tune, &written, &schema, sources, given, &options.searches)
         .map_err(&mut keep)
         .unwrap_or_default();
     if found.iter().any(blocks_trials) {

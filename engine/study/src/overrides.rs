@@ -3,12 +3,11 @@
 
 use super::{
     path::{self, KeyPath},
-    sections::StudyText,
     sweep::Dimension,
     written::{Selection, Target, Written},
 };
 use document::{
-    Node,
+    FittingItems, Node,
     diagnostic::{Diagnostic, Sources},
 };
 use schemars::JsonSchema;
@@ -79,7 +78,7 @@ impl Override<'_> {
 /// as well.
 pub fn read<'a>(
     root: &Node,
-    text: &StudyText,
+    texts: &FittingItems<OverrideText>,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -87,7 +86,7 @@ pub fn read<'a>(
     fixed: &[KeyPath<'_>],
 ) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
     let (mut overrides, mut found) = (Vec::new(), Vec::new());
-    for (index, text, item) in text.overrides.located(root.get("overrides")) {
+    for (index, text, item) in texts.located(root.get("overrides")) {
         let at = format!("overrides[{index}]");
         let names = [&text.environment, &text.agent];
         let selection = Selection::of(names, item, &at, written, sources).unwrap_or_else(|errors| {
@@ -175,13 +174,13 @@ fn useless(
 /// Names that do not exist, and sections that leave nothing.
 pub fn read_exclude(
     root: &Node,
-    text: &StudyText,
+    texts: &FittingItems<ExcludeText>,
     written: &Written,
     sources: &Sources,
 ) -> Result<Vec<Selection>, Vec<Diagnostic>> {
     let (mut selections, mut found) = (Vec::new(), Vec::new());
     let section = root.entry("exclude");
-    for (index, text, item) in text.exclude.located(root.get("exclude")) {
+    for (index, text, item) in texts.located(root.get("exclude")) {
         let (names, at) = ([&text.environment, &text.agent], format!("exclude[{index}]"));
         match Selection::of(names, item, &at, written, sources) {
             Ok(selection) => selections.push(selection),

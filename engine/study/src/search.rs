@@ -6,13 +6,12 @@
 
 use super::{
     path::{self, KeyPath},
-    sections::StudyText,
     sweep::{self, Dimension},
     written::{NamedPart, Target, Written},
 };
 use analysis::search::{Direction, FIRST_TUNING_SEED, Failed, Method, Progress, Range, Search, lineage};
 use document::{
-    Entry, Node,
+    Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
 };
 use schemars::JsonSchema;
@@ -135,7 +134,7 @@ impl LocatedSearch<'_> {
 /// # Errors
 /// Paths and names that do not exist, limits that hold nothing, and agents that are searched twice or swept besides.
 pub fn read<'a>(
-    text: &StudyText,
+    texts: &FittingEntries<SearchText>,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -145,7 +144,7 @@ pub fn read<'a>(
     let (mut searches, mut found) = (Vec::<LocatedSearch<'a>>::new(), Vec::new());
     for named in &written.searches {
         // The check against the schema reported a search that it refused.
-        let Some(text) = text.tune.get(&named.name) else {
+        let Some(text) = texts.get(&named.name) else {
             continue;
         };
         let reader = SearchReader {

@@ -3,9 +3,6 @@
 
 use super::{
     confirmations::ConfirmationText,
-    cross_play::PlayText,
-    imported_runs::Parts,
-    include::Files,
     overrides::{ExcludeText, OverrideText},
     search::SearchText,
     seeds::SeedsText,
@@ -18,10 +15,12 @@ use document::{
     schema_check::{NAME, SLUG},
 };
 use execution::limits::Limits;
-use presentation::request::RequestText;
+use imported::ImportedText;
+use presentation::{request::RequestText, vocabulary::Pairs};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 
 /// Environments, agents, seeds and sweeps, and the tables, figures and claims made of their trials.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
@@ -103,4 +102,60 @@ impl StudyText {
             .as_ref()
             .map_or_else(Fitting::default, |node| Fitting::read(node.to_value()));
     }
+}
+
+/// One file or several.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Files {
+    /// The path of one file, from the folder of this one.
+    One(String),
+    /// The paths of several.
+    Several(Vec<Fitting<String>>),
+}
+
+/// Agents that meet after they were trained.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct PlayText {
+    /// The environment in which the agents were trained.
+    pub environment: String,
+    /// Seats by role, at least two roles; every seat of the environment has one.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    pub roles: BTreeMap<String, Seats>,
+    /// Agents of the study, those that learn with the policy of their final training step; all that learn
+    /// where absent.
+    #[serde(default)]
+    #[schemars(length(min = 1))]
+    pub agents: Vec<String>,
+    /// Episodes of each combination and seed.
+    #[serde(default = "episodes")]
+    #[schemars(range(min = 1, max = 1_000_000_000))]
+    pub episodes: u64,
+    /// Which seeds of the agents meet.
+    #[serde(default)]
+    pub pairs: Pairs,
+    /// Keys of the environment that differ from the training.
+    #[serde(default)]
+    pub environment_config: Map<String, Value>,
+}
+
+/// Names of the role's seats.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(transparent)]
+pub struct Seats(#[schemars(length(min = 1))] pub Vec<String>);
+
+/// Episodes of each trial where a play gives no number.
+fn episodes() -> u64 {
+    100
+}
+
+/// Imported runs in one environment, or in several.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Parts {
+    /// In one.
+    One(Box<ImportedText>),
+    /// In several, a part for each.
+    Several(#[schemars(length(min = 1))] Vec<ImportedText>),
 }

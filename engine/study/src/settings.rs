@@ -189,7 +189,7 @@ fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &So
 fn problems(root: &Node, written: &Written, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut found = check_structure(root, schema, sources);
     found.extend(
-        sweep::read(root, &StudyText::read(root), written, schema, sources, &[])
+        sweep::read(root, &StudyText::read(root).sweep, written, schema, sources, &[])
             .err()
             .into_iter()
             .flatten(),

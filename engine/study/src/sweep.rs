@@ -6,13 +6,12 @@
 
 use super::{
     path::{self, KeyPath},
-    sections::StudyText,
     written::{Target, Written},
 };
 use analysis::search::Numbers;
 use contract::random;
 use document::{
-    Entry, Node,
+    Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources},
 };
 use rand::{Rng as _, seq::SliceRandom};
@@ -141,7 +140,7 @@ impl Dimension<'_> {
 /// Paths that do not exist, values that do not fit, lists of unequal length.
 pub fn read<'a>(
     root: &Node,
-    text: &StudyText,
+    generators: &FittingEntries<Generator>,
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
@@ -156,7 +155,7 @@ pub fn read<'a>(
         let [generator] = entry.value.entries() else {
             continue;
         };
-        let read = text.sweep.get(&entry.key);
+        let read = generators.get(&entry.key);
         let key = match swept_key(entry, (read, generator), written, schema, sources) {
             Ok(key) if fixed.iter().any(|fixed| fixed.overlaps(&key.path)) => continue,
             Ok(key) => key,
