@@ -164,6 +164,30 @@ fn learners_that_need_decisions_are_refused_where_only_examples_are_given() {
     ] {
         assert!(refused.err.contains(part), "{part}: {}", refused.err);
     }
+    // Examples measure, too: the same holds where nothing is learned from them.
+    let untrained = study("dirichlet_sac").replace("supervised_fit: {}", "supervised_fit: { train: false }");
+    bench.write("fit.yaml", &untrained);
+    let refused = bench.run(&["check", "fit.yaml"]);
+    assert!(refused.err.contains("gives examples alone"), "{}", refused.err);
     bench.write("fit.yaml", &study("dirichlet_regression"));
     bench.ok(&["check", "fit.yaml"]);
+}
+
+#[test]
+fn learners_that_need_examples_are_refused_where_decisions_are_given() {
+    let bench = Bench::new();
+    bench.write(
+        "fit.yaml",
+        "study: fit\nenvironments:\n  points: { simplex_reconstruction: {} }\nagents:\n  learner: { dirichlet_regression: {} }\n\
+         protocol: { train_evaluate: { steps: 1000 } }\nseeds: 1\n",
+    );
+    let refused = bench.run(&["check", "fit.yaml"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    for part in [
+        "fit.yaml:5:",
+        "`learner` learns from examples; `train_evaluate` gives decisions",
+        "`supervised_fit` gives it examples",
+    ] {
+        assert!(refused.err.contains(part), "{part}: {}", refused.err);
+    }
 }

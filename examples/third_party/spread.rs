@@ -5,6 +5,7 @@ use engine::{
     analysis::results::Results,
     presentation::{
         figure::{Chart, Context, Figure, FigureSpec, Panel, Point, Scale, Series, Shape},
+        kinds::KindSpec,
         names::{Names, Place},
         request::RegisterKinds as _,
         table::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table},
@@ -36,7 +37,7 @@ struct SortedSeeds {
 
 const COLUMNS: [&str; 2] = ["lowest", "highest"];
 
-impl Table for Spread {
+impl KindSpec for Spread {
     fn name() -> &'static str {
         "spread"
     }
@@ -48,7 +49,9 @@ impl Table for Spread {
     fn example() -> &'static str {
         "{ metric: return }"
     }
+}
 
+impl Table for Spread {
     fn check(
         &self,
         names: &mut Names<'_>,
@@ -100,7 +103,7 @@ impl Table for Spread {
     }
 }
 
-impl Figure for SortedSeeds {
+impl KindSpec for SortedSeeds {
     fn name() -> &'static str {
         "sorted_seeds"
     }
@@ -112,7 +115,9 @@ impl Figure for SortedSeeds {
     fn example() -> &'static str {
         "{ metric: return }"
     }
+}
 
+impl Figure for SortedSeeds {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let all = names.all();
         names.metric(&self.metric, at, "metric", &all);

@@ -166,60 +166,64 @@ fn an_interpreter_that_says_nothing_is_not_waited_for_without_end_or_word() {
         .bench
         .write("escaping", "#!/bin/sh\nsetsid sleep 60 &\nsleep 60\n");
     for interpreter in ["sleeper", "escaping"] {
-        Command::new("chmod")
-            .arg("+x")
-            .arg(place.bench.path(interpreter))
-            .status()
-            .unwrap();
-        place.hostile("nothing", EARLY);
-        let study = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
-        let silent = study
-            .replace(
-                &format!("interpreter: {}", place.interpreter),
-                &format!("interpreter: ./{interpreter}"),
-            )
-            .replace("wall_time_s: 50", "wall_time_s: 7");
-        assert_ne!(study, silent);
-        place.bench.write("study.yaml", &silent);
-        for command in [
-            &["check", "study.yaml"][..],
-            &["plan", "study.yaml"],
-            &["run", "study.yaml"],
-        ] {
-            let answer = place.ends(command, interpreter).unwrap();
+        name_interpreter(&place, interpreter);
+        for command in ["check", "plan", "run"] {
+            let answer = place.ends(&[command, "study.yaml"], interpreter).unwrap();
             let words = answer.err.split_whitespace().collect::<Vec<_>>().join(" ");
-            assert_eq!(answer.code, 2, "{command:?}: {words}");
+            assert_eq!(answer.code, 2, "{command}: {words}");
             for said in [
                 "waiting for the start of `",
                 "at most 7 s",
                 "`interpreter`: the start of `",
                 "was ended: it took longer than the limit of 7 s; it had said nothing",
             ] {
-                assert!(words.contains(said), "{command:?}: {words}");
+                assert!(words.contains(said), "{command}: {words}");
             }
         }
     }
-    // Whoever waits for it may be killed meanwhile.
-    place.bench.write(
-        "patient.yaml",
-        &fs::read_to_string(place.bench.path("study.yaml")).unwrap(),
-    );
+    leaves_nothing_when_it_is_killed(&place, "escaping");
+}
+
+/// Writes a study whose environment names this program of the bench as its interpreter, and waits 7 s for it at most.
+fn name_interpreter(place: &Place, interpreter: &str) {
+    Command::new("chmod")
+        .arg("+x")
+        .arg(place.bench.path(interpreter))
+        .status()
+        .unwrap();
+    place.hostile("nothing", EARLY);
+    let study = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
+    let silent = study
+        .replace(
+            &format!("interpreter: {}", place.interpreter),
+            &format!("interpreter: ./{interpreter}"),
+        )
+        .replace("wall_time_s: 50", "wall_time_s: 7");
+    assert_ne!(study, silent);
+    place.bench.write("study.yaml", &silent);
+}
+
+/// A `check` that waits for the interpreter may be killed meanwhile: nothing in the interpreter's group is left.
+fn leaves_nothing_when_it_is_killed(place: &Place, interpreter: &str) {
+    let study = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
+    place.bench.write("patient.yaml", &study);
     let mut child = place
         .bench
         .command(&["check", "patient.yaml"])
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    until("the interpreter runs", || left_in(&place).len() > 2);
+    until("the interpreter runs", || left_in(place).len() > 2);
     child.kill().unwrap();
     child.wait().unwrap();
     until("nothing in its group is left", || {
-        let own =
-            |it: &PathBuf| fs::read_to_string(it.join("cmdline")).is_ok_and(|told| told.contains("escaping"));
-        !left_in(&place).iter().any(own)
+        let own = |it: &PathBuf| {
+            fs::read_to_string(it.join("cmdline")).is_ok_and(|told| told.contains(interpreter))
+        };
+        !left_in(place).iter().any(own)
     });
-    let rest = left_in(&place);
-    rest.iter().for_each(|it| {
+    // A process that left the group is ended by the test.
+    left_in(place).iter().for_each(|it| {
         let pid = it.file_name().unwrap();
         Command::new("kill").arg("-KILL").arg(pid).status().unwrap();
     });

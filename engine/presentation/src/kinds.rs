@@ -4,8 +4,8 @@
 //! [`Figure`](crate::figure::Figure). The lists of the kinds in this crate have a line for each; other crates register
 //! theirs by [`RegisterKinds`](crate::request::RegisterKinds).
 
-use schemars::{Schema, SchemaGenerator};
-use serde::{Serialize, Serializer};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::{Serialize, Serializer, de::DeserializeOwned};
 use serde_json::{Map, Value, json};
 use std::{any::Any, fmt, ops::Deref, path::Path, sync::Arc};
 
@@ -24,6 +24,37 @@ pub struct Kind {
     /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test
     /// checks a study with it.
     pub example: fn() -> &'static str,
+}
+
+/// A kind as a study names it: a type for the options under its key.
+pub trait KindSpec: KindOptions + DeserializeOwned + JsonSchema {
+    /// Key of the kind in a study.
+    fn name() -> &'static str;
+
+    /// Description in a sentence or two, for `describe`.
+    fn about() -> &'static str;
+
+    /// A use of the kind in YAML, see [`Kind::example`].
+    fn example() -> &'static str;
+
+    /// KindOptions that exclude each other, in the value under the key; `None` where there are none.
+    fn contradiction(_: &Value) -> Option<Contradiction> {
+        None
+    }
+}
+
+impl Kind {
+    /// Facts on a kind.
+    #[must_use]
+    pub fn of<K: KindSpec>() -> Self {
+        Self {
+            name: K::name(),
+            about: K::about(),
+            schema: |generator| generator.subschema_for::<K>(),
+            contradiction: K::contradiction,
+            example: K::example,
+        }
+    }
 }
 
 /// A kind with its reader of options; `T` is `dyn Table` or `dyn Figure`.
@@ -55,7 +86,7 @@ impl<T: ?Sized> Readable<T> {
 }
 
 /// Options of a kind: they can be written as a study has them, and told by their type.
-pub trait Options: Any + fmt::Debug + Send + Sync {
+pub trait KindOptions: Any + fmt::Debug + Send + Sync {
     /// The value under the key of the kind.
     ///
     /// # Errors
@@ -66,7 +97,7 @@ pub trait Options: Any + fmt::Debug + Send + Sync {
     fn as_any(&self) -> &dyn Any;
 }
 
-impl<T: Any + fmt::Debug + Serialize + Send + Sync> Options for T {
+impl<T: Any + fmt::Debug + Serialize + Send + Sync> KindOptions for T {
     fn to_value(&self) -> serde_json::Result<Value> {
         serde_json::to_value(self)
     }
@@ -84,12 +115,13 @@ pub struct Chosen<T: ?Sized> {
 }
 
 impl<T: ?Sized> Chosen<T> {
-    pub(crate) const fn of(name: &'static str, options: Arc<T>) -> Self {
+    pub(crate) fn of<K: KindSpec>(options: Arc<T>) -> Self {
+        let name = K::name();
         Self { name, options }
     }
 }
 
-impl<T: Options + ?Sized> Chosen<T> {
+impl<T: KindOptions + ?Sized> Chosen<T> {
     /// The options, where they are of this type.
     #[must_use]
     pub fn downcast<K: Any>(&self) -> Option<&K> {
@@ -120,14 +152,14 @@ impl<T: fmt::Debug + ?Sized> fmt::Debug for Chosen<T> {
     }
 }
 
-impl<T: Options + ?Sized> PartialEq for Chosen<T> {
+impl<T: KindOptions + ?Sized> PartialEq for Chosen<T> {
     fn eq(&self, other: &Self) -> bool {
         let value = |it: &Self| (*it.options).to_value().ok();
         self.name == other.name && value(self) == value(other)
     }
 }
 
-impl<T: Options + ?Sized> Serialize for Chosen<T> {
+impl<T: KindOptions + ?Sized> Serialize for Chosen<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let value = (*self.options).to_value().map_err(serde::ser::Error::custom)?;
         serializer.collect_map([(self.name, value)])

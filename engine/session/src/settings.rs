@@ -225,6 +225,10 @@ fn combine(
     kinds: &[ExecutorKind],
 ) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text, kinds).map_err(|error| unreadable(error, text, kinds))?;
+    // A mistake in a profile is said whichever profile is chosen.
+    let named = std::iter::once(&top).chain(profiles.values());
+    let mut executors = named.filter_map(|level| level.table.executor.as_ref());
+    executors.try_for_each(|name| refuse_idle(name, kinds, text))?;
     let profile = match &machine.machine {
         None => Level::default(),
         Some(name) => profiles.remove(name).ok_or_else(|| {
@@ -246,9 +250,6 @@ fn combine(
             .map_err(|error| wrong(&format!("[limits] {error}")))?;
     }
     let executor = profile.executor.or(top.executor);
-    executor
-        .iter()
-        .try_for_each(|name| refuse_idle(name, kinds, text))?;
     let settings = Settings {
         store: machine
             .store
@@ -515,6 +516,11 @@ mod tests {
         assert!(
             written.contains("`local` or `ssh` or `slurm` or `hyperqueue`") && written.contains("line 1"),
             "{written}"
+        );
+        let unchosen = text("executor = \"local\"\n[profile.big]\nexecutor = \"nomad\"\n");
+        assert!(
+            unchosen.contains("line 3") && unchosen.contains("`nomad` runs no trials"),
+            "{unchosen}"
         );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
         assert!(

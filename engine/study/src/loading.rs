@@ -98,28 +98,15 @@ pub fn load_text(
     text.read_parts(&written);
     let sources = &sources;
     found.extend(errors);
-    let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
-    let dimensions = sweep::read(&root, &text.sweep, &written, &schema, sources, &fixed)
-        .map_err(&mut keep)
-        .unwrap_or_default();
-    let overrides = overrides::read(
-        &root,
-        &text.overrides,
-        &written,
-        &schema,
-        sources,
-        &dimensions,
-        &fixed,
-    )
-    .map_err(&mut keep)
-    .unwrap_or_default();
-    let excluded = overrides::read_exclude(&root, &text.exclude, &written, sources)
-        .map_err(&mut keep)
-        .unwrap_or_default();
+    let dimensions = sweep::read(&root, &text.sweep, &written, &schema, sources, &fixed);
+    let dimensions = kept(dimensions, &mut found);
     let given = (&fixed[..], &dimensions[..]);
-    let searches = search::read(&text.tune, &written, &schema, sources, given, &options.searches)
-        .map_err(&mut keep)
-        .unwrap_or_default();
+    let overrides = overrides::read(&root, &text.overrides, &written, &schema, sources, given);
+    let overrides = kept(overrides, &mut found);
+    let excluded = overrides::read_exclude(&root, &text.exclude, &written, sources);
+    let excluded = kept(excluded, &mut found);
+    let searches = search::read(&text.tune, &written, &schema, sources, given, &options.searches);
+    let searches = kept(searches, &mut found);
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
@@ -144,6 +131,14 @@ pub fn load_text(
         profile: options.profile.clone(),
         included: composed.included,
         ..study
+    })
+}
+
+/// The value of a section, or nothing after its mistakes are noted.
+fn kept<T: Default>(read: Result<T, Vec<Diagnostic>>, found: &mut Vec<Diagnostic>) -> T {
+    read.unwrap_or_else(|errors| {
+        found.extend(errors);
+        T::default()
     })
 }
 

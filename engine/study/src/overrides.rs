@@ -82,8 +82,7 @@ pub fn read<'a>(
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
-    dimensions: &[Dimension<'_>],
-    fixed: &[KeyPath<'_>],
+    (fixed, dimensions): (&[KeyPath<'_>], &[Dimension<'_>]),
 ) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
     let (mut overrides, mut found) = (Vec::new(), Vec::new());
     for (index, text, item) in texts.located(root.get("overrides")) {

@@ -7,7 +7,7 @@ use super::{
     shape::Shape,
 };
 use crate::{
-    kinds::Contradiction,
+    kinds::{Contradiction, KindSpec},
     names::{Names, Place},
     table::{self, Comparison, Grid, Intervals, Table},
 };
@@ -24,7 +24,7 @@ pub struct Bars {
     pub of: Comparison,
 }
 
-impl Figure for Bars {
+impl KindSpec for Bars {
     fn name() -> &'static str {
         "bars"
     }
@@ -40,7 +40,9 @@ impl Figure for Bars {
     fn contradiction(value: &Value) -> Option<Contradiction> {
         Comparison::contradiction(value.get("of")?).map(|it| it.below("of"))
     }
+}
 
+impl Figure for Bars {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let of = at.below("of").unwrap_or(at.clone());
         self.of.check(names, &of, None);

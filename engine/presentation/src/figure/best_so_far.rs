@@ -8,6 +8,7 @@ use super::{
     shape::{Curve, CurveSource, RunLine, Shape},
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::{Scope, metric_of_search},
 };
@@ -29,7 +30,7 @@ pub struct BestSoFar {
     pub log_y: bool,
 }
 
-impl Figure for BestSoFar {
+impl KindSpec for BestSoFar {
     fn name() -> &'static str {
         "best_so_far"
     }
@@ -41,7 +42,9 @@ impl Figure for BestSoFar {
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }
+}
 
+impl Figure for BestSoFar {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         metric_of_search(&self.search, names, at);
     }

@@ -7,6 +7,7 @@ use super::{
     shape::{Shape, Surface},
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
@@ -31,7 +32,7 @@ pub struct Contour {
     pub seed: Option<u64>,
 }
 
-impl Figure for Contour {
+impl KindSpec for Contour {
     fn name() -> &'static str {
         "contour"
     }
@@ -44,7 +45,9 @@ impl Figure for Contour {
     fn example() -> &'static str {
         "{ surface: [height_1, height_2, height_1], path: [return, length], agents: [learner] }"
     }
+}
 
+impl Figure for Contour {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
         names.channels(at, "surface", 3, 3, &picked);

@@ -7,6 +7,7 @@ use super::{
     drawn::{Choice, panel},
     shape::Shape,
 };
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use contract::{
     ArtifactKind, Error,
@@ -28,7 +29,7 @@ pub struct GraphFigure {
     pub seed: Option<u64>,
 }
 
-impl Figure for GraphFigure {
+impl KindSpec for GraphFigure {
     fn name() -> &'static str {
         "graph"
     }
@@ -40,7 +41,9 @@ impl Figure for GraphFigure {
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, seed: 1 }"
     }
+}
 
+impl Figure for GraphFigure {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
         names.leaves(ArtifactKind::Graph, at, &picked);

@@ -7,6 +7,7 @@ use super::{
     shape::Shape,
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::{Axis, Scope},
 };
@@ -36,7 +37,7 @@ pub struct GroupedLines {
     pub log_y: bool,
 }
 
-impl Figure for GroupedLines {
+impl KindSpec for GroupedLines {
     fn name() -> &'static str {
         "grouped_lines"
     }
@@ -48,7 +49,9 @@ impl Figure for GroupedLines {
     fn example() -> &'static str {
         "{ metric: return, x: discount, agents: [learner, rule] }"
     }
+}
 
+impl Figure for GroupedLines {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at);
         names.metric(&self.metric, at, "metric", &picked);

@@ -7,7 +7,7 @@ use super::{
     shape::{Cells, Shape},
 };
 use crate::{
-    kinds::Contradiction,
+    kinds::{Contradiction, KindSpec},
     names::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
 };
@@ -24,7 +24,7 @@ pub struct HeatMap {
     pub of: Comparison,
 }
 
-impl Figure for HeatMap {
+impl KindSpec for HeatMap {
     fn name() -> &'static str {
         "heat_map"
     }
@@ -40,7 +40,9 @@ impl Figure for HeatMap {
     fn contradiction(value: &Value) -> Option<Contradiction> {
         Comparison::contradiction(value.get("of")?).map(|it| it.below("of"))
     }
+}
 
+impl Figure for HeatMap {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let of = at.below("of").unwrap_or(at.clone());
         self.of.check(names, &of, None);

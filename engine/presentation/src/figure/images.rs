@@ -7,6 +7,7 @@ use super::{
     drawn::{Choice, panel},
     shape::{Shape, Tiles},
 };
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use contract::{ArtifactKind, Error, drawing::Drawings, trial_result::TrialResult};
 use schemars::JsonSchema;
@@ -46,7 +47,7 @@ impl Default for Images {
     }
 }
 
-impl Figure for Images {
+impl KindSpec for Images {
     fn name() -> &'static str {
         "images"
     }
@@ -58,7 +59,9 @@ impl Figure for Images {
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, rows: 2, columns: 3 }"
     }
+}
 
+impl Figure for Images {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
         names.leaves(ArtifactKind::Images, at, &picked);

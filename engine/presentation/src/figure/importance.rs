@@ -8,6 +8,7 @@ use super::{
     shape::Shape,
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::metric_of_search,
 };
@@ -35,7 +36,7 @@ fn twenty() -> usize {
 /// Share of the variance below which a forest explains too little for its importances to count.
 const LITTLE: f64 = 0.2;
 
-impl Figure for ImportanceFigure {
+impl KindSpec for ImportanceFigure {
     fn name() -> &'static str {
         "importance"
     }
@@ -47,7 +48,9 @@ impl Figure for ImportanceFigure {
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }
+}
 
+impl Figure for ImportanceFigure {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         metric_of_search(&self.search, names, at);
     }

@@ -11,6 +11,7 @@ use super::{
     shape::{Curve, CurveSource, RunLine, Shape},
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
@@ -116,7 +117,7 @@ pub enum Automatic {
     Auto,
 }
 
-impl Figure for LearningCurve {
+impl KindSpec for LearningCurve {
     fn name() -> &'static str {
         "learning_curve"
     }
@@ -128,7 +129,9 @@ impl Figure for LearningCurve {
     fn example() -> &'static str {
         "{ metric: return, agents: [learner] }"
     }
+}
 
+impl Figure for LearningCurve {
     fn seek_from(&mut self, folder: &Path) {
         self.published
             .iter_mut()

@@ -69,13 +69,12 @@ pub use ticks::Tick;
 pub use trajectory::Trajectory;
 
 use crate::{
-    kinds::{Chosen, Contradiction, Kind, Options, Readable},
+    kinds::{Chosen, Kind, KindOptions, KindSpec, Readable},
     names::{Names, Place},
 };
 use contract::{ArtifactKind, Error};
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// The kinds of figures of the engine, in the order in which they are listed.
@@ -101,30 +100,7 @@ pub(crate) fn kinds() -> Vec<Readable<dyn Figure>> {
 }
 
 /// Interface of every kind of figure.
-pub trait Figure: Options {
-    /// Key of the kind in a study.
-    fn name() -> &'static str
-    where
-        Self: Sized;
-
-    /// Description in a sentence or two, for `describe`.
-    fn about() -> &'static str
-    where
-        Self: Sized;
-
-    /// A use of the kind in YAML, for `describe` and for tests.
-    fn example() -> &'static str
-    where
-        Self: Sized;
-
-    /// Options that exclude each other.
-    fn contradiction(_: &Value) -> Option<Contradiction>
-    where
-        Self: Sized,
-    {
-        None
-    }
-
+pub trait Figure: KindOptions {
     /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
 
@@ -189,16 +165,16 @@ pub struct FigureSpec {
 
 /// The kind of a figure whose options are not read yet; its reader puts them in.
 fn unread() -> Chosen<dyn Figure> {
-    Chosen::of(LearningCurve::name(), Arc::new(LearningCurve::default()))
+    Chosen::of::<LearningCurve>(Arc::new(LearningCurve::default()))
 }
 
 impl FigureSpec {
     /// A figure of this kind, without caption, labels and notes.
     #[must_use]
-    pub fn of<K: Figure>(kind: K) -> Self {
+    pub fn of<K: Figure + KindSpec>(kind: K) -> Self {
         Self {
             caption: String::new(),
-            kind: Chosen::of(K::name(), Arc::new(kind)),
+            kind: Chosen::of::<K>(Arc::new(kind)),
             labels: BTreeMap::new(),
             x_label: None,
             y_label: None,
@@ -210,15 +186,9 @@ impl FigureSpec {
 }
 
 /// The entry of a kind of figures.
-pub(crate) fn kind<F: Figure + DeserializeOwned + JsonSchema>() -> Readable<dyn Figure> {
+pub(crate) fn kind<F: Figure + KindSpec>() -> Readable<dyn Figure> {
     Readable {
-        kind: Kind {
-            name: F::name(),
-            about: F::about(),
-            schema: |generator| generator.subschema_for::<F>(),
-            contradiction: F::contradiction,
-            example: F::example,
-        },
+        kind: Kind::of::<F>(),
         read: |options, folder| {
             let mut read: F = serde_json::from_value(options)?;
             read.seek_from(folder);

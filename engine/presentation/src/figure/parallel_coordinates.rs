@@ -9,6 +9,7 @@ use super::{
     ticks::{self, Tick},
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::metric_of_search,
 };
@@ -33,7 +34,7 @@ pub struct ParallelCoordinates {
     pub best: Option<usize>,
 }
 
-impl Figure for ParallelCoordinates {
+impl KindSpec for ParallelCoordinates {
     fn name() -> &'static str {
         "parallel_coordinates"
     }
@@ -45,7 +46,9 @@ impl Figure for ParallelCoordinates {
     fn example() -> &'static str {
         "{ search: learner_rates }"
     }
+}
 
+impl Figure for ParallelCoordinates {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         metric_of_search(&self.search, names, at);
     }

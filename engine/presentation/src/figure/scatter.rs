@@ -7,6 +7,7 @@ use super::{
     shape::Shape,
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::{Axis, Scope},
 };
@@ -28,7 +29,7 @@ pub struct Scatter {
     pub environments: Vec<String>,
 }
 
-impl Figure for Scatter {
+impl KindSpec for Scatter {
     fn name() -> &'static str {
         "scatter"
     }
@@ -40,7 +41,9 @@ impl Figure for Scatter {
     fn example() -> &'static str {
         "{ x: return, y: length, agents: [learner, rule] }"
     }
+}
 
+impl Figure for Scatter {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at);
         names.metric(&self.x, at, "x", &picked);

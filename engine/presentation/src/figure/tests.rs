@@ -4,6 +4,7 @@ use super::{
     Band, Bars, Chart, Context, Contour, Figure, FigureSpec, GroupedLines, HeatMap, LearningCurve, Scatter,
     Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
+use crate::kinds::KindSpec;
 use crate::table::{Axis, Comparison, TableAxis};
 use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES};
@@ -50,7 +51,10 @@ pub(super) fn learning_curve(band: Band) -> FigureSpec {
 }
 
 /// The same figure with other options of its kind.
-pub(super) fn with_options<K: Figure + Clone>(spec: &FigureSpec, change: impl FnOnce(&mut K)) -> FigureSpec {
+pub(super) fn with_options<K: Figure + KindSpec + Clone>(
+    spec: &FigureSpec,
+    change: impl FnOnce(&mut K),
+) -> FigureSpec {
     let mut options = spec.kind.downcast::<K>().unwrap().clone();
     change(&mut options);
     FigureSpec {

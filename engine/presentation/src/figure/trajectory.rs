@@ -7,6 +7,7 @@ use super::{
     shape::Shape,
 };
 use crate::{
+    kinds::KindSpec,
     names::{Names, Place},
     table::{Axis, Scope},
 };
@@ -41,7 +42,7 @@ pub struct Trajectory {
     pub threshold: Option<f64>,
 }
 
-impl Figure for Trajectory {
+impl KindSpec for Trajectory {
     fn name() -> &'static str {
         "trajectory"
     }
@@ -53,7 +54,9 @@ impl Figure for Trajectory {
     fn example() -> &'static str {
         "{ channels: [height], agents: [learner, rule], environment: short }"
     }
+}
 
+impl Figure for Trajectory {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
         names.channels(at, "channels", 1, usize::MAX, &picked);

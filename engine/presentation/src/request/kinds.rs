@@ -2,13 +2,10 @@
 
 use crate::{
     figure::{self, Figure},
-    kinds::{Kind, Readable},
+    kinds::{Kind, KindSpec, Readable},
     table::{self, Table},
 };
 use contract::Registry;
-use schemars::JsonSchema;
-use serde::de::DeserializeOwned;
-use std::fmt;
 
 /// The kinds of tables and figures that a study may use.
 pub struct Kinds {
@@ -51,46 +48,38 @@ impl Kinds {
     }
 }
 
-impl fmt::Debug for Kinds {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let kinds = self.of_tables().into_iter().chain(self.of_figures());
-        f.debug_set().entries(kinds.map(|kind| kind.name)).finish()
-    }
-}
-
 /// Registration of kinds of tables and figures.
 pub trait RegisterKinds {
     /// Registers a kind of tables.
     ///
     /// # Panics
     /// Where the name is taken: a mistake in the program, found by every test.
-    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self);
+    fn table<T: Table + KindSpec>(&mut self);
 
     /// Registers a kind of figures.
     ///
     /// # Panics
     /// Where the name is taken: a mistake in the program, found by every test.
-    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self);
+    fn figure<F: Figure + KindSpec>(&mut self);
 }
 
 impl RegisterKinds for Registry {
-    fn table<T: Table + DeserializeOwned + JsonSchema>(&mut self) {
+    fn table<T: Table + KindSpec>(&mut self) {
         let taken = Kinds::of(self).of_tables();
-        assert!(
-            taken.iter().all(|kind| kind.name != T::name()),
-            "the kind of tables `{}` is registered twice",
-            T::name()
-        );
-        self.extend(table::kind::<T>());
+        enter(self, table::kind::<T>(), &taken);
     }
 
-    fn figure<F: Figure + DeserializeOwned + JsonSchema>(&mut self) {
+    fn figure<F: Figure + KindSpec>(&mut self) {
         let taken = Kinds::of(self).of_figures();
-        assert!(
-            taken.iter().all(|kind| kind.name != F::name()),
-            "the kind of figures `{}` is registered twice",
-            F::name()
-        );
-        self.extend(figure::kind::<F>());
+        enter(self, figure::kind::<F>(), &taken);
     }
+}
+
+fn enter<T: ?Sized + 'static>(registry: &mut Registry, entry: Readable<T>, taken: &[Kind]) {
+    let name = entry.kind.name;
+    assert!(
+        taken.iter().all(|kind| kind.name != name),
+        "the kind `{name}` is registered twice"
+    );
+    registry.extend(entry);
 }

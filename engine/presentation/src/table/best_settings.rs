@@ -1,6 +1,7 @@
 //! The settings that a search tried, from the best to the worst.
 
 use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use analysis::results::{Results, SearchResult, TriedSetting};
 use contract::Error;
@@ -36,7 +37,7 @@ fn five() -> usize {
     5
 }
 
-impl Table for BestSettings {
+impl KindSpec for BestSettings {
     fn name() -> &'static str {
         "best_settings"
     }
@@ -48,7 +49,9 @@ impl Table for BestSettings {
     fn example() -> &'static str {
         "{ search: learner_rates, best: 3 }"
     }
+}
 
+impl Table for BestSettings {
     fn check(
         &self,
         names: &mut Names<'_>,

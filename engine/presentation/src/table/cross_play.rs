@@ -5,6 +5,7 @@ use super::{
     Cell, FixedReason, Grid, Heading, MissingReason, MissingSeeds, NumberFormat, Quantity, Scope, Statistic,
     Table, comparison::summarise, problem,
 };
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use analysis::{cross_play::Encounters, results::Results};
 use contract::Error;
@@ -53,7 +54,7 @@ impl Default for CrossPlayTable {
     }
 }
 
-impl Table for CrossPlayTable {
+impl KindSpec for CrossPlayTable {
     fn name() -> &'static str {
         "cross_play"
     }
@@ -66,7 +67,9 @@ impl Table for CrossPlayTable {
     fn example() -> &'static str {
         "{ play: tag, rows: chaser, columns: runner, value: return, normalise: false }"
     }
+}
 
+impl Table for CrossPlayTable {
     fn check(
         &self,
         names: &mut Names<'_>,

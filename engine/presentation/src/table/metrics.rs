@@ -1,6 +1,7 @@
 //! Several metrics side by side: one row each, agents along the columns, and the correlation of two agents' rankings.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
+use crate::kinds::KindSpec;
 use crate::names::{Names, Picked, Place};
 use analysis::results::Results;
 use contract::Error;
@@ -34,7 +35,7 @@ pub struct Metrics {
     pub labels: BTreeMap<String, String>,
 }
 
-impl Table for Metrics {
+impl KindSpec for Metrics {
     fn name() -> &'static str {
         "metrics"
     }
@@ -46,7 +47,9 @@ impl Table for Metrics {
     fn example() -> &'static str {
         "{ values: [return, length], environment: short, agents: [rule, learner], ranked_against: rule }"
     }
+}
 
+impl Table for Metrics {
     fn check(
         &self,
         names: &mut Names<'_>,

@@ -47,15 +47,14 @@ pub use terminal::align;
 pub use terminal::{terminal, terminal_in_short, wrap};
 
 use crate::{
-    kinds::{Chosen, Contradiction, Kind, Options, Readable},
+    kinds::{Chosen, Kind, KindOptions, KindSpec, Readable},
     names::{Names, Place},
 };
 use analysis::{published_curve::PublishedCurve, results::Results};
 use contract::Error;
 use published::JudgingRules;
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, sync::Arc};
 
 /// The kinds of tables of the engine, in the order in which they are listed.
@@ -72,30 +71,7 @@ pub(crate) fn kinds() -> Vec<Readable<dyn Table>> {
 }
 
 /// Interface of every kind of table.
-pub trait Table: Options {
-    /// Key of the kind in a study.
-    fn name() -> &'static str
-    where
-        Self: Sized;
-
-    /// Description in a sentence or two, for `describe`.
-    fn about() -> &'static str
-    where
-        Self: Sized;
-
-    /// A use of the kind in YAML, for `describe` and for tests.
-    fn example() -> &'static str
-    where
-        Self: Sized;
-
-    /// Options that exclude each other.
-    fn contradiction(_: &Value) -> Option<Contradiction>
-    where
-        Self: Sized,
-    {
-        None
-    }
-
+pub trait Table: KindOptions {
     /// Checks every name in it against the names that trials record, and its options for published values. Returns
     /// the names of its rows and columns.
     fn check(
@@ -190,16 +166,16 @@ pub struct TableSpec {
 
 /// The kind of a table whose options are not read yet; its reader puts them in.
 fn unread() -> Chosen<dyn Table> {
-    Chosen::of(Comparison::name(), Arc::new(Comparison::default()))
+    Chosen::of::<Comparison>(Arc::new(Comparison::default()))
 }
 
 impl TableSpec {
     /// A table of this kind, without published values, caption and notes.
     #[must_use]
-    pub fn of<K: Table>(kind: K) -> Self {
+    pub fn of<K: Table + KindSpec>(kind: K) -> Self {
         Self {
             caption: String::new(),
-            kind: Chosen::of(K::name(), Arc::new(kind)),
+            kind: Chosen::of::<K>(Arc::new(kind)),
             published: BTreeMap::new(),
             published_curves: Vec::new(),
             margin: None,
@@ -220,15 +196,9 @@ impl TableSpec {
 }
 
 /// The entry of a kind of tables.
-pub(crate) fn kind<T: Table + DeserializeOwned + JsonSchema>() -> Readable<dyn Table> {
+pub(crate) fn kind<T: Table + KindSpec>() -> Readable<dyn Table> {
     Readable {
-        kind: Kind {
-            name: T::name(),
-            about: T::about(),
-            schema: |generator| generator.subschema_for::<T>(),
-            contradiction: T::contradiction,
-            example: T::example,
-        },
+        kind: Kind::of::<T>(),
         read: |options, _| Ok(Arc::new(serde_json::from_value::<T>(options)?)),
     }
 }

@@ -5,6 +5,7 @@
 //! single seed is kept beside it.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table, problem};
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::Error;
@@ -38,7 +39,7 @@ pub struct RankCorrelation {
     pub labels: BTreeMap<String, String>,
 }
 
-impl Table for RankCorrelation {
+impl KindSpec for RankCorrelation {
     fn name() -> &'static str {
         "rank_correlation"
     }
@@ -50,7 +51,9 @@ impl Table for RankCorrelation {
     fn example() -> &'static str {
         "{ value: return, against: long, environments: [short], agents: [rule, other, learner] }"
     }
+}
 
+impl Table for RankCorrelation {
     fn check(
         &self,
         names: &mut Names<'_>,

@@ -63,9 +63,10 @@ impl ProtocolMetrics {
         }
     }
 
-    /// Whether it gives an agent that learns anything that it learns from, or nothing at all.
+    /// Whether an agent that learns may run under the protocol: the feed teaches the agent, or nothing is given. A protocol of examples measures by them, too, so its feed counts even then.
     fn teaches(&self, entry: &AgentEntry) -> bool {
-        self.experience == 0 || self.feed.teaches(&entry.traits.learns_from)
+        let gives_nothing = self.experience == 0 && self.feed != Feed::Examples;
+        gives_nothing || self.feed.teaches(&entry.traits.learns_from)
     }
 }
 

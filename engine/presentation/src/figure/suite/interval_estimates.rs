@@ -9,6 +9,7 @@ use crate::{
         chart::{Chart, Panel, Point, Scale, Series},
         shape::Shape,
     },
+    kinds::KindSpec,
     names::{Names, Place},
     table::Normalisation,
 };
@@ -41,7 +42,7 @@ pub struct IntervalEstimates {
 
 asked!(IntervalEstimates);
 
-impl Figure for IntervalEstimates {
+impl KindSpec for IntervalEstimates {
     fn name() -> &'static str {
         "interval_estimates"
     }
@@ -54,7 +55,9 @@ impl Figure for IntervalEstimates {
     fn example() -> &'static str {
         EXAMPLE
     }
+}
 
+impl Figure for IntervalEstimates {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         self.asked().check(names, at);
     }

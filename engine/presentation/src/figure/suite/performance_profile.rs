@@ -8,6 +8,7 @@ use crate::{
         chart::{Chart, Panel, Point, Scale, Series},
         shape::{Curve, CurveSource, Shape},
     },
+    kinds::KindSpec,
     names::{Names, Place},
     table::Normalisation,
 };
@@ -54,7 +55,7 @@ fn default_points() -> usize {
 
 asked!(PerformanceProfile);
 
-impl Figure for PerformanceProfile {
+impl KindSpec for PerformanceProfile {
     fn name() -> &'static str {
         "performance_profile"
     }
@@ -66,7 +67,9 @@ impl Figure for PerformanceProfile {
     fn example() -> &'static str {
         EXAMPLE
     }
+}
 
+impl Figure for PerformanceProfile {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         self.asked().check(names, at);
         let (from, to) = (self.from.unwrap_or(0.0), self.to.unwrap_or(1.0));

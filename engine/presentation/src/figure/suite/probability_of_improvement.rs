@@ -9,7 +9,7 @@ use crate::{
         chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
         shape::Shape,
     },
-    kinds::Contradiction,
+    kinds::{Contradiction, KindSpec},
     names::{Names, Place},
     table::Normalisation,
 };
@@ -71,7 +71,7 @@ impl ProbabilityOfImprovement {
     }
 }
 
-impl Figure for ProbabilityOfImprovement {
+impl KindSpec for ProbabilityOfImprovement {
     fn name() -> &'static str {
         "probability_of_improvement"
     }
@@ -95,7 +95,9 @@ impl Figure for ProbabilityOfImprovement {
             help: "remove one of the two",
         })
     }
+}
 
+impl Figure for ProbabilityOfImprovement {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = self.asked().check(names, at);
         let shown: Vec<String> = picked

@@ -9,6 +9,7 @@ use crate::{
         chart::{Chart, Panel, Point, Scale, Series},
         shape::{Curve, CurveSource, Shape},
     },
+    kinds::KindSpec,
     names::{Names, Place},
     table::{Axis, Normalisation, ScoreScale},
 };
@@ -41,7 +42,7 @@ pub struct SampleEfficiency {
 
 asked!(SampleEfficiency);
 
-impl Figure for SampleEfficiency {
+impl KindSpec for SampleEfficiency {
     fn name() -> &'static str {
         "sample_efficiency"
     }
@@ -54,7 +55,9 @@ impl Figure for SampleEfficiency {
     fn example() -> &'static str {
         EXAMPLE
     }
+}
 
+impl Figure for SampleEfficiency {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         self.asked().check(names, at);
     }

@@ -12,6 +12,7 @@ use super::{
     Axis, Cell, Direction, FixedReason, Grid, Heading, MissingReason, MissingSeeds, Normalisation,
     NumberFormat, Quantity, Reduction, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
+use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use analysis::results::Results;
 use contract::{Error, trial_result::TrialResult};
@@ -80,7 +81,7 @@ impl Aggregate {
     }
 }
 
-impl Table for Aggregate {
+impl KindSpec for Aggregate {
     fn name() -> &'static str {
         "aggregate"
     }
@@ -93,7 +94,9 @@ impl Table for Aggregate {
         "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"
     }
+}
 
+impl Table for Aggregate {
     fn check(
         &self,
         names: &mut Names<'_>,

@@ -12,7 +12,7 @@ pub(super) use build::summarise;
 
 use super::{Grid, NumberFormat, Table};
 use crate::{
-    kinds::Contradiction,
+    kinds::{Contradiction, KindSpec},
     names::{Names, Place},
 };
 use analysis::results::Results;
@@ -124,7 +124,7 @@ impl Comparison {
     }
 }
 
-impl Table for Comparison {
+impl KindSpec for Comparison {
     fn name() -> &'static str {
         "comparison"
     }
@@ -140,7 +140,9 @@ impl Table for Comparison {
     fn contradiction(value: &Value) -> Option<Contradiction> {
         taken::contradiction(&Self::deserialize(value).ok()?)
     }
+}
 
+impl Table for Comparison {
     fn check(
         &self,
         names: &mut Names<'_>,
@@ -188,7 +190,7 @@ impl Table for Comparison {
 #[serde(transparent)]
 pub struct Improvement(pub Comparison);
 
-impl Table for Improvement {
+impl KindSpec for Improvement {
     fn name() -> &'static str {
         "improvement"
     }
@@ -205,7 +207,9 @@ impl Table for Improvement {
     fn contradiction(value: &Value) -> Option<Contradiction> {
         Comparison::contradiction(value)
     }
+}
 
+impl Table for Improvement {
     fn check(
         &self,
         names: &mut Names<'_>,
