@@ -43,7 +43,8 @@ use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::network::{Activation, Mlp, TwinMlp, device};
+use numerics::{equations::network::Network, network::Activation};
+use plan::State;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -210,23 +211,10 @@ impl E2Gan {
         let mut seat = BoxSeat::new(NAME, config.observation_scaling, interface)?;
         seat.see_only(&config.sees)
             .map_err(|problem| Error::config("sees", problem))?;
-        let (n_seen, n_done, width) = (seat.n_observed(), seat.n_acted(), config.width);
-        let hidden = [Activation::Relu; 2];
-        let mut network = |inputs: usize, outputs: usize| {
-            Mlp::glorot(
-                &[inputs, width, width, outputs],
-                &hidden,
-                rng,
-                &device().autodiff(),
-            )
-        };
-        let policy = network(n_seen, 2 * n_done);
-        let critics = TwinMlp {
-            first: network(n_seen + n_done, 1),
-            second: network(n_seen + n_done, 1),
-        };
+        let of_actor_critic = config.of_actor_critic();
+        let initialise = |network: &Network, _, state: &mut State<f32>| network.initialise_glorot(state, rng);
         Ok(Self {
-            actor_critic: SoftActorCritic::assemble(config.of_actor_critic(), seat, policy, critics),
+            actor_critic: SoftActorCritic::assemble(of_actor_critic, seat, initialise),
             n_steps: 0,
             config,
         })

@@ -6,8 +6,9 @@
 //! instead of slices.
 
 use arithmetic::digests::{
-    CLASSES, DOUBLE, KEPT, SINGLE, double_summand, log_gamma_summand, mix, normal_summand, steps,
+    CLASSES, DOUBLE, KEPT, SINGLE, double_summand, log_gamma_summand, normal_summand, steps,
 };
+use arithmetic::draws::mix;
 use arithmetic::slices;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -5,7 +5,8 @@
 //! - `figures values FILE` that of each function of `f64` against the lines of a file made by `fixtures/values.py`;
 //! - `figures times` nanoseconds per entry on one core, beside the C library's functions over the same numbers.
 
-use arithmetic::digests::{DOUBLE, SINGLE, mix};
+use arithmetic::digests::{DOUBLE, SINGLE};
+use arithmetic::draws::mix;
 use arithmetic::products::{Matrix, product};
 use arithmetic::{draws, errors, slices};
 use std::collections::BTreeMap;

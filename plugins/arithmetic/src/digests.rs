@@ -19,49 +19,16 @@
 //! `steps.*` are digests over the entries of a few products, sums and steps ([`steps`]); entry `i` adds
 //! `mix(bits + i GOLDEN)`, and there are no classes.
 
-use crate::draws::{WordStream, log_gamma, normal, uniform};
+use crate::draws::{GOLDEN, Stream, log_gamma, mix, normal, uniform};
 use crate::products::{Matrix, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
 use crate::{double, gamma, power, single, trigonometry};
-
-/// The odd number nearest to 2^64 divided by the golden ratio.
-pub const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Number of classes of inputs.
 pub const CLASSES: u64 = 4096;
 
 /// Number of classes with a digest of their own.
 pub const KEPT: usize = 16;
-
-/// The last three lines of SplitMix64 (Steele, Lea and Flood 2014): a permutation of the 64-bit words.
-#[inline(always)]
-#[must_use]
-pub fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// SplitMix64: `mix(state)` of a state that rises by [`GOLDEN`] before each word.
-#[derive(Debug, Clone)]
-pub struct Stream {
-    state: u64,
-}
-
-impl Stream {
-    /// Creates the stream of one counter.
-    #[must_use]
-    pub fn new(counter: u64) -> Self {
-        Self { state: mix(counter) }
-    }
-}
-
-impl WordStream for Stream {
-    fn word(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(GOLDEN);
-        mix(self.state)
-    }
-}
 
 /// Functions of one `f32` with their names.
 pub const SINGLE: [(&str, fn(f32) -> f32); 6] = [

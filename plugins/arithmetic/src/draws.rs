@@ -32,6 +32,39 @@ impl<F: FnMut() -> u64> WordStream for F {
     }
 }
 
+/// The odd number nearest to 2^64 divided by the golden ratio.
+pub const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The last three lines of SplitMix64 (Steele, Lea and Flood 2014): a permutation of the 64-bit words.
+#[inline(always)]
+#[must_use]
+pub fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// SplitMix64: `mix(state)` of a state that rises by [`GOLDEN`] before each word.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    state: u64,
+}
+
+impl Stream {
+    /// Creates the stream of one counter.
+    #[must_use]
+    pub fn new(counter: u64) -> Self {
+        Self { state: mix(counter) }
+    }
+}
+
+impl WordStream for Stream {
+    fn word(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(GOLDEN);
+        mix(self.state)
+    }
+}
+
 /// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2` for `|p - 1/2| <= 0.425`, lowest power
 /// first.
 const CENTRE: [[f64; 8]; 2] = [

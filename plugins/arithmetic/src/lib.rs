@@ -19,6 +19,7 @@
 //! | [`trigonometry`] | sin and cos of `f64` |
 //! | [`power`] | real and whole powers of `f64` |
 //! | [`gamma`] | ln Gamma, digamma and trigamma of `f64` |
+//! | [`gamma_slope`] | derivative of a gamma draw in its shape, of `f64` |
 //! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
 //! | [`products`] | products of matrices and sums over rows as chains, sums in blocks |
 //! | [`steps`] | a step of Adam, a largest norm, a moving average |
@@ -34,6 +35,7 @@ pub mod double;
 pub mod draws;
 pub mod errors;
 pub mod gamma;
+pub mod gamma_slope;
 pub mod power;
 pub mod products;
 pub mod single;

@@ -1,10 +1,10 @@
 //! Errors and special values of the functions, the distribution of the draws, the order of sums, and the digests.
 
-use crate::digests::{self, DOUBLE, KEPT, SINGLE, Stream, mix};
-use crate::draws::{WordStream, log_gamma, normal, uniform};
+use crate::digests::{self, DOUBLE, KEPT, SINGLE};
+use crate::draws::{GOLDEN, Stream, WordStream, log_gamma, mix, normal, uniform};
 use crate::products::{BLOCK, Matrix, SUM_BLOCK, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
-use crate::{double, errors, gamma, power, single, slices, trigonometry};
+use crate::{double, errors, gamma, gamma_slope, power, single, slices, trigonometry};
 use proptest::prelude::*;
 
 mod of_draws;
@@ -82,10 +82,10 @@ fn digests_of_steps_are_the_kept_ones() {
 fn streams_are_split_mix() {
     let mut state = 0_u64;
     let mut next = || {
-        state = state.wrapping_add(digests::GOLDEN);
+        state = state.wrapping_add(GOLDEN);
         mix(state)
     };
     assert_eq!([next(), next()], [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4]);
     let mut stream = Stream::new(5);
-    assert_eq!(stream.word(), mix(mix(5).wrapping_add(digests::GOLDEN)));
+    assert_eq!(stream.word(), mix(mix(5).wrapping_add(GOLDEN)));
 }

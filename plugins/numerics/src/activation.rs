@@ -34,6 +34,15 @@ impl Activation {
         }
     }
 
+    /// Replaces each entry by the activation of it.
+    pub(crate) fn apply(self, entries: &mut [f32]) {
+        match self {
+            Activation::Relu => entries.iter_mut().for_each(|z| *z = rectified(*z, 0.0)),
+            Activation::LeakyRelu => entries.iter_mut().for_each(|z| *z = rectified(*z, LEAKY)),
+            Activation::Tanh => arithmetic::slices::tanh(entries),
+        }
+    }
+
     /// Replaces one row `z` by `f(z + bias)`.
     pub(crate) fn forward(self, row: &mut [f32], bias: &[f32]) {
         let pairs = row.iter_mut().zip(bias);

@@ -5,6 +5,7 @@ pub mod activation;
 pub mod dense;
 pub mod dirichlet;
 pub mod dirichlet_policy;
+pub mod equations;
 pub mod gamma;
 pub mod gauss_hermite;
 pub mod gaussian;

@@ -12,10 +12,12 @@
 //! action = action_center + action_spread * head(x)       # where the header has these
 //! ```
 
-use crate::network::{Activation, Mlp, device};
-use crate::parameters::{restore, store};
+use crate::equations::{network::Network, state_file::store_network};
+use crate::network::{Activation, Mlp};
+use crate::parameters::store;
 use crate::tensor_file::{TensorFile, TensorFileError};
-use rand::RngCore;
+use arithmetic::products::{Matrix, product};
+use plan::State;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -75,7 +77,8 @@ pub struct PolicyHeader {
 pub struct Policy {
     /// Header of the file.
     pub header: PolicyHeader,
-    network: Mlp,
+    /// Weights and biases of the network.
+    parameters: TensorFile,
 }
 
 /// Names and scaling of a policy's inputs and outputs.
@@ -95,29 +98,22 @@ impl Policy {
     /// Creates a policy from a network, which may be a trained or a plain one.
     #[must_use]
     pub fn new(network: &Mlp, ports: Ports, head: Head) -> Self {
-        let Ports {
-            inputs,
-            center,
-            spread,
-            outputs,
-        } = ports;
-        let (sizes, activations) = (network.sizes(), network.activations().to_vec());
-        let header = PolicyHeader {
-            format: FORMAT,
-            sizes,
-            activations,
-            inputs,
-            center,
-            spread,
-            outputs,
-            head,
-            action_spread: Vec::new(),
-            action_center: Vec::new(),
-        };
-        Self {
-            header,
-            network: burn::module::Module::valid(network),
-        }
+        let mut parameters = TensorFile::default();
+        store(network, PREFIX, &mut parameters);
+        let header = header(network.sizes(), network.activations(), ports, head);
+        Self { header, parameters }
+    }
+
+    /// Creates a policy from a network of a plan and its state.
+    ///
+    /// # Panics
+    /// Where the state lacks a parameter of the network.
+    #[must_use]
+    pub fn of_state(network: &Network, state: &State<f32>, ports: Ports, head: Head) -> Self {
+        let mut parameters = TensorFile::default();
+        store_network(network, PREFIX, state, &mut parameters);
+        let header = header(network.sizes().to_vec(), network.activations(), ports, head);
+        Self { header, parameters }
     }
 
     /// Policy whose actions are multiplied by `spread` and shifted by `center` after the head.
@@ -127,9 +123,9 @@ impl Policy {
         self
     }
 
-    /// Network between scaling and head.
-    pub(crate) fn network(&self) -> &Mlp {
-        &self.network
+    /// Weights and biases of the network between scaling and head.
+    pub(crate) fn parameters(&self) -> &TensorFile {
+        &self.parameters
     }
 
     /// Writes `policy.safetensors` into `dir`.
@@ -137,8 +133,7 @@ impl Policy {
     /// # Errors
     /// [`TensorFileError::File`] where the operating system refuses.
     pub fn write(&self, dir: &Path) -> Result<(), TensorFileError> {
-        let mut file = TensorFile::default();
-        store(&self.network, PREFIX, &mut file);
+        let mut file = self.parameters.clone();
         file.header = serde_json::to_value(&self.header).map_err(|source| format_error(&source))?;
         file.write(&dir.join(FILE_NAME))
     }
@@ -157,17 +152,14 @@ impl Policy {
         let header: PolicyHeader =
             serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
         header.fits(file)?;
-        let blank = Mlp::new(
-            &header.sizes,
-            &header.activations,
-            0.0,
-            &mut ZeroGenerator,
-            &device(),
-        );
-        Ok(Self {
-            network: restore(blank, PREFIX, file)?,
-            header,
-        })
+        let mut parameters = TensorFile::default();
+        for layer in 0..header.activations.len() + 1 {
+            for part in ["weight", "bias"] {
+                let name = format!("{PREFIX}.layers.{layer}.{part}");
+                parameters.insert(&*name, file.get(&name)?.clone());
+            }
+        }
+        Ok(Self { header, parameters })
     }
 
     /// Action for one observation, in the units of the channels.
@@ -193,7 +185,7 @@ impl Policy {
             .zip(spread)
             .map(|((x, c), s)| ((x - c) / s) as f32)
             .collect();
-        let out = crate::network::values(self.network.forward(crate::network::matrix(scaled, center.len())));
+        let out = self.outputs(scaled);
         let out: Vec<f64> = out.into_iter().take(outputs.len()).map(f64::from).collect();
         let mut action = head.apply(&out);
         action
@@ -205,6 +197,50 @@ impl Policy {
             .zip(action_center)
             .for_each(|(it, center)| *it += center);
         action
+    }
+}
+
+impl Policy {
+    /// Outputs of the network for scaled inputs, with the bits of a plan.
+    fn outputs(&self, mut x: Vec<f32>) -> Vec<f32> {
+        let activations = self.header.activations.iter().map(Some).chain([None]);
+        for (layer, activation) in activations.enumerate() {
+            // Every policy has the tensors of its layers, which reading checks.
+            let part = |part: &str| self.parameters.get(&format!("{PREFIX}.layers.{layer}.{part}"));
+            let (Ok(weight), Ok(bias)) = (part("weight"), part("bias")) else {
+                break;
+            };
+            let row = Matrix::new(&x, 1, x.len());
+            let mut z = product(row, Matrix::new(&weight.values, x.len(), bias.values.len()));
+            z.iter_mut().zip(&bias.values).for_each(|(z, bias)| *z += bias);
+            if let Some(activation) = activation {
+                activation.apply(&mut z);
+            }
+            x = z;
+        }
+        x
+    }
+}
+
+/// Header of a policy without units of its actions.
+fn header(sizes: Vec<usize>, activations: &[Activation], ports: Ports, head: Head) -> PolicyHeader {
+    let Ports {
+        inputs,
+        center,
+        spread,
+        outputs,
+    } = ports;
+    PolicyHeader {
+        format: FORMAT,
+        sizes,
+        activations: activations.to_vec(),
+        inputs,
+        center,
+        spread,
+        outputs,
+        head,
+        action_spread: Vec::new(),
+        action_center: Vec::new(),
     }
 }
 
@@ -239,10 +275,11 @@ impl PolicyHeader {
         }
         for (layer, ends) in sizes.windows(2).enumerate() {
             let weight = file.get(&format!("{PREFIX}.layers.{layer}.weight"))?;
-            if weight.shape != ends {
+            let bias = file.get(&format!("{PREFIX}.layers.{layer}.bias"))?;
+            if weight.shape != ends || bias.shape != ends[1..] {
                 return Err(TensorFileError::Shape {
                     expected: format!("layer {layer} of {ends:?}"),
-                    found: format!("{:?}", weight.shape),
+                    found: format!("{:?} and {:?}", weight.shape, bias.shape),
                 });
             }
         }
@@ -298,26 +335,10 @@ fn format_error(source: &serde_json::Error) -> TensorFileError {
     }
 }
 
-/// Generator of zeros: a network that is overwritten at once needs no random numbers.
-struct ZeroGenerator;
-
-impl RngCore for ZeroGenerator {
-    fn next_u32(&mut self) -> u32 {
-        0
-    }
-
-    fn next_u64(&mut self) -> u64 {
-        0
-    }
-
-    fn fill_bytes(&mut self, bytes: &mut [u8]) {
-        bytes.fill(0);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::device;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     /// The error of a file without the file's name.

@@ -3,179 +3,123 @@
 //! 9 observations, 4 actions, two hidden layers of 256, batch 256, twin critics with targets, tuned temperature, no
 //! clipping. Prints updates per second and the time of each kind of kernel.
 
-use arithmetic::digests::{GOLDEN, mix};
-use arithmetic::draws::normal;
-use plan::{Activation, Graph, Number, Optimiser, Processor, Routine, Shape, Value, Work};
+use arithmetic::draws::{GOLDEN, mix, normal};
+use plan::equations::Descent;
+use plan::{Activation, Equations, Expression, Processor, Routine, Shape, State, Work};
 use std::collections::BTreeMap;
+use std::f64::consts::{LN_2, TAU};
 use std::time::{Duration, Instant};
 
 const BATCH: usize = 256;
 const SEEN: usize = 9;
 const DONE: usize = 4;
 const WIDTH: usize = 256;
-const TAU: f64 = 0.005;
+const FOLLOWING: f64 = 0.005;
 const DISCOUNT: f64 = 0.99;
 
-/// Parameters of a network: weight and bias of each layer.
-type Network = Vec<(Value, Value)>;
+/// Weight and bias of each layer.
+type Network<'e> = Vec<[Expression<'e>; 2]>;
 
-struct Plan {
-    graph: Graph,
-    policy: Network,
-    critics: [Network; 2],
-    targets: [Network; 2],
-    ln_temperature: Value,
-    rate: Number,
-}
-
-fn network(graph: &mut Graph, name: &str, inputs: usize, outputs: usize) -> Network {
+/// Adds a network to the equations and its first parameters to the state.
+fn network<'e>(
+    equations: &'e Equations,
+    state: &mut State<f32>,
+    name: &str,
+    [inputs, outputs]: [usize; 2],
+) -> Network<'e> {
     let widths = [inputs, WIDTH, WIDTH, outputs];
+    let mut parameter = |name: String, shape: Shape, sd| {
+        state.insert(&name, shape, draws(&name, shape[0] * shape[1], sd));
+        equations.parameter(&name, shape)
+    };
     let layer = |at: usize| {
         let [inputs, outputs] = [widths[at], widths[at + 1]];
-        let weight = graph.parameter(&format!("{name}.{at}.weight"), [inputs, outputs]);
-        (
-            weight,
-            graph.parameter(&format!("{name}.{at}.bias"), [1, outputs]),
-        )
+        let sd = (1.0 / inputs as f64).sqrt();
+        let weight = parameter(format!("{name}.{at}.weight"), [inputs, outputs], sd);
+        [weight, parameter(format!("{name}.{at}.bias"), [1, outputs], 0.01)]
     };
     (0..3).map(layer).collect()
 }
 
-fn forward(graph: &mut Graph, network: &Network, x: Value) -> Value {
-    let layers = network.iter().enumerate();
-    layers.fold(x, |x, (at, (weight, bias))| {
-        let activation = if at < 2 {
-            Activation::Relu
-        } else {
-            Activation::Identity
-        };
-        graph.dense(x, *weight, *bias, activation)
+fn forward<'e>(network: &Network<'e>, x: Expression<'e>) -> Expression<'e> {
+    let activations = [Activation::Relu, Activation::Relu, Activation::Identity];
+    let layers = network.iter().zip(activations);
+    layers.fold(x, |x, ([weight, bias], activation)| {
+        x.dense(*weight, *bias, activation)
     })
 }
 
-impl Plan {
-    fn new() -> Self {
-        let mut graph = Graph::new();
-        let policy = network(&mut graph, "policy", SEEN, 2 * DONE);
-        let mut twins = |name: &str| {
-            ["first", "second"].map(|twin| network(&mut graph, &format!("{name}.{twin}"), SEEN + DONE, 1))
-        };
-        let (critics, targets) = (twins("critics"), twins("targets"));
-        let ln_temperature = graph.parameter("ln temperature", [1, 1]);
-        let rate = graph.number("learning rate", 3e-4);
-        Self {
-            graph,
-            policy,
-            critics,
-            targets,
-            ln_temperature,
-            rate,
-        }
-    }
-
-    /// Action and log density of the policy.
-    fn sample(&mut self, seen: Value, noise: Value) -> (Value, Value) {
-        let head = forward(&mut self.graph, &self.policy, seen);
-        let graph = &mut self.graph;
-        let (mean, log_sd) = (graph.columns(head, 0..DONE), graph.columns(head, DONE..2 * DONE));
-        let log_sd = graph.clamp(log_sd, -20.0, 2.0);
-        let sd = graph.exp(log_sd);
-        let spread = graph.mul(sd, noise);
-        let candidate = graph.add(mean, spread);
-        let square = graph.square(noise);
-        let half = graph.scale(square, -0.5);
-        let density = graph.sub(half, log_sd);
-        let density = graph.shift(density, -0.918_938_533_204_672_7);
-        let twice = graph.scale(candidate, -2.0);
-        let softplus = graph.softplus(twice);
-        let sum = graph.add(candidate, softplus);
-        let shifted = graph.shift(sum, -std::f64::consts::LN_2);
-        let derivative = graph.scale(shifted, -2.0);
-        let terms = graph.sub(density, derivative);
-        (graph.tanh(candidate), graph.sum_columns(terms))
-    }
-
-    fn lower_critic(&mut self, critics: &[Network; 2], seen: Value, action: Value) -> Value {
-        let joined = self.graph.join(&[seen, action]);
-        let [first, second] = [0, 1].map(|at| forward(&mut self.graph, &critics[at], joined));
-        self.graph.min(first, second)
-    }
-
-    fn descend(&mut self, loss: Value, parameters: &[Value]) {
-        let gradients = self.graph.gradients(loss, parameters);
-        for (parameter, gradient) in parameters.iter().zip(gradients) {
-            self.graph.adam(*parameter, gradient, Optimiser::new(self.rate));
-        }
-    }
-
-    fn update(&mut self) -> (Routine, Value) {
-        let mut input = |name: &str, columns| self.graph.input(name, [BATCH, columns]);
-        let (seen, done, reward) = (
-            input("observations", SEEN),
-            input("actions", DONE),
-            input("rewards", 1),
-        );
-        let (next, continues) = (input("next observations", SEEN), input("continues", 1));
-        let noises = [input("next noise", DONE), input("noise", DONE)];
-        let routine = self.graph.routine("update");
-        let temperature = self.graph.exp(self.ln_temperature);
-
-        let (action, log_density) = self.sample(next, noises[0]);
-        let value = self.lower_critic(&self.targets.clone(), next, action);
-        let graph = &mut self.graph;
-        let entropy = graph.mul(log_density, temperature);
-        let soft = graph.sub(value, entropy);
-        let soft = graph.mul(soft, continues);
-        let soft = graph.scale(soft, DISCOUNT);
-        let target = graph.add(soft, reward);
-        let joined = graph.join(&[seen, done]);
-        let losses = [0, 1].map(|at| {
-            let value = forward(graph, &self.critics[at], joined);
-            let error = graph.sub(value, target);
-            let square = graph.square(error);
-            let mean = graph.mean(square);
-            graph.scale(mean, 0.5)
-        });
-        let critic_loss = graph.add(losses[0], losses[1]);
-        self.descend(critic_loss, &flat(&self.critics));
-
-        let (action, log_density) = self.sample(seen, noises[1]);
-        let value = self.lower_critic(&self.critics.clone(), seen, action);
-        let graph = &mut self.graph;
-        let entropy = graph.mul(log_density, temperature);
-        let loss = graph.sub(entropy, value);
-        let policy_loss = graph.mean(loss);
-        self.descend(policy_loss, &flat(std::slice::from_ref(&self.policy)));
-
-        let mean = self.graph.mean(log_density);
-        let excess = self.graph.shift(mean, -(DONE as f64));
-        let excess = self.graph.neg(excess);
-        let loss = self.graph.mul(self.ln_temperature, excess);
-        self.descend(loss, &[self.ln_temperature]);
-        for (target, source) in flat(&self.targets).into_iter().zip(flat(&self.critics)) {
-            self.graph.follow(target, source, TAU);
-        }
-        self.graph.output("critic loss", critic_loss);
-        (routine, critic_loss)
-    }
+/// Action and log density of the policy, whose normal numbers are those of the run.
+fn sample<'e>(policy: &Network<'e>, seen: Expression<'e>) -> (Expression<'e>, Expression<'e>) {
+    let noise = seen.equations().normal([BATCH, DONE]);
+    let head = forward(policy, seen);
+    let log_sd = head.columns(DONE..2 * DONE).clamp(-20.0, 2.0);
+    let candidate = head.columns(0..DONE) + log_sd.exp() * noise;
+    let density = noise.square() * -0.5 - log_sd - 0.5 * TAU.ln();
+    // ln(1 - tanh(x)^2)
+    let derivative = (candidate + (candidate * -2.0).softplus() - LN_2) * -2.0;
+    (candidate.tanh(), (density - derivative).sum_columns())
 }
 
-fn flat(networks: &[Network]) -> Vec<Value> {
-    networks
-        .iter()
-        .flatten()
-        .flat_map(|(weight, bias)| [*weight, *bias])
-        .collect()
+/// Values of actions by both critics.
+fn values<'e>(
+    critics: &[Network<'e>; 2],
+    seen: Expression<'e>,
+    action: Expression<'e>,
+) -> [Expression<'e>; 2] {
+    let joined = seen.equations().join(&[seen, action]);
+    [0, 1].map(|at| forward(&critics[at], joined))
+}
+
+fn flat<'e>(networks: &[Network<'e>]) -> Vec<Expression<'e>> {
+    networks.iter().flatten().flatten().copied().collect()
+}
+
+/// Adds the routine `update` to the equations and the first parameters to the state.
+fn add_update(equations: &Equations, state: &mut State<f32>) {
+    let input = |name: &str, columns| equations.input(name, [BATCH, columns]);
+    let (seen, done, next) = (
+        input("observations", SEEN),
+        input("actions", DONE),
+        input("next observations", SEEN),
+    );
+    let (reward, continues) = (input("rewards", 1), input("continues", 1));
+    let policy = network(equations, state, "policy", [SEEN, 2 * DONE]);
+    let mut twins = |name: &str| {
+        [0, 1].map(|twin| network(equations, state, &format!("{name}.{twin}"), [SEEN + DONE, 1]))
+    };
+    let (critics, targets) = (twins("critics"), twins("targets"));
+    state.insert("ln temperature", [1, 1], vec![0.0]);
+    let ln_temperature = equations.parameter("ln temperature", [1, 1]);
+    let descent = Descent::adam("learning rate", 3e-4, None);
+
+    let _ = equations.routine("update");
+    let temperature = ln_temperature.exp();
+    let (action, log_density) = sample(&policy, next);
+    let [first, second] = values(&targets, next, action);
+    let soft = first.min(second) - log_density * temperature;
+    let target = soft * continues * DISCOUNT + reward;
+    let losses = values(&critics, seen, done).map(|value| (value - target).square().mean() * 0.5);
+    let critic_loss = losses[0] + losses[1];
+    equations.output("critic loss", critic_loss);
+    equations.descend(critic_loss, &flat(&critics), &descent);
+
+    let (action, log_density) = sample(&policy, seen);
+    let [first, second] = values(&critics, seen, action);
+    let policy_loss = (log_density * temperature - first.min(second)).mean();
+    equations.descend(policy_loss, &flat(&[policy]), &descent);
+
+    let loss = ln_temperature * -(log_density.mean() - DONE as f64);
+    equations.descend(loss, &[ln_temperature], &descent);
+    equations.follow(&flat(&targets), &flat(&critics), FOLLOWING);
 }
 
 /// Normal numbers with a standard deviation.
 #[allow(clippy::cast_possible_truncation, reason = "the plan computes in f32")]
-fn draw(processor: &mut Processor<f32>, value: Value, sd: f64) {
-    let seed = format!("{value:?}")
-        .bytes()
-        .fold(7_u64, |seed, byte| mix(seed ^ u64::from(byte)));
-    let entries = processor.entries_mut(value).iter_mut().enumerate();
-    entries.for_each(|(i, x)| *x = (sd * normal(mix(seed.wrapping_add(i as u64 * GOLDEN)))) as f32);
+fn draws(name: &str, n: usize, sd: f64) -> Vec<f32> {
+    let seed = name.bytes().fold(7, |seed, byte| mix(seed ^ u64::from(byte)));
+    let draw = |i: u64| (sd * normal(mix(seed.wrapping_add(i.wrapping_mul(GOLDEN))))) as f32;
+    (0..n as u64).map(draw).collect()
 }
 
 #[allow(
@@ -188,60 +132,38 @@ fn main() {
         .nth(1)
         .and_then(|word| word.parse().ok())
         .unwrap_or(3.0);
-    let mut plan = Plan::new();
-    let (routine, loss) = plan.update();
-    let graph = &plan.graph;
+    let (equations, mut state) = (Equations::new(), State::default());
+    add_update(&equations, &mut state);
+    let graph = equations.into_graph();
+    let routine = graph.routine_named("update").expect("the routine that was added");
+    let (flops, bytes) = (graph.flops(routine), graph.bytes(routine));
     let mut processor = Processor::<f32>::new(graph);
-    for (weight, bias) in plan
-        .critics
-        .iter()
-        .chain(&plan.targets)
-        .chain([&plan.policy])
-        .flatten()
-    {
-        draw(
-            &mut processor,
-            *weight,
-            (1.0 / graph.shape(*weight)[0] as f64).sqrt(),
-        );
-        draw(&mut processor, *bias, 0.01);
+    for name in ["observations", "actions", "rewards", "next observations"] {
+        let entries = draws(name, processor.entries(name).len(), 0.5);
+        processor.write(name, &entries);
     }
-    let data = [
-        "observations",
-        "actions",
-        "rewards",
-        "next observations",
-        "next noise",
-        "noise",
-    ];
-    for value in data.into_iter().filter_map(|name| graph.named(name)) {
-        draw(&mut processor, value, 0.5);
-    }
-    processor.run(routine);
+    processor.input("continues").fill(1.0);
+    processor.run_seeded("update", &mut state, 0);
     let (start, mut updates) = (Instant::now(), 0);
     let mut best = Duration::MAX;
     while start.elapsed().as_secs_f64() < seconds {
         let start = Instant::now();
-        processor.run(routine);
-        best = best.min(start.elapsed());
         updates += 1;
+        processor.run_seeded("update", &mut state, u64::from(updates));
+        best = best.min(start.elapsed());
     }
     let mean = start.elapsed() / updates;
-    let gigaflops = graph.flops(routine) as f64 / best.as_secs_f64() / 1e9;
-    println!(
-        "{} flops, {} bytes an update",
-        graph.flops(routine),
-        graph.bytes(routine)
-    );
+    let gigaflops = flops as f64 / best.as_secs_f64() / 1e9;
+    println!("{flops} flops, {bytes} bytes an update");
     println!(
         "mean {mean:?}, best {best:?}: {:.0} updates/s, {gigaflops:.0} GFLOP/s",
         1.0 / best.as_secs_f64()
     );
     println!(
         "critic loss after {updates} updates: {}",
-        processor.entries(loss)[0]
+        processor.entries("critic loss")[0]
     );
-    kernels(&mut processor, routine);
+    kernels(&mut processor, &mut state, routine);
 }
 
 /// Prints the time of kernels by kind and shape: of 100 runs the fastest one of each kernel.
@@ -250,11 +172,11 @@ fn main() {
     clippy::disallowed_methods,
     reason = "the program measures time and prints its results"
 )]
-fn kernels(processor: &mut Processor<f32>, routine: Routine) {
+fn kernels(processor: &mut Processor<f32>, state: &mut State<f32>, routine: Routine) {
     let mut fastest: Vec<(Work, Shape, Duration)> = Vec::new();
     for _ in 0..100 {
         let (mut last, mut at) = (Instant::now(), 0);
-        processor.run_observed(routine, |work, shape| {
+        processor.run_observed(routine, state, 0, |work, shape| {
             let took = last.elapsed();
             match fastest.get_mut(at) {
                 Some(kernel) => kernel.2 = kernel.2.min(took),

@@ -2,7 +2,7 @@
 //! shapes, and where an operand belongs to another routine.
 
 use crate::graph::{Graph, Shape, Value};
-use crate::operations::{Activation, Function, Operation, Pair, common_shape};
+use crate::operations::{Activation, Function, Operation, Pair, RowFunction, common_shape};
 
 macro_rules! functions {
     ($($(#[$text:meta])* $name:ident($($constant:ident),*) => $function:expr;)*) => {
@@ -49,6 +49,8 @@ functions! {
     sigmoid() => Function::Sigmoid;
     /// `x^2`.
     square() => Function::Square;
+    /// `|x|`; its gradient is 0 at 0.
+    abs() => Function::Absolute;
     /// Square root.
     sqrt() => Function::Sqrt;
     /// `factor x`.
@@ -232,10 +234,95 @@ impl Graph {
         self.sub(shifted, logarithms)
     }
 
+    /// Largest entry of each row, `[rows, 1]`, through which no gradient passes.
+    #[must_use]
+    pub fn largest_of_columns(&mut self, x: Value) -> Value {
+        let shape = [self.shape(x)[0], 1];
+        self.compute(Operation::LargestOfColumns, vec![x], shape)
+    }
+
+    /// The same entries, row by row, in another shape.
+    #[must_use]
+    pub fn reshape(&mut self, x: Value, shape: Shape) -> Value {
+        let [rows, columns] = self.shape(x);
+        assert_eq!(
+            rows * columns,
+            shape[0] * shape[1],
+            "Reshape of {} to {shape:?}",
+            self.shown(x)
+        );
+        self.compute(Operation::Reshape, vec![x], shape)
+    }
+
+    /// Each row `times` times, one after the other, `[times rows, columns]`.
+    #[must_use]
+    pub fn repeat_rows(&mut self, x: Value, times: usize) -> Value {
+        let [rows, columns] = self.shape(x);
+        self.compute(Operation::RepeatRows { times }, vec![x], [times * rows, columns])
+    }
+
+    /// Sums of each `size` consecutive rows, `[rows / size, columns]`.
+    #[must_use]
+    pub fn sum_groups(&mut self, x: Value, size: usize) -> Value {
+        let [rows, columns] = self.shape(x);
+        assert!(
+            size > 0 && rows.is_multiple_of(size),
+            "groups of {size} rows of {}",
+            self.shown(x)
+        );
+        self.compute(Operation::SumGroups { size }, vec![x], [rows / size, columns])
+    }
+
+    /// Standard normal numbers. Entry `i` depends on the seed of the run, on the place of the draw among those of its
+    /// routine, and on `i` alone.
+    #[must_use]
+    pub fn normal(&mut self, shape: Shape) -> Value {
+        let index = self.next_draw();
+        self.compute(Operation::Normal { index }, Vec::new(), shape)
+    }
+
+    /// Uniform numbers strictly between 0 and 1, as [`Graph::normal`].
+    #[must_use]
+    pub fn uniform(&mut self, shape: Shape) -> Value {
+        let index = self.next_draw();
+        self.compute(Operation::Uniform { index }, Vec::new(), shape)
+    }
+
+    /// `ln x` of `x ~ Gamma(shape, 1)` for each shape, as [`Graph::normal`]. Its gradient in the shape is that of the
+    /// draw at a fixed probability (Figurnov et al. 2018).
+    #[must_use]
+    pub fn log_gamma_draw(&mut self, shapes: Value) -> Value {
+        let index = self.next_draw();
+        let shape = self.shape(shapes);
+        self.compute(Operation::LogGamma { index }, vec![shapes], shape)
+    }
+
+    /// Log density `[rows, 1]` of points with the logarithms `log_points` under Dirichlet distributions.
+    #[must_use]
+    pub fn dirichlet_density(&mut self, concentrations: Value, log_points: Value) -> Value {
+        let shape = self.shape(concentrations);
+        assert_eq!(
+            shape,
+            self.shape(log_points),
+            "Dirichlet density of {} at {}",
+            self.shown(concentrations),
+            self.shown(log_points)
+        );
+        let function = Operation::Rows(RowFunction::DirichletDensity);
+        self.compute(function, vec![concentrations, log_points], [shape[0], 1])
+    }
+
+    /// Differential entropy `[rows, 1]` of Dirichlet distributions.
+    #[must_use]
+    pub fn dirichlet_entropy(&mut self, concentrations: Value) -> Value {
+        let rows = self.shape(concentrations)[0];
+        let function = Operation::Rows(RowFunction::DirichletEntropy);
+        self.compute(function, vec![concentrations], [rows, 1])
+    }
+
     /// Each row less its largest entry. A shift of a row changes no softmax, so no gradient goes through the latter.
     fn less_largest(&mut self, x: Value) -> Value {
-        let shape = [self.shape(x)[0], 1];
-        let largest = self.compute(Operation::LargestOfColumns, vec![x], shape);
+        let largest = self.largest_of_columns(x);
         self.sub(x, largest)
     }
 }

@@ -5,14 +5,15 @@
 //! rectifier has its lower slope at 0, and of two equal numbers the first one takes the gradient.
 
 use crate::graph::{Graph, Shape, Step, Value};
-use crate::operations::{Function, Operation, Pair};
+use crate::operations::{Function, Operation, Pair, RowFunction};
 
 impl Graph {
     /// Gradients of `loss` `[1, 1]`, one per wanted value (a parameter, an input or a computed value), in their order.
     ///
     /// # Panics
     /// Where the loss is no single number or does not depend on a wanted value, where a parameter that the loss was
-    /// computed with has been updated since, and where the loss depends on a wanted value through `Trigamma`.
+    /// computed with has been updated since, and where the loss depends on a wanted value through `Trigamma`,
+    /// the slope of a log-gamma draw, or the slope of a Dirichlet density or entropy.
     #[must_use]
     pub fn gradients(&mut self, loss: Value, wanted: &[Value]) -> Vec<Value> {
         assert_eq!(self.shape(loss), [1, 1], "the gradient of {}", self.shown(loss));
@@ -122,6 +123,15 @@ impl Graph {
                 )]
             }
             Operation::Scatter if is_needed(0) => vec![(x, self.gather(gradient, operands[1]))],
+            Operation::Reshape => vec![(x, self.reshape(gradient, shape))],
+            Operation::RepeatRows { times } => vec![(x, self.sum_groups(gradient, times))],
+            Operation::SumGroups { size } => vec![(x, self.repeat_rows(gradient, size))],
+            Operation::LogGamma { .. } => {
+                let slope = self.compute(Operation::LogGammaSlope, vec![x, value], shape);
+                vec![(x, self.mul(gradient, slope))]
+            }
+            Operation::Rows(function) => self.through_rows(function, &operands, gradient, depends),
+            Operation::LogGammaSlope => panic!("no gradient passes through {}", self.shown(value)),
             // Leaves have no operands, and no gradient passes through the others.
             _ => Vec::new(),
         }
@@ -167,6 +177,31 @@ impl Graph {
         found
     }
 
+    fn through_rows(
+        &mut self,
+        function: RowFunction,
+        operands: &[Value],
+        gradient: Value,
+        depends: &[bool],
+    ) -> Vec<(Value, Value)> {
+        let (alpha, shape) = (operands[0], self.shape(operands[0]));
+        let slope = match function {
+            RowFunction::DirichletDensity => RowFunction::DirichletScore,
+            RowFunction::DirichletEntropy => RowFunction::DirichletEntropySlope,
+            _ => panic!("no gradient passes through {function:?}"),
+        };
+        let mut parts = Vec::new();
+        if depends[alpha.0] {
+            let slope = self.compute(Operation::Rows(slope), operands.to_vec(), shape);
+            parts.push((alpha, self.mul(gradient, slope)));
+        }
+        if let Some(log_point) = operands.get(1).filter(|value| depends[value.0]) {
+            let slope = self.shift(alpha, -1.0);
+            parts.push((*log_point, self.mul(gradient, slope)));
+        }
+        parts
+    }
+
     /// Gradient before an activation, from its output `y`.
     fn through_activation(&mut self, function: Function, y: Value, gradient: Value) -> Value {
         let slope = match function {
@@ -204,10 +239,11 @@ impl Graph {
                 self.sub(y, square)
             }
             Function::Square => self.scale(x, 2.0),
+            Function::Absolute => self.map(Function::Sign, x),
             Function::Clamp(low, high) => self.map(Function::Within(low, high), x),
             Function::LnGamma => self.digamma(x),
             Function::Digamma => self.map(Function::Trigamma, x),
-            Function::RectifierSlope(_) | Function::Within(..) => self.scale(x, 0.0),
+            Function::RectifierSlope(_) | Function::Within(..) | Function::Sign => self.scale(x, 0.0),
             Function::Trigamma | Function::Stop => panic!("no gradient passes through {}", self.shown(y)),
         };
         self.mul(gradient, slope)

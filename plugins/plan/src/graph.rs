@@ -2,6 +2,7 @@
 
 use crate::operations::Operation;
 use crate::updates::Update;
+use std::collections::HashMap;
 
 /// Numbers of rows and columns.
 pub type Shape = [usize; 2];
@@ -40,6 +41,7 @@ pub(crate) enum Step {
 pub(crate) struct StepList {
     pub(crate) name: String,
     pub(crate) steps: Vec<Step>,
+    pub(crate) n_draws: usize,
 }
 
 /// Values and routines. Methods that add to it check names and shapes and panic where they do not fit, with the
@@ -49,8 +51,8 @@ pub struct Graph {
     pub(crate) nodes: Vec<Node>,
     pub(crate) routines: Vec<StepList>,
     pub(crate) numbers: Vec<(String, f64)>,
-    /// Names of the step counts of optimisers.
-    pub(crate) counts: Vec<String>,
+    /// Places of the named values.
+    names: HashMap<String, usize>,
 }
 
 impl Graph {
@@ -69,13 +71,15 @@ impl Graph {
         self.leaf(Operation::Input, name, shape)
     }
 
-    /// A matrix that stays between runs and that updates change; 0 at first.
+    /// The matrix of a name that stays between runs and that updates change, a part of a [`State`](crate::State).
     ///
     /// # Panics
-    /// Where the name is taken or the shape has no entries.
+    /// Where the name is that of another value or shape, or the shape has no entries.
     #[must_use]
     pub fn parameter(&mut self, name: &str, shape: Shape) -> Value {
-        self.leaf(Operation::Parameter, name, shape)
+        let is_it = |node: &Node| node.operation == Operation::Parameter && node.shape == shape;
+        let same = self.named(name).filter(|value| is_it(&self.nodes[value.0]));
+        same.unwrap_or_else(|| self.leaf(Operation::Parameter, name, shape))
     }
 
     /// A matrix with given entries, row by row, rounded to the executor's precision.
@@ -93,14 +97,12 @@ impl Graph {
         self.push(Operation::Constant(entries.to_vec()), Vec::new(), shape, None)
     }
 
-    /// A number that a caller may set between runs, `first` until then.
-    ///
-    /// # Panics
-    /// Where the name is taken.
+    /// The number of a name that a state may change between runs, `first` until then.
     #[must_use]
     pub fn number(&mut self, name: &str, first: f64) -> Number {
-        let is_free = self.numbers.iter().all(|(other, _)| other != name);
-        assert!(is_free, "two numbers named `{name}`");
+        if let Some(at) = self.numbers.iter().position(|(other, _)| other == name) {
+            return Number(at);
+        }
         self.numbers.push((name.to_owned(), first));
         Number(self.numbers.len() - 1)
     }
@@ -116,6 +118,7 @@ impl Graph {
         self.routines.push(StepList {
             name: name.to_owned(),
             steps: Vec::new(),
+            n_draws: 0,
         });
         Routine(self.routines.len() - 1)
     }
@@ -127,6 +130,7 @@ impl Graph {
     pub fn output(&mut self, name: &str, value: Value) {
         self.check_name(name);
         let shown = self.shown(value);
+        self.names.insert(name.to_owned(), value.0);
         let node = &mut self.nodes[value.0];
         assert!(
             node.routine.is_some() && node.name.is_none(),
@@ -138,8 +142,14 @@ impl Graph {
     /// The value of a name.
     #[must_use]
     pub fn named(&self, name: &str) -> Option<Value> {
-        let is_it = |node: &Node| node.name.as_deref() == Some(name);
-        self.nodes.iter().position(is_it).map(Value)
+        self.names.get(name).map(|at| Value(*at))
+    }
+
+    /// The routine of a name.
+    #[must_use]
+    pub fn routine_named(&self, name: &str) -> Option<Routine> {
+        let found = self.routines.iter().position(|routine| routine.name == name);
+        found.map(Routine)
     }
 
     /// Shape of a value.
@@ -153,7 +163,15 @@ impl Graph {
         assert!(shape[0] > 0 && shape[1] > 0, "`{name}` {shape:?} has no entries");
         let value = self.push(operation, Vec::new(), shape, None);
         self.nodes[value.0].name = Some(name.to_owned());
+        self.names.insert(name.to_owned(), value.0);
         value
+    }
+
+    /// Place of a further draw in the routine that was begun last.
+    pub(crate) fn next_draw(&mut self) -> usize {
+        let routine = self.current(&[]);
+        self.routines[routine].n_draws += 1;
+        self.routines[routine].n_draws
     }
 
     /// Adds an operation to the routine that was begun last.

@@ -18,16 +18,23 @@
 //! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
 //! | [`processor`] | the executor |
-//! | [`states`] | parameters, moments and step counts for checkpoints |
+//! | [`plans`] | processors by their number of rows |
+//! | [`state`] | parameters, moments and step counts, apart from any plan |
+//! | [`equations`] | the builder as equations with Rust's operators |
+//! | [`differences`] | gradients against finite differences, for tests |
 //!
 //! One update of soft actor-critic (`examples/soft_actor_critic.rs`: two hidden layers of 256, a batch of 256) takes
 //! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too, 90 % of it
 //! in products.
 //!
-//! A plan computes no random numbers and no data-dependent choices of operations: noise, batches and learning rates
-//! are inputs.
+//! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on the draw's
+//! place in the routine and on the entry: not on the number of rows.
 
 pub mod build;
+pub mod differences;
+mod dirichlet;
+mod draws;
+pub mod equations;
 mod fusion;
 pub mod gradients;
 pub mod graph;
@@ -35,16 +42,19 @@ mod kernels;
 pub mod listing;
 mod memory;
 pub mod operations;
+pub mod plans;
 pub mod processor;
 mod rows;
 pub mod scalar;
-pub mod states;
+pub mod state;
 pub mod updates;
 
+pub use equations::{Descent, Equations, Expression};
 pub use graph::{Graph, Number, Routine, Shape, Value};
 pub use operations::Activation;
+pub use plans::Plans;
 pub use processor::{Processor, Work};
-pub use states::StateError;
+pub use state::{State, StateError};
 pub use updates::Optimiser;
 
 #[cfg(test)]

@@ -70,8 +70,10 @@ impl Graph {
             Step::Compute(value) => {
                 let node = &self.nodes[value.0];
                 let operands: Vec<String> = node.operands.iter().map(|it| self.shown(*it)).collect();
-                let operands = operands.join(", ");
-                writeln!(f, "  {} = {} of {operands}", self.shown(*value), node.operation)
+                write!(f, "  {} = {}", self.shown(*value), node.operation)?;
+                // Some draws have no operands.
+                let of = if operands.is_empty() { "" } else { " of " };
+                writeln!(f, "{of}{}", operands.join(", "))
             }
             Step::Update(update) => {
                 let (target, source) = (self.shown(update.target()), self.shown(update.source()));

@@ -4,13 +4,14 @@
 use crate::graph::{Graph, Shape, Value};
 use crate::operations::Operation;
 use crate::scalar::Scalar;
+use crate::state::{Tensor, next_version};
 
 #[derive(Debug, Clone)]
 pub(crate) struct Memory<T> {
     buffers: Vec<Vec<T>>,
     /// Place of each value's buffer; that of a value without one is beyond the end.
     places: Vec<usize>,
-    /// How often each value was written.
+    /// Version of each value's entries.
     versions: Vec<u64>,
     /// Places of buffers that no longer hold a value; the one that was read last is at the end.
     free: Vec<usize>,
@@ -19,7 +20,7 @@ pub(crate) struct Memory<T> {
 }
 
 impl<T: Scalar> Memory<T> {
-    /// Memory for leaves and outputs, with the entries of constants.
+    /// Memory for inputs and outputs, with the entries of constants.
     pub(crate) fn new(graph: &Graph) -> Self {
         let mut memory = Self {
             buffers: Vec::new(),
@@ -32,6 +33,8 @@ impl<T: Scalar> Memory<T> {
             let n = node.shape[0] * node.shape[1];
             let entries = match &node.operation {
                 Operation::Constant(entries) => entries.iter().map(|entry| T::of(*entry)).collect(),
+                // The entries of a state are in the state.
+                Operation::Parameter | Operation::State => Vec::new(),
                 _ if node.routine.is_none() || node.is_output => vec![T::default(); n],
                 _ => continue,
             };
@@ -80,13 +83,13 @@ impl<T: Scalar> Memory<T> {
 
     /// Entries of a value that are about to change.
     pub(crate) fn of_mut(&mut self, value: Value) -> &mut [T] {
-        self.versions[value.0] += 1;
+        self.versions[value.0] = next_version();
         &mut self.buffers[self.places[value.0]]
     }
 
     /// Takes the buffer of a value out, so that it can change while others are read; [`Memory::put`] brings it back.
     pub(crate) fn take(&mut self, value: Value) -> Vec<T> {
-        self.versions[value.0] += 1;
+        self.versions[value.0] = next_version();
         std::mem::take(&mut self.buffers[self.places[value.0]])
     }
 
@@ -96,6 +99,12 @@ impl<T: Scalar> Memory<T> {
 
     pub(crate) fn version(&self, value: Value) -> u64 {
         self.versions[value.0]
+    }
+
+    /// Exchanges a value's entries and version with those of a tensor of a state.
+    pub(crate) fn exchange(&mut self, value: Value, tensor: &mut Tensor<T>) {
+        std::mem::swap(&mut self.buffers[self.places[value.0]], &mut tensor.entries);
+        std::mem::swap(&mut self.versions[value.0], &mut tensor.version);
     }
 
     #[cfg(test)]

@@ -61,6 +61,10 @@ pub enum Function {
     Softplus,
     /// `1 / (1 + e^-x)`.
     Sigmoid,
+    /// `|x|`.
+    Absolute,
+    /// 1 for `x > 0`, -1 for `x < 0`, else 0.
+    Sign,
     /// `x^2`.
     Square,
     /// Square root.
@@ -102,6 +106,20 @@ pub enum Pair {
     AtMost,
 }
 
+/// A function of a row of concentrations `alpha` of a Dirichlet distribution with the sum `A`, and of the logarithm
+/// `ln a` of a point where it says so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RowFunction {
+    /// `ln Gamma(A) - sum ln Gamma(alpha_i) + sum (alpha_i - 1) ln a_i`, one number a row.
+    DirichletDensity,
+    /// Derivative of the density in each `alpha_i`: `digamma(A) - digamma(alpha_i) + ln a_i`.
+    DirichletScore,
+    /// Differential entropy, one number a row.
+    DirichletEntropy,
+    /// Derivative of the entropy in each `alpha_i`: `(A - n) trigamma(A) - (alpha_i - 1) trigamma(alpha_i)`.
+    DirichletEntropySlope,
+}
+
 /// An operation with one result.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Operation {
@@ -139,6 +157,22 @@ pub(crate) enum Operation {
     Gather,
     /// Each row's number in the column that a second operand names, else zeros.
     Scatter,
+    /// The same entries in another shape.
+    Reshape,
+    /// Each row a number of times, one after the other.
+    RepeatRows { times: usize },
+    /// Sums of consecutive rows, in their order.
+    SumGroups { size: usize },
+    /// Standard normal numbers, draw `index` of the routine.
+    Normal { index: usize },
+    /// Uniform numbers strictly between 0 and 1, draw `index` of the routine.
+    Uniform { index: usize },
+    /// `ln x` of `x ~ Gamma(shape, 1)` for each shape, draw `index` of the routine, in `f64` and then rounded.
+    LogGamma { index: usize },
+    /// Derivative of a log-gamma draw in its shape at a fixed probability, of the shape and the draw.
+    LogGammaSlope,
+    /// A function of the rows of one or two operands, in `f64` and then rounded.
+    Rows(RowFunction),
     /// 1, or where the joint norm of all operands exceeds `largest`, the quotient of both.
     ClipScale { largest: f64 },
 }
@@ -163,6 +197,9 @@ impl Operation {
             Operation::Map(Function::Repeat | Function::Stop) => 0,
             Operation::Map(_) | Operation::Combine(_) => n(result),
             Operation::SumRows | Operation::SumColumns | Operation::Sum | Operation::LargestOfColumns => all,
+            Operation::SumGroups { .. } => all,
+            Operation::Normal { .. } | Operation::Uniform { .. } => n(result),
+            Operation::LogGamma { .. } | Operation::LogGammaSlope | Operation::Rows(_) => all,
             Operation::ClipScale { .. } => 2 * all,
             _ => 0,
         }

@@ -5,13 +5,16 @@
 //! thread executes it.
 
 use crate::fusion::Pieces;
-use crate::graph::{Graph, Number, Routine, Shape, Value};
+use crate::graph::{Graph, Routine, Shape, Step, Value};
 use crate::kernels::{Kernel, compile};
 use crate::memory::Memory;
-use crate::operations::{Operation, Pair};
+use crate::operations::{Operation, Pair, RowFunction};
 use crate::rows::{by_rows, column, largest, place, sum_row, sum_rows};
 use crate::scalar::{Factor, Scalar, combine, map};
+use crate::state::State;
 use crate::updates::Update;
+use crate::{dirichlet, draws};
+use std::collections::BTreeSet;
 
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,6 +34,34 @@ pub enum Work {
     Update,
 }
 
+/// Parts of a state that the steps of a routine use.
+fn bound(graph: &Graph, routine: usize) -> Vec<Bound> {
+    let mut used = BTreeSet::new();
+    for step in graph.live_steps(routine) {
+        match step {
+            Step::Compute(value) => used.extend(&graph.nodes[value.0].operands),
+            Step::Update(update) => {
+                used.extend(update.operands());
+                if let Update::Adam { moments, .. } = update {
+                    used.extend(moments);
+                }
+            }
+        }
+    }
+    let of = |value: &Value| {
+        let node = &graph.nodes[value.0];
+        let is_moment = node.operation == Operation::State;
+        (is_moment || node.operation == Operation::Parameter).then(|| Bound {
+            value: *value,
+            name: node.name.clone().unwrap_or_default(),
+            shape: node.shape,
+            is_moment,
+            place: usize::MAX,
+        })
+    };
+    used.iter().filter_map(of).collect()
+}
+
 /// A leaf that is packed as the second factor of products. Computed factors share one memory.
 #[derive(Debug, Clone)]
 struct Pack<T: Scalar> {
@@ -41,29 +72,41 @@ struct Pack<T: Scalar> {
     packed: T::Packed,
 }
 
+/// A part of a state that a routine reads or changes.
+#[derive(Debug, Clone)]
+struct Bound {
+    value: Value,
+    name: String,
+    shape: Shape,
+    is_moment: bool,
+    /// Place in the state of the last run.
+    place: usize,
+}
+
 /// Buffers and compiled routines of one graph.
 #[derive(Debug, Clone)]
 pub struct Processor<T: Scalar> {
-    pub(crate) graph: Graph,
+    graph: Graph,
     kernels: Vec<Vec<Kernel>>,
-    pub(crate) memory: Memory<T>,
+    bound: Vec<Vec<Bound>>,
+    memory: Memory<T>,
     packs: Vec<Pack<T>>,
-    numbers: Vec<f64>,
-    pub(crate) counts: Vec<u64>,
     packed: T::Packed,
     multiplier: T::Multiplier,
     pieces: Pieces<T>,
     chains: Vec<T>,
+    wide: [Vec<f64>; 3],
 }
 
 impl<T: Scalar> Processor<T> {
-    /// Compiles a graph. Parameters, inputs and states are 0.
+    /// Compiles a graph. Inputs are 0.
     #[must_use]
-    pub fn new(graph: &Graph) -> Self {
-        let mut memory = Memory::new(graph);
+    pub fn new(graph: Graph) -> Self {
+        let mut memory = Memory::new(&graph);
         let routines = 0..graph.routines.len();
         let kernels: Vec<_> = routines
-            .map(|routine| compile(graph, routine, &mut memory))
+            .clone()
+            .map(|routine| compile(&graph, routine, &mut memory))
             .collect();
         let mut pieces = Pieces::default();
         for kernel in kernels.iter().flatten() {
@@ -71,74 +114,97 @@ impl<T: Scalar> Processor<T> {
                 pieces.provide(entrywise.len());
             }
         }
+        let bound = routines.map(|routine| bound(&graph, routine)).collect();
         Self {
-            graph: graph.clone(),
+            graph,
             kernels,
+            bound,
             memory,
             packs: Vec::new(),
-            numbers: graph.numbers.iter().map(|(_, first)| *first).collect(),
-            counts: vec![0; graph.counts.len()],
             packed: T::Packed::default(),
             multiplier: T::Multiplier::default(),
             pieces,
             chains: Vec::new(),
+            wide: Default::default(),
         }
     }
 
-    /// Writes a leaf row by row.
-    ///
-    /// # Panics
-    /// Where the value is computed or the number of entries is not that of its shape.
-    pub fn write(&mut self, value: Value, entries: &[T]) {
-        self.check_leaf(value);
-        let n = self.memory.of(value).len();
-        assert_eq!(
-            entries.len(),
-            n,
-            "{} entries for {}",
-            entries.len(),
-            self.graph.shown(value)
-        );
-        self.memory.of_mut(value).copy_from_slice(entries);
+    /// The graph that is executed.
+    #[must_use]
+    pub fn graph(&self) -> &Graph {
+        &self.graph
     }
 
-    /// Entries of a leaf row by row, to be written in place.
+    fn named(&self, name: &str) -> Value {
+        let value = self.graph.named(name);
+        value.unwrap_or_else(|| panic!("the plan has no value `{name}`"))
+    }
+
+    /// Writes an input row by row.
     ///
     /// # Panics
-    /// Where the value is computed.
-    pub fn entries_mut(&mut self, value: Value) -> &mut [T] {
-        self.check_leaf(value);
+    /// Where no input has the name, or the number of entries is not that of its shape.
+    pub fn write(&mut self, input: &str, entries: &[T]) {
+        let own = self.input(input);
+        assert_eq!(entries.len(), own.len(), "entries of the input `{input}`");
+        own.copy_from_slice(entries);
+    }
+
+    /// Entries of an input row by row, to be written in place.
+    ///
+    /// # Panics
+    /// Where no input has the name.
+    pub fn input(&mut self, input: &str) -> &mut [T] {
+        let value = self.named(input);
+        let is_input = self.graph.nodes[value.0].operation == Operation::Input;
+        assert!(is_input, "{} is no input", self.graph.shown(value));
         self.memory.of_mut(value)
     }
 
-    fn check_leaf(&self, value: Value) {
-        let is_leaf = self.graph.nodes[value.0].routine.is_none();
-        assert!(is_leaf, "{} is computed", self.graph.shown(value));
-    }
-
-    /// Entries of a leaf or an output row by row; those of an output are of the last run, 0 before it.
+    /// Entries of an input or an output row by row; those of an output are of the last run, 0 before it.
     ///
     /// # Panics
-    /// Where the value is neither.
+    /// Where no input or output has the name.
     #[must_use]
-    pub fn entries(&self, value: Value) -> &[T] {
+    pub fn entries(&self, name: &str) -> &[T] {
+        let value = self.named(name);
         let node = &self.graph.nodes[value.0];
-        let is_kept = node.routine.is_none() || node.is_output;
+        let is_kept = node.operation == Operation::Input || node.is_output;
         assert!(is_kept, "{} is no output", self.graph.shown(value));
         self.memory.of(value)
     }
 
-    /// Changes a number for the following runs.
-    pub fn set_number(&mut self, number: Number, to: f64) {
-        self.numbers[number.0] = to;
+    /// The one number of an output `[1, 1]`, as [`Processor::entries`].
+    #[must_use]
+    pub fn number(&self, output: &str) -> f64 {
+        let entries = self.entries(output);
+        assert_eq!(entries.len(), 1, "numbers of `{output}`");
+        entries[0].wide()
     }
 
-    /// Executes a routine.
+    /// Executes a routine that draws nothing.
     ///
     /// # Panics
-    /// Where an index of a gather is no whole number or too large.
-    pub fn run(&mut self, routine: Routine) {
-        self.run_observed(routine, |_, _| {});
+    /// Where the graph has no such routine or it draws, the state lacks a parameter or has another shape of it, or an
+    /// index of a gather is no whole number or too large.
+    pub fn run(&mut self, routine: &str, state: &mut State<T>) {
+        let of = self.routine(routine);
+        let draws = self.graph.routines[of.0].n_draws;
+        assert_eq!(draws, 0, "`{routine}` draws numbers and needs a seed");
+        self.run_observed(of, state, 0, |_, _| {});
+    }
+
+    /// Executes a routine whose draws depend on a seed.
+    ///
+    /// # Panics
+    /// As [`Processor::run`].
+    pub fn run_seeded(&mut self, routine: &str, state: &mut State<T>, seed: u64) {
+        self.run_observed(self.routine(routine), state, seed, |_, _| {});
+    }
+
+    fn routine(&self, name: &str) -> Routine {
+        let routine = self.graph.routine_named(name);
+        routine.unwrap_or_else(|| panic!("the plan has no routine `{name}`"))
     }
 
     /// Executes a routine and calls `after` at the end of each kernel with the shape of its result, for a measurement
@@ -146,7 +212,21 @@ impl<T: Scalar> Processor<T> {
     ///
     /// # Panics
     /// As [`Processor::run`].
-    pub fn run_observed(&mut self, routine: Routine, mut after: impl FnMut(Work, Shape)) {
+    pub fn run_observed(
+        &mut self,
+        routine: Routine,
+        state: &mut State<T>,
+        seed: u64,
+        mut after: impl FnMut(Work, Shape),
+    ) {
+        for bound in &mut self.bound[routine.0] {
+            if !state.is_at(bound.place, &bound.name, bound.shape) {
+                bound.place = state.place(&bound.name, bound.shape, bound.is_moment);
+            }
+        }
+        for bound in &self.bound[routine.0] {
+            self.memory.exchange(bound.value, state.at_mut(bound.place));
+        }
         let kernels = std::mem::take(&mut self.kernels[routine.0]);
         for kernel in &kernels {
             match kernel {
@@ -155,9 +235,9 @@ impl<T: Scalar> Processor<T> {
                     after(Work::Loop(entrywise.len()), entrywise.shape());
                 }
                 Kernel::Single(value) => {
-                    self.compute(*value);
+                    self.compute(*value, seed);
                     let node = &self.graph.nodes[value.0];
-                    let [rows, columns] = self.graph.shape(node.operands[0]);
+                    let [rows, columns] = node.operands.first().map_or([0; 2], |it| self.graph.shape(*it));
                     let product = |transposed: [bool; 2]| Work::Product {
                         transposed,
                         inner: if transposed[0] { rows } else { columns },
@@ -170,22 +250,50 @@ impl<T: Scalar> Processor<T> {
                     after(work, node.shape);
                 }
                 Kernel::Update(update) => {
-                    self.update(update);
+                    self.update(update, state);
                     after(Work::Update, self.graph.shape(update.target()));
                 }
             }
         }
         self.kernels[routine.0] = kernels;
+        for bound in &self.bound[routine.0] {
+            self.memory.exchange(bound.value, state.at_mut(bound.place));
+        }
     }
 
-    fn compute(&mut self, value: Value) {
+    fn compute(&mut self, value: Value, seed: u64) {
         let mut result = self.memory.take(value);
         match self.graph.nodes[value.0].operation {
+            Operation::Normal { index } => draws::normal(seed, index, &mut result),
+            Operation::Uniform { index } => draws::uniform(seed, index, &mut result),
+            Operation::LogGamma { index } => {
+                draws::log_gamma(seed, index, self.operand(value, 0), &mut result);
+            }
+            Operation::LogGammaSlope => {
+                draws::log_gamma_slope(self.operand(value, 0), self.operand(value, 1), &mut result);
+            }
+            Operation::Rows(function) => self.compute_rows(function, value, &mut result),
             Operation::Dense(_) => self.multiply(value, false, &mut result),
             Operation::Product { transposed } => self.multiply(value, transposed[1], &mut result),
             _ => self.move_or_sum(value, &mut result),
         }
         self.memory.put(value, result);
+    }
+
+    fn operand(&self, value: Value, at: usize) -> &[T] {
+        self.memory.of(self.graph.nodes[value.0].operands[at])
+    }
+
+    fn compute_rows(&mut self, function: RowFunction, value: Value, result: &mut [T]) {
+        let operands = &self.graph.nodes[value.0].operands;
+        let parts = [operands[0], *operands.get(1).unwrap_or(&operands[0])];
+        let (n, width) = (self.graph.shape(parts[0])[1], self.graph.shape(value)[1]);
+        let [alpha, log_point] = parts.map(|part| self.memory.of(part));
+        let rows = result.chunks_exact_mut(width);
+        let rows = rows.zip(alpha.chunks_exact(n)).zip(log_point.chunks_exact(n));
+        for ((result, alpha), log_point) in rows {
+            dirichlet::row(function, [alpha, log_point], result, &mut self.wide);
+        }
     }
 
     fn factor(&self, value: Value, is_transposed: bool) -> Factor<'_, T> {
@@ -303,6 +411,19 @@ impl<T: Scalar> Processor<T> {
                     row[column(*index, columns)] = *x;
                 }
             }
+            Operation::Reshape => result.copy_from_slice(x),
+            Operation::RepeatRows { times } => {
+                for (group, row) in result.chunks_exact_mut(times * width).zip(x.chunks_exact(width)) {
+                    group
+                        .chunks_exact_mut(width)
+                        .for_each(|target| target.copy_from_slice(row));
+                }
+            }
+            Operation::SumGroups { size } => {
+                for (sums, group) in result.chunks_exact_mut(width).zip(x.chunks_exact(size * width)) {
+                    sum_rows(group, sums, &mut self.chains);
+                }
+            }
             Operation::ClipScale { largest } => {
                 let squares = node
                     .operands
@@ -315,21 +436,21 @@ impl<T: Scalar> Processor<T> {
         }
     }
 
-    fn update(&mut self, update: &Update) {
+    fn update(&mut self, update: &Update, state: &mut State<T>) {
         let target = update.target();
         let mut changed = self.memory.take(target);
         match *update {
             Update::Adam {
                 gradient,
                 moments,
-                count,
                 settings,
-                ..
+                parameter,
             } => {
                 let [mut first, mut second] = moments.map(|moment| self.memory.take(moment));
-                self.counts[count] += 1;
-                let rate = self.numbers[settings.learning_rate.0];
-                let (t, gradient) = (self.counts[count], self.memory.of(gradient));
+                let (name, first_rate) = &self.graph.numbers[settings.learning_rate.0];
+                let rate = state.number(name).unwrap_or(*first_rate);
+                let name = self.graph.nodes[parameter.0].name.as_deref().unwrap_or_default();
+                let (t, gradient) = (state.count_step(name), self.memory.of(gradient));
                 let both: [&mut [T]; 2] = [&mut first, &mut second];
                 T::descend(t, rate, settings.betas, &mut changed, gradient, both);
                 for (moment, buffer) in moments.into_iter().zip([first, second]) {

@@ -321,6 +321,14 @@ pub(crate) fn map<T: Scalar>(function: Function, entries: &mut [T]) {
             each!(entries, |x| if x > zero { one } else { below });
         }
         Function::OneLessSquare => each!(entries, |x| one - x * x),
+        Function::Absolute => each!(entries, |x| if x <= zero { zero - x } else { x }),
+        Function::Sign => each!(entries, |x| if x > zero {
+            one
+        } else if x < zero {
+            -one
+        } else {
+            x
+        }),
         Function::Square => each!(entries, |x| x * x),
         Function::Sqrt => each!(entries, |x| x.root()),
         Function::Scale(factor) => {

@@ -1,16 +1,21 @@
 //! Gradients against finite differences, bits against the definitions, and the plan as a whole.
 
-use crate::{Activation, Graph, Optimiser, Processor, Routine, Shape, Value};
+use crate::differences::largest_error;
+use crate::scalar::Scalar;
+use crate::{Activation, Graph, Optimiser, Processor, Shape, State, Value};
 use proptest::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 mod of_bits;
+mod of_draws;
+mod of_equations;
 mod of_gradients;
 mod of_plans;
+mod of_states;
 
 /// Numbers without a pattern between two limits.
 fn numbers(count: usize, seed: u64, [low, high]: [f64; 2]) -> Vec<f64> {
-    let word =
-        |i: u64| arithmetic::digests::mix(seed.wrapping_add(i.wrapping_mul(arithmetic::digests::GOLDEN)));
+    let word = |i: u64| arithmetic::draws::mix(seed.wrapping_add(i.wrapping_mul(arithmetic::draws::GOLDEN)));
     let number = |i| low + (high - low) * arithmetic::draws::uniform(word(i));
     (1..=count as u64).map(number).collect()
 }
@@ -38,56 +43,35 @@ fn weighted_sum(graph: &mut Graph, value: Value, seed: u64) -> Value {
     graph.sum(product)
 }
 
-/// Largest difference between gradients and central differences in `f64`, relative to the largest gradient of the
-/// input, of a loss of inputs with given shapes and limits.
-fn gradient_error(loss: Loss, inputs: &[(Shape, [f64; 2])], seed: u64) -> f64 {
-    const STEP: f64 = 1e-5;
-    let mut graph = Graph::new();
-    let leaves: Vec<Value> = inputs
-        .iter()
-        .enumerate()
-        .map(|(at, (shape, _))| graph.input(&format!("x{at}"), *shape))
-        .collect();
-    let routine = graph.routine("loss and gradients");
+/// A state of named rows.
+fn state_of<T: Scalar>(rows: &[(&str, &[T])]) -> State<T> {
+    let mut state = State::default();
+    for (name, entries) in rows {
+        state.insert(*name, [1, entries.len()], entries.to_vec());
+    }
+    state
+}
+
+/// Message of a panic.
+fn panic_of(run: impl FnOnce()) -> String {
+    let payload = catch_unwind(AssertUnwindSafe(run)).unwrap_err();
+    let text = payload.downcast_ref::<String>().cloned();
+    text.unwrap_or_else(|| (*payload.downcast_ref::<&str>().unwrap()).to_owned())
+}
+
+/// [`largest_error`] of a loss of parameters with given shapes and limits.
+fn gradient_error(loss: Loss, parameters: &[(Shape, [f64; 2])], seed: u64) -> f64 {
+    let (mut graph, mut state) = (Graph::new(), State::default());
+    let names: Vec<String> = (0..parameters.len()).map(|at| format!("x{at}")).collect();
+    let mut leaves = Vec::new();
+    for ((at, name), (shape, limits)) in names.iter().enumerate().zip(parameters) {
+        let entries = numbers(shape[0] * shape[1], seed ^ (at as u64) << 7, *limits);
+        state.insert(name, *shape, entries);
+        leaves.push(graph.parameter(name, *shape));
+    }
+    let _ = graph.routine("loss and gradients");
     let loss = loss(&mut graph, &leaves, seed);
-    let gradients = graph.gradients(loss, &leaves);
     graph.output("loss", loss);
-    let gradients: Vec<Value> = gradients
-        .into_iter()
-        .enumerate()
-        .map(|(at, gradient)| {
-            // Two inputs may have one gradient, and a gradient may be a leaf.
-            let copy = graph.scale(gradient, 1.0);
-            graph.output(&format!("g{at}"), copy);
-            copy
-        })
-        .collect();
-    let mut processor = Processor::<f64>::new(&graph);
-    for (at, (leaf, (shape, limits))) in leaves.iter().zip(inputs).enumerate() {
-        processor.write(
-            *leaf,
-            &numbers(shape[0] * shape[1], seed ^ (at as u64) << 7, *limits),
-        );
-    }
-    processor.run(routine);
-    let found: Vec<Vec<f64>> = gradients
-        .iter()
-        .map(|it| processor.entries(*it).to_vec())
-        .collect();
-    let mut worst = 0.0_f64;
-    for (leaf, found) in leaves.iter().zip(found) {
-        let mut at = |place: usize, step: f64| {
-            processor.entries_mut(*leaf)[place] += step;
-            processor.run(routine);
-            let value = processor.entries(loss)[0];
-            processor.entries_mut(*leaf)[place] -= step;
-            value
-        };
-        let scale = found.iter().fold(1e-2, |scale: f64, g| scale.max(g.abs()));
-        for (place, g) in found.iter().enumerate() {
-            let slope = (at(place, STEP) - at(place, -STEP)) / (2.0 * STEP);
-            worst = worst.max((slope - g).abs() / scale);
-        }
-    }
-    worst
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    largest_error(graph, ["loss and gradients", "loss"], &names, &state, &[], seed)
 }

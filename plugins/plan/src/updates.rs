@@ -31,8 +31,6 @@ pub(crate) enum Update {
         parameter: Value,
         gradient: Value,
         moments: [Value; 2],
-        /// Index of the step count.
-        count: usize,
         settings: Optimiser,
     },
     Follow {
@@ -69,30 +67,25 @@ impl Update {
 }
 
 impl Graph {
-    /// One step of Adam, as `arithmetic::steps` has it. The moments and the step count belong to the parameter and
-    /// are named after it: `NAME.first`, `NAME.second`, `NAME.steps`. Several steps of one parameter share them.
+    /// One step of Adam, as `arithmetic::steps` has it. The moments belong to the parameter and are named
+    /// after it, `NAME.first` and `NAME.second`; the state counts its steps. Several steps of one parameter share them.
     ///
     /// # Panics
-    /// Where `parameter` is no parameter, or the gradient has another shape or is the parameter itself.
+    /// Where `parameter` is no parameter, or the gradient has another shape or is the parameter itself, or where
+    /// another value has the name of a moment.
     pub fn adam(&mut self, parameter: Value, gradient: Value, settings: Optimiser) {
         let name = self.check_update("Adam", parameter, gradient);
         let shape = self.shape(parameter);
         let moments = ["first", "second"].map(|moment| {
             let name = format!("{name}.{moment}");
-            self.named(&name)
-                .unwrap_or_else(|| self.leaf(Operation::State, &name, shape))
-        });
-        let steps = format!("{name}.steps");
-        let count = self.counts.iter().position(|other| *other == steps);
-        let count = count.unwrap_or_else(|| {
-            self.counts.push(steps);
-            self.counts.len() - 1
+            let is_moment = |value: &Value| self.nodes[value.0].operation == Operation::State;
+            let same = self.named(&name).filter(is_moment);
+            same.unwrap_or_else(|| self.leaf(Operation::State, &name, shape))
         });
         self.update(Update::Adam {
             parameter,
             gradient,
             moments,
-            count,
             settings,
         });
     }

@@ -2,11 +2,13 @@
 
 use contract::Error;
 use numerics::{
+    equations::{network::Network, state_file},
     network::Mlp,
     optimizer::TrainedNetwork,
     policy_file::{self, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::State;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::json;
 use std::path::Path;
@@ -85,6 +87,51 @@ macro_rules! keeps {
 }
 pub(crate) use keeps;
 
+/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
+/// the fields `state`, `replay` and `schedule`, and a `config` with `learning_starts` and `updates_per_step`.
+macro_rules! keeps_state {
+    ($name:expr) => {
+        fn updates(&self) -> Option<Updates> {
+            let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
+            Some(self.schedule.updates(first, per_step))
+        }
+
+        fn save(&self, dir: &Path) -> Result<(), Error> {
+            let mut file = numerics::tensor_file::TensorFile::default();
+            numerics::equations::state_file::store(&self.state, &mut file);
+            self.replay.store(&mut file);
+            checkpoint::write($name, dir, file, &self.schedule)
+        }
+
+        fn load(&mut self, dir: &Path) -> Result<(), Error> {
+            let (file, schedule) = checkpoint::read($name, dir)?;
+            let misfit = checkpoint::error_of($name);
+            numerics::equations::state_file::restore(&mut self.state, &file).map_err(&misfit)?;
+            self.replay.restore(&file).map_err(&misfit)?;
+            self.schedule = schedule;
+            Ok(())
+        }
+    };
+}
+pub(crate) use keeps_state;
+
+/// Loads the network of the policy file in `dir` into a state; `ports` and `head` are those that the agent itself would
+/// write.
+///
+/// # Errors
+/// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
+pub fn import_network(
+    agent: &'static str,
+    policy: &Network,
+    state: &mut State<f32>,
+    dir: &Path,
+    ports: &Ports,
+    head: Head,
+) -> Result<(), Error> {
+    let file = read_policy(agent, dir, ports, head)?;
+    state_file::restore_network(policy, policy_file::PREFIX, state, &file).map_err(error_of(agent))
+}
+
 /// Reads a counter of a checkpoint.
 ///
 /// # Errors
@@ -159,8 +206,8 @@ fn misfit(agent: &'static str, source: impl std::fmt::Display) -> Error {
 ///
 /// # Errors
 /// [`Error::NotFinite`] with `what` and `step`.
-pub fn finite(what: &str, step: u64, value: f32) -> Result<f64, Error> {
-    let value = f64::from(value);
+pub fn finite(what: &str, step: u64, value: impl Into<f64>) -> Result<f64, Error> {
+    let value = value.into();
     if value.is_finite() {
         Ok(value)
     } else {

@@ -4,6 +4,8 @@
 pub mod allocation;
 #[cfg(test)]
 pub(crate) mod bandit;
+pub mod batch;
+pub mod bellman;
 pub mod box_seat;
 pub mod checkpoint;
 pub mod choice_seat;
@@ -11,6 +13,8 @@ pub mod choice_seat;
 pub(crate) mod coordination;
 pub mod dataset_actor;
 pub(crate) mod designs;
+#[cfg(test)]
+pub(crate) mod gradient_checks;
 pub(crate) mod gradient_moments;
 pub mod joint;
 pub mod multiplier;

@@ -8,6 +8,7 @@
 //! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
 //! | mu_i, sigma_i | [`Replay::reward_moments`], over everything that is stored | scalars |
 
+use super::batch::{BatchRows, BatchWidths};
 use super::joint::{JointLayout, columns};
 use super::ring::Ring;
 use super::scaling::Scaling;
@@ -150,14 +151,64 @@ impl Replay {
         self.picked(&distinct(n, self.len(), rng))
     }
 
+    /// As [`Replay::sample`], on the host.
+    pub fn draw(&self, n: usize, rng: &mut impl RngCore) -> BatchRows {
+        let picked: Vec<usize> = (0..n).map(|_| rng.random_range(0..self.len())).collect();
+        self.picked_rows(&picked)
+    }
+
+    /// As [`Replay::sample_distinct`], on the host.
+    ///
+    /// # Panics
+    /// Where the buffer holds fewer than `n` transitions.
+    pub fn draw_distinct(&self, n: usize, rng: &mut impl RngCore) -> BatchRows {
+        assert!(n <= self.len(), "{n} transitions of {}", self.len());
+        self.picked_rows(&distinct(n, self.len(), rng))
+    }
+
     /// The `n` latest transitions, the oldest of them first; all of them where fewer are stored.
     #[must_use]
     pub fn latest(&self, n: usize) -> Batch {
+        self.picked(&self.latest_places(n))
+    }
+
+    /// As [`Replay::latest`], on the host.
+    #[must_use]
+    pub fn latest_rows(&self, n: usize) -> BatchRows {
+        self.picked_rows(&self.latest_places(n))
+    }
+
+    fn latest_places(&self, n: usize) -> Vec<usize> {
         let (stored, n) = (self.len(), n.min(self.len()));
-        let picked: Vec<usize> = (stored - n..stored)
+        (stored - n..stored)
             .map(|age| (self.rows.oldest() + age) % stored)
+            .collect()
+    }
+
+    /// Numbers of entries of the joint observation, of the joint action, and of seats.
+    #[must_use]
+    pub fn widths(&self) -> BatchWidths {
+        BatchWidths {
+            observed: self.n_observed,
+            acted: self.n_acted,
+            seats: self.n_seats(),
+        }
+    }
+
+    /// Replaces the rewards of each seat by their distance from the mean of all that are stored, in units of their
+    /// standard deviation (1 where they are equal).
+    pub fn standardise_rewards(&self, batch: &mut BatchRows) {
+        let moments: Vec<_> = (0..self.n_seats())
+            .map(|seat| self.reward_moments(seat))
             .collect();
-        self.picked(&picked)
+        for row in batch.rewards.chunks_exact_mut(moments.len()) {
+            for (reward, (mean, sd)) in row.iter_mut().zip(&moments) {
+                let spread = if *sd > SMALLEST_SD { *sd } else { 1.0 };
+                #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+                let standardised = ((f64::from(*reward) - mean) / spread) as f32;
+                *reward = standardised;
+            }
+        }
     }
 
     /// Mean and population standard deviation of a seat's rewards over all stored transitions; zeros for an
@@ -220,15 +271,27 @@ impl Replay {
     }
 
     fn picked(&self, picked: &[usize]) -> Batch {
+        let rows = self.picked_rows(picked);
+        Batch {
+            observations: matrix(rows.observations, self.n_observed),
+            actions: matrix(rows.actions, self.n_acted),
+            rewards: matrix(rows.rewards, self.n_seats()),
+            next_observations: matrix(rows.next_observations, self.n_observed),
+            continues: matrix(rows.continues, 1),
+        }
+    }
+
+    fn picked_rows(&self, picked: &[usize]) -> BatchRows {
         let columns = |from: usize, count: usize| {
             let mut values = Vec::with_capacity(picked.len() * count);
             for at in picked {
                 values.extend_from_slice(&self.rows.row(*at)[from..from + count]);
             }
-            matrix(values, count)
+            values
         };
         let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
-        Batch {
+        BatchRows {
+            n_rows: picked.len(),
             observations: columns(0, observed),
             actions: columns(observed, acted),
             rewards: columns(observed + acted, seats),

@@ -1,6 +1,7 @@
 //! Fully connected networks for the seats of a game, with equal hidden layers.
 
 use contract::Error;
+use numerics::equations::network::Network;
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
 
@@ -16,6 +17,13 @@ pub struct HiddenLayers {
 }
 
 impl HiddenLayers {
+    /// Describes a network from `inputs` to `outputs`.
+    #[must_use]
+    pub fn described(self, name: impl Into<String>, inputs: usize, outputs: usize) -> Network {
+        let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
+        Network::new(name, &sizes, &vec![self.activation; self.layers])
+    }
+
     /// Creates a network to be trained, from `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
     pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();

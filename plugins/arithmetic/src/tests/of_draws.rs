@@ -101,3 +101,17 @@ fn tiny_shapes_have_finite_logarithms() {
     // The standard deviation of ln x is 1000.
     assert!((mean - gamma::digamma(1e-3)).abs() < 4.0 * 1000.0 / 1000_f64.sqrt());
 }
+
+#[test]
+fn the_slope_of_a_draw_of_zero_is_that_of_the_power_law() {
+    // For x -> 0, P = x^shape / Gamma(shape + 1).
+    for (shape, log_draw) in [(0.01, -5000.0), (0.3, -1e6), (2.5, -800.0)] {
+        let expected = (gamma::digamma(shape + 1.0) - log_draw) / shape;
+        let slope = gamma_slope::log_gamma_slope(shape, log_draw);
+        assert!((slope / expected - 1.0).abs() < 1e-14, "shape {shape}: {slope}");
+    }
+    assert_eq!(
+        gamma_slope::log_gamma_slope(1e-40, f64::NEG_INFINITY),
+        f64::INFINITY
+    );
+}

@@ -2,9 +2,8 @@
 //! file.
 
 use super::{Dense, Graph, Setting, Value, dense_layers};
-use crate::parameters::store;
 use crate::policy_file::{Head, PREFIX, Policy, PolicyHeader};
-use crate::tensor_file::{TensorFile, TensorFileError};
+use crate::tensor_file::TensorFileError;
 
 impl Policy {
     /// Graph of the policy, from an observation in the units of the channels to an action in its units.
@@ -22,9 +21,7 @@ impl Policy {
             action_spread,
             ..
         } = &self.header;
-        let mut file = TensorFile::default();
-        store(self.network(), PREFIX, &mut file);
-        let layers = with_first_outputs(dense_layers(&file, PREFIX)?, outputs.len());
+        let layers = with_first_outputs(dense_layers(self.parameters(), PREFIX)?, outputs.len());
         let n_acted = head.n_entries(outputs.len());
         let (mut graph, observation) = Graph::of_observation(center.len());
         let x = graph.scaled(&observation, center, spread);

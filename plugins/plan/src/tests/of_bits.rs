@@ -27,33 +27,33 @@ proptest! {
         let mut graph = Graph::new();
         let [x, w] = [("x", shapes[0]), ("w", shapes[1])].map(|(name, shape)| graph.input(name, shape));
         let c = graph.parameter("c", [1, columns]);
-        let routine = graph.routine("products");
+        let _ = graph.routine("products");
         let product = graph.product(x, w, turned);
         graph.output("product", product);
         let dense = [Activation::Relu, Activation::LeakyRelu, Activation::Tanh].map(|activation| {
             (turned == [false; 2]).then(|| {
-                let value = graph.dense(x, w, c, activation);
-                graph.output(&format!("{activation:?}"), value);
-                value
+                let (value, name) = (graph.dense(x, w, c, activation), format!("{activation:?}"));
+                graph.output(&name, value);
+                name
             })
         });
-        let mut processor = Processor::<f32>::new(&graph);
-        for (value, entries) in [(x, &a), (w, &b), (c, &bias)] {
-            processor.write(value, entries);
+        let mut processor = Processor::<f32>::new(graph);
+        for (name, entries) in [("x", &a), ("w", &b)] {
+            processor.write(name, entries);
         }
-        processor.run(routine);
+        processor.run("products", &mut state_of(&[("c", &bias)]));
         let expected = products::product(matrix(&a, shapes[0], turned[0]), matrix(&b, shapes[1], turned[1]));
-        prop_assert_eq!(bits(processor.entries(product)), bits(&expected));
+        prop_assert_eq!(bits(processor.entries("product")), bits(&expected));
         let functions: [fn(f32) -> f32; 3] = [
             |x| if x <= 0.0 { 0.0 * x } else { x },
             |x| if x <= 0.0 { 0.01 * x } else { x },
             single::tanh,
         ];
-        for (value, function) in dense.into_iter().zip(functions) {
+        for (name, function) in dense.into_iter().zip(functions) {
             let biases = bias.iter().cycle();
             let layer: Vec<f32> = expected.iter().zip(biases).map(|(z, b)| function(z + b)).collect();
-            if let Some(value) = value {
-                prop_assert_eq!(bits(processor.entries(value)), bits(&layer));
+            if let Some(name) = name {
+                prop_assert_eq!(bits(processor.entries(&name)), bits(&layer));
             }
         }
     }
@@ -64,15 +64,15 @@ proptest! {
         let entries = singles(rows * columns, seed);
         let mut graph = Graph::new();
         let x = graph.input("x", shape);
-        let routine = graph.routine("sums");
-        let found = [graph.sum_rows(x), graph.sum_columns(x), graph.sum(x)];
-        for (at, value) in found.iter().enumerate() {
-            graph.output(&format!("sum {at}"), *value);
+        let _ = graph.routine("sums");
+        let names = ["rows", "columns", "all"];
+        for (name, value) in names.into_iter().zip([graph.sum_rows(x), graph.sum_columns(x), graph.sum(x)]) {
+            graph.output(name, value);
         }
-        let mut processor = Processor::<f32>::new(&graph);
-        processor.write(x, &entries);
-        processor.run(routine);
-        let [of_rows, of_columns, of_all] = found.map(|value| bits(processor.entries(value)));
+        let mut processor = Processor::<f32>::new(graph);
+        processor.write("x", &entries);
+        processor.run("sums", &mut State::default());
+        let [of_rows, of_columns, of_all] = names.map(|name| bits(processor.entries(name)));
         let matrix = matrix(&entries, shape, false);
         prop_assert_eq!(of_rows, bits(&products::row_sums(matrix)));
         prop_assert_eq!(of_columns, bits(&products::row_sums(matrix.transposed())));
@@ -86,7 +86,7 @@ proptest! {
         let mut graph = Graph::new();
         let x = graph.input("x", [rows, columns]);
         let (b, c) = (graph.input("b", [1, columns]), graph.input("c", [rows, 1]));
-        let routine = graph.routine("functions");
+        let _ = graph.routine("functions");
         let sum = graph.add(x, b);
         let product = graph.mul(c, sum);
         let tangent = graph.tanh(product);
@@ -94,16 +94,16 @@ proptest! {
         let quotient = graph.div(power, x);
         graph.output("tangent", tangent);
         graph.output("quotient", quotient);
-        let mut processor = Processor::<f32>::new(&graph);
-        for (value, entries) in [(x, &entries), (b, &row), (c, &column)] {
-            processor.write(value, entries);
+        let mut processor = Processor::<f32>::new(graph);
+        for (name, entries) in [("x", &entries), ("b", &row), ("c", &column)] {
+            processor.write(name, entries);
         }
-        processor.run(routine);
+        processor.run("functions", &mut State::default());
         let of = |at: usize| single::tanh(column[at / columns] * (entries[at] + row[at % columns]));
         let tangents: Vec<f32> = (0..rows * columns).map(of).collect();
         let quotients: Vec<f32> = tangents.iter().zip(&entries).map(|(t, x)| single::exp(*t) / x).collect();
-        prop_assert_eq!(bits(processor.entries(tangent)), bits(&tangents));
-        prop_assert_eq!(bits(processor.entries(quotient)), bits(&quotients));
+        prop_assert_eq!(bits(processor.entries("tangent")), bits(&tangents));
+        prop_assert_eq!(bits(processor.entries("quotient")), bits(&quotients));
     }
 
     #[test]
@@ -113,26 +113,24 @@ proptest! {
         let [(x, of_x), (y, of_y)] = [("x", n[0]), ("y", n[1])].map(|(name, n)| of(&mut graph, name, n));
         let target = graph.parameter("target", [1, n[0]]);
         let rate = graph.number("learning rate", 0.0);
-        let routine = graph.routine("update");
+        let _ = graph.routine("update");
         let clipped = graph.clip_norm(&[of_x, of_y], largest);
         let settings = Optimiser { learning_rate: rate, betas: [0.8, 0.99] };
         graph.adam(x, clipped[0], settings);
         graph.adam(y, clipped[1], settings);
         graph.follow(target, x, 0.005);
-        let mut processor = Processor::<f32>::new(&graph);
+        let mut processor = Processor::<f32>::new(graph);
         let mut parameters = [singles(n[0], seed), singles(n[1], !seed)];
         let mut average = singles(n[0], seed ^ 9);
-        for (value, entries) in [(x, &parameters[0]), (y, &parameters[1]), (target, &average)] {
-            processor.write(value, entries);
-        }
+        let mut state = state_of(&[("x", &parameters[0]), ("y", &parameters[1]), ("target", &average)]);
         let mut moments = parameters.clone().map(|x| [vec![0.0; x.len()], vec![0.0; x.len()]]);
         for t in 1..4 {
             let learning_rate = 0.01 / t as f64;
             let mut gradients = [singles(n[0], seed + t), singles(n[1], !seed - t)];
-            processor.write(of_x, &gradients[0]);
-            processor.write(of_y, &gradients[1]);
-            processor.set_number(rate, learning_rate);
-            processor.run(routine);
+            processor.write("of x", &gradients[0]);
+            processor.write("of y", &gradients[1]);
+            state.set_number("learning rate", learning_rate);
+            processor.run("update", &mut state);
             let [one, two] = &mut gradients;
             steps::clip(&mut [one, two], largest);
             for ((x, g), [first, second]) in parameters.iter_mut().zip(&gradients).zip(&mut moments) {
@@ -140,10 +138,14 @@ proptest! {
             }
             steps::follow(&mut average, &parameters[0], 0.005);
         }
-        prop_assert_eq!(bits(processor.entries(x)), bits(&parameters[0]));
-        prop_assert_eq!(bits(processor.entries(y)), bits(&parameters[1]));
-        prop_assert_eq!(bits(processor.entries(target)), bits(&average));
-        let counts: Vec<_> = processor.counts().collect();
-        prop_assert_eq!(counts, [("x.steps", 3), ("y.steps", 3)]);
+        prop_assert_eq!(bits(state.entries("x")), bits(&parameters[0]));
+        prop_assert_eq!(bits(state.entries("y")), bits(&parameters[1]));
+        prop_assert_eq!(bits(state.entries("target")), bits(&average));
+        for (name, [first, second]) in ["x", "y"].into_iter().zip(&moments) {
+            prop_assert_eq!(bits(state.entries(&format!("{name}.first"))), bits(first));
+            prop_assert_eq!(bits(state.entries(&format!("{name}.second"))), bits(second));
+        }
+        prop_assert_eq!(["x", "y", "target"].map(|name| state.steps(name)), [3, 3, 0]);
+        prop_assert_eq!(state.counts().len(), 2);
     }
 }

@@ -11,7 +11,7 @@ fn assert_gradients(name: &str, loss: Loss, inputs: &[(Shape, [f64; 2])], seed: 
 }
 
 /// Functions of one number with intervals without a kink.
-const FUNCTIONS: [(Function, [f64; 2]); 29] = [
+const FUNCTIONS: [(Function, [f64; 2]); 33] = [
     (Function::Repeat, [-1.0, 1.0]),
     (Function::Negate, [-1.0, 1.0]),
     (Function::Rectify(0.0), [0.1, 1.0]),
@@ -26,6 +26,10 @@ const FUNCTIONS: [(Function, [f64; 2]); 29] = [
     (Function::Ln1p, [-0.5, 3.0]),
     (Function::Softplus, [-3.0, 3.0]),
     (Function::Sigmoid, [-3.0, 3.0]),
+    (Function::Absolute, [0.1, 1.0]),
+    (Function::Absolute, [-1.0, -0.1]),
+    (Function::Sign, [0.1, 1.0]),
+    (Function::Sign, [-1.0, -0.1]),
     (Function::Square, [-1.0, 1.0]),
     (Function::Sqrt, [0.3, 3.0]),
     (Function::Scale(-2.5), [-1.0, 1.0]),
@@ -214,7 +218,7 @@ proptest! {
     #[test]
     fn of_sums_means_and_moves(rows in 1..5_usize, columns in 2..6_usize, seed: u64) {
         type Build = fn(&mut Graph, Value, u64) -> Value;
-        let builds: [(&str, Build); 13] = [
+        let builds: [(&str, Build); 19] = [
             ("sum_rows", |graph, x, _| graph.sum_rows(x)),
             ("sum_columns", |graph, x, _| graph.sum_columns(x)),
             ("sum", |graph, x, _| graph.sum(x)),
@@ -245,6 +249,30 @@ proptest! {
                 let sums = graph.sum_columns(x);
                 graph.compute(Operation::Scatter, vec![sums, index], [rows, 3])
             }),
+            ("reshape", |graph, x, _| {
+                let [rows, columns] = graph.shape(x);
+                graph.reshape(x, [columns, rows])
+            }),
+            ("repeat_rows", |graph, x, _| graph.repeat_rows(x, 3)),
+            ("repeat_rows once", |graph, x, _| graph.repeat_rows(x, 1)),
+            ("sum_groups", |graph, x, _| {
+                let [rows, columns] = graph.shape(x);
+                let column = graph.reshape(x, [rows * columns, 1]);
+                graph.sum_groups(column, columns)
+            }),
+            ("sum_groups of all rows", |graph, x, _| {
+                let rows = graph.shape(x)[0];
+                graph.sum_groups(x, rows)
+            }),
+            ("moves of products", |graph, x, _| {
+                // Groups of every other row of `x x^T`, weighted.
+                let rows = graph.shape(x)[0];
+                let twice = graph.repeat_rows(x, 2);
+                let product = graph.product(twice, x, [false, true]);
+                let weights = graph.constant([2 * rows, 1], &numbers(2 * rows, 3, [0.5, 1.5]));
+                let product = graph.mul(product, weights);
+                graph.sum_groups(product, 2)
+            }),
         ];
         for (name, build) in builds {
             let loss = |graph: &mut Graph, x: &[Value], seed| {
@@ -272,6 +300,32 @@ proptest! {
         assert_gradients("Dirichlet", &dirichlet, &simplex, seed);
     }
 
+    #[test]
+    fn of_dirichlet_distributions(rows in 1..4_usize, n in 1..6_usize, seed: u64) {
+        for limits in [[0.3, 0.9], [1.0, 4.0], [10.0, 60.0]] {
+            let inputs = [([rows, n], limits), ([rows, n], [-4.0, -0.1])];
+            assert_gradients("density", &|graph, x, seed| {
+                let y = graph.dirichlet_density(x[0], x[1]);
+                let y = graph.square(y);
+                weighted_sum(graph, y, seed)
+            }, &inputs, seed);
+            assert_gradients("density of one operand", &|graph, x, seed| {
+                let y = graph.dirichlet_density(x[0], x[0]);
+                weighted_sum(graph, y, seed)
+            }, &inputs[..1], seed);
+            assert_gradients("density at a fixed point", &|graph, x, seed| {
+                let points = graph.constant([rows, n], &numbers(rows * n, seed, [-4.0, -0.1]));
+                let y = graph.dirichlet_density(x[0], points);
+                weighted_sum(graph, y, seed)
+            }, &inputs[..1], seed);
+            assert_gradients("entropy", &|graph, x, seed| {
+                let y = graph.dirichlet_entropy(x[0]);
+                let y = graph.square(y);
+                weighted_sum(graph, y, seed)
+            }, &inputs[..1], seed);
+        }
+    }
+
     /// The gradient of a gradient: a penalty on the slope of a network in its input.
     #[test]
     fn of_gradients(rows in 1..4_usize, hidden in 1..5_usize, seed: u64) {
@@ -293,10 +347,12 @@ proptest! {
 fn ties_go_to_the_first_and_limits_to_the_inside() {
     let mut graph = Graph::new();
     let (a, b) = (graph.input("a", [1, 3]), graph.input("b", [1, 3]));
-    let routine = graph.routine("kinks");
+    let _ = graph.routine("kinks");
     let (low, high) = (graph.min(a, b), graph.max(a, b));
     let held = graph.clamp(a, -1.0, 1.0);
-    let outputs: Vec<Value> = [low, high, held]
+    let less = graph.sub(a, b);
+    let distance = graph.abs(less);
+    let outputs: Vec<Value> = [low, high, held, distance]
         .into_iter()
         .enumerate()
         .flat_map(|(at, value)| {
@@ -308,19 +364,22 @@ fn ties_go_to_the_first_and_limits_to_the_inside() {
     for (at, value) in outputs.iter().enumerate() {
         graph.output(&format!("g{at}"), *value);
     }
-    let mut processor = Processor::<f32>::new(&graph);
-    processor.write(a, &[1.0, -1.0, 2.0]);
-    processor.write(b, &[1.0, 3.0, -3.0]);
-    processor.run(routine);
+    let mut processor = Processor::<f32>::new(graph);
+    processor.write("a", &[1.0, -1.0, 2.0]);
+    processor.write("b", &[1.0, 3.0, -3.0]);
+    processor.run("kinks", &mut State::default());
     let expected = [
         [1.0, 1.0, 0.0],
         [0.0, 0.0, 1.0],
         [1.0, 0.0, 1.0],
         [0.0, 1.0, 0.0],
         [1.0, 1.0, 0.0],
+        [0.0, -1.0, 1.0],
+        [0.0, 1.0, -1.0],
     ];
-    for (value, expected) in outputs.iter().zip(expected) {
-        assert_eq!(processor.entries(*value), expected);
+    assert_eq!(outputs.len(), expected.len());
+    for (at, expected) in expected.into_iter().enumerate() {
+        assert_eq!(processor.entries(&format!("g{at}")), expected);
     }
 }
 
@@ -328,14 +387,97 @@ fn ties_go_to_the_first_and_limits_to_the_inside() {
 fn no_gradient_passes_a_stop() {
     let mut graph = Graph::new();
     let x = graph.parameter("x", [1, 2]);
-    let routine = graph.routine("stop");
+    let _ = graph.routine("stop");
     let stopped = graph.stop_gradient(x);
     let product = graph.mul(x, stopped);
     let loss = graph.sum(product);
     let gradient = graph.gradients(loss, &[x])[0];
     graph.output("gradient", gradient);
-    let mut processor = Processor::<f32>::new(&graph);
-    processor.write(x, &[3.0, -5.0]);
-    processor.run(routine);
-    assert_eq!(processor.entries(gradient), [3.0, -5.0]);
+    let mut processor = Processor::<f32>::new(graph);
+    processor.run("stop", &mut state_of(&[("x", &[3.0, -5.0])]));
+    assert_eq!(processor.entries("gradient"), [3.0, -5.0]);
+}
+
+#[test]
+fn absolute_values_have_no_sign() {
+    let mut graph = Graph::new();
+    let x = graph.input("x", [1, 5]);
+    let _ = graph.routine("absolute");
+    let y = graph.abs(x);
+    graph.output("y", y);
+    let mut processor = Processor::<f32>::new(graph);
+    processor.write("x", &[-0.0, 0.0, -2.5, f32::NEG_INFINITY, 3.0]);
+    processor.run("absolute", &mut State::default());
+    let expected = bits(&[0.0, 0.0, 2.5, f32::INFINITY, 3.0]);
+    assert_eq!(bits(processor.entries("y")), expected);
+}
+
+#[test]
+fn dirichlet_densities_and_entropies_have_known_values() {
+    let mut graph = Graph::new();
+    let (alpha, log_point) = (graph.input("alpha", [3, 2]), graph.input("ln point", [3, 2]));
+    let _ = graph.routine("values");
+    let density = graph.dirichlet_density(alpha, log_point);
+    let entropy = graph.dirichlet_entropy(alpha);
+    graph.output("density", density);
+    graph.output("entropy", entropy);
+    let mut processor = Processor::<f64>::new(graph);
+    processor.write("alpha", &[1.0, 1.0, 2.0, 3.0, 2.0, 3.0]);
+    let [half, quarter, rest] = [0.5_f64, 0.25, 0.75].map(f64::ln);
+    processor.write("ln point", &[half, half, half, half, quarter, rest]);
+    processor.run("values", &mut State::default());
+    // The density of Beta(2, 3) is 12 a (1 - a)^2, its entropy is 9/4 - ln 12.
+    let expected = [0.0, 1.5_f64.ln(), (27.0_f64 / 16.0).ln()];
+    let of_entropy = [0.0, 2.25 - 12_f64.ln(), 2.25 - 12_f64.ln()];
+    for (name, expected) in [("density", expected), ("entropy", of_entropy)] {
+        for (found, expected) in processor.entries(name).iter().zip(expected) {
+            assert!(
+                (found - expected).abs() < 1e-14,
+                "{name}: {found}, not {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn differences_find_a_wrong_gradient_and_accept_a_right_one() {
+    let error = |is_stopped: bool| {
+        let mut graph = Graph::new();
+        let (x, w) = (graph.input("x", [4, 3]), graph.parameter("w", [3, 2]));
+        let target = graph.parameter("target", [3, 2]);
+        let _ = graph.routine("loss");
+        let noise = graph.normal([4, 2]);
+        let y = graph.product(x, w, [false; 2]);
+        let y = graph.add(y, noise);
+        let other = if is_stopped { graph.stop_gradient(y) } else { y };
+        let product = graph.mul(y, other);
+        let loss = graph.mean(product);
+        graph.output("loss", loss);
+        // It changes the state, on which the loss does not depend.
+        graph.follow(target, w, 0.5);
+        let mut state = State::default();
+        state.insert("w", [3, 2], numbers(6, 1, [-1.0, 1.0]));
+        state.insert("target", [3, 2], vec![0.0; 6]);
+        let inputs = [("x", numbers(12, 2, [-1.0, 1.0]))];
+        let error = largest_error(graph, ["loss", "loss"], &["w"], &state, &inputs, 5);
+        assert_eq!(state.entries("target"), [0.0; 6]);
+        error
+    };
+    let (right, wrong) = (error(false), error(true));
+    assert!(right < 1e-9, "{right:e}");
+    // Half of the gradient is stopped, so that the largest entry lacks as much as it has.
+    assert!((wrong - 1.0).abs() < 1e-6, "{wrong}");
+}
+
+#[test]
+#[should_panic(expected = "no gradient passes through")]
+fn no_gradient_passes_the_slope_of_a_draw() {
+    let mut graph = Graph::new();
+    let shapes = graph.parameter("shapes", [1, 2]);
+    let _ = graph.routine("slope of a slope");
+    let draw = graph.log_gamma_draw(shapes);
+    let sum = graph.sum(draw);
+    let slope = graph.gradients(sum, &[shapes])[0];
+    let slopes = graph.sum(slope);
+    let _ = graph.gradients(slopes, &[shapes]);
 }

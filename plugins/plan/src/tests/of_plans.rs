@@ -1,17 +1,16 @@
 //! The plan as a text and as counts, states, memory, the order of routines, and what is refused.
 
 use super::*;
-use crate::StateError;
 
-/// A small regression with Adam and a target network; its routines in either order.
-fn regression(is_update_first: bool) -> (Graph, Routine, Routine) {
+/// A small regression with Adam and a target network; its routines `update` and `act` in either order.
+pub(super) fn regression(is_update_first: bool) -> Graph {
     let mut graph = Graph::new();
     let (x, y) = (graph.input("x", [6, 3]), graph.input("y", [6, 2]));
     let (w, b) = (graph.parameter("w", [3, 2]), graph.parameter("b", [1, 2]));
     let target = graph.parameter("target", [3, 2]);
     let rate = graph.number("rate", 0.1);
     let update = |graph: &mut Graph| {
-        let routine = graph.routine("update");
+        let _ = graph.routine("update");
         let found = graph.dense(x, w, b, Activation::Tanh);
         let error = graph.sub(found, y);
         let square = graph.square(error);
@@ -23,42 +22,42 @@ fn regression(is_update_first: bool) -> (Graph, Routine, Routine) {
             graph.adam(parameter, gradient, Optimiser::new(rate));
         }
         graph.follow(target, w, 0.5);
-        routine
     };
     let act = |graph: &mut Graph| {
-        let routine = graph.routine("act");
+        let _ = graph.routine("act");
         let action = graph.dense(x, target, b, Activation::Relu);
         graph.output("action", action);
         // Nothing reads it.
         let _ = graph.exp(action);
-        routine
     };
-    if is_update_first {
-        let update = update(&mut graph);
-        let act = act(&mut graph);
-        (graph, update, act)
+    let order: [&dyn Fn(&mut Graph); 2] = if is_update_first {
+        [&update, &act]
     } else {
-        let act = act(&mut graph);
-        let update = update(&mut graph);
-        (graph, update, act)
-    }
+        [&act, &update]
+    };
+    order.into_iter().for_each(|add| add(&mut graph));
+    graph
 }
 
-/// A processor with numbers in all leaves.
-fn filled(graph: &Graph) -> Processor<f32> {
-    let mut processor = Processor::new(graph);
+/// A processor with numbers in all inputs, and a state with numbers in all parameters.
+pub(super) fn filled(graph: &Graph) -> (Processor<f32>, State<f32>) {
+    let (mut processor, mut state) = (Processor::new(graph.clone()), State::default());
     for (at, name) in ["x", "y", "w", "b", "target"].into_iter().enumerate() {
-        let value = graph.named(name).unwrap();
-        let [rows, columns] = graph.shape(value);
-        processor.write(value, &singles(rows * columns, at as u64));
+        let shape = graph.shape(graph.named(name).unwrap());
+        let entries = singles(shape[0] * shape[1], at as u64);
+        match name {
+            "x" | "y" => processor.write(name, &entries),
+            _ => state.insert(name, shape, entries),
+        }
     }
-    processor
+    (processor, state)
 }
 
-fn digest(processor: &Processor<f32>, graph: &Graph) -> Vec<(String, Vec<u32>)> {
-    let outputs = ["loss", "action"].map(|name| (name, processor.entries(graph.named(name).unwrap())));
-    let states = processor.states().map(|(name, _, entries)| (name, entries));
-    let mut all: Vec<_> = states
+/// Bits of all parameters, moments and outputs.
+pub(super) fn digest(processor: &Processor<f32>, state: &State<f32>) -> Vec<(String, Vec<u32>)> {
+    let outputs = ["loss", "action"].map(|name| (name, processor.entries(name)));
+    let tensors = state.tensors().map(|(name, _, entries)| (name, entries));
+    let mut all: Vec<_> = tensors
         .chain(outputs)
         .map(|(name, entries)| (name.to_owned(), bits(entries)))
         .collect();
@@ -69,63 +68,34 @@ fn digest(processor: &Processor<f32>, graph: &Graph) -> Vec<(String, Vec<u32>)> 
 #[test]
 fn the_order_of_routines_changes_no_bit() {
     let of = |is_update_first| {
-        let (graph, update, act) = regression(is_update_first);
-        let mut processor = filled(&graph);
+        let (mut processor, mut state) = filled(&regression(is_update_first));
         for _ in 0..5 {
-            processor.run(update);
-            processor.run(act);
+            processor.run("update", &mut state);
+            processor.run("act", &mut state);
         }
-        digest(&processor, &graph)
+        digest(&processor, &state)
     };
     assert_eq!(of(true), of(false));
 }
 
 #[test]
 fn it_learns() {
-    let (graph, update, _) = regression(true);
-    let (mut processor, loss) = (filled(&graph), graph.named("loss").unwrap());
-    processor.run(update);
-    let first = processor.entries(loss)[0];
-    (0..100).for_each(|_| processor.run(update));
-    assert!(processor.entries(loss)[0] < 0.7 * first);
-}
-
-#[test]
-fn a_restored_plan_continues_to_the_same_bits() {
-    let (graph, update, act) = regression(true);
-    let mut one = filled(&graph);
-    (0..3).for_each(|_| one.run(update));
-    let mut other = Processor::<f32>::new(&graph);
-    for name in ["x", "y"] {
-        let value = graph.named(name).unwrap();
-        other.write(value, one.entries(value));
-    }
-    for (name, _, entries) in one.states() {
-        other.restore(name, entries).unwrap();
-    }
-    for (name, count) in one.counts() {
-        other.restore_count(name, count).unwrap();
-    }
-    for processor in [&mut one, &mut other] {
-        processor.run(update);
-        processor.run(act);
-    }
-    assert_eq!(digest(&one, &graph), digest(&other, &graph));
-    assert_eq!(other.restore("x", &[]), Err(StateError::Missing("x".into())));
-    let error = other.restore("w", &[1.0]).unwrap_err().to_string();
-    assert_eq!(error, "1 entries for the state `w` [3, 2]");
-    assert!(other.restore_count("w", 1).is_err());
+    let (mut processor, mut state) = filled(&regression(true));
+    processor.run("update", &mut state);
+    let first = processor.number("loss");
+    (0..100).for_each(|_| processor.run("update", &mut state));
+    assert!(processor.number("loss") < 0.7 * first);
 }
 
 #[test]
 fn runs_after_the_first_take_no_memory() {
-    let (graph, update, act) = regression(true);
-    let mut processor = filled(&graph);
+    let (mut processor, mut state) = filled(&regression(true));
     let mut capacities = Vec::new();
     for _ in 0..4 {
-        processor.run(update);
-        processor.run(act);
-        capacities.push(processor.capacities());
+        processor.run("update", &mut state);
+        processor.run("act", &mut state);
+        let of_state: Vec<*const f32> = state.tensors().map(|(_, _, entries)| entries.as_ptr()).collect();
+        capacities.push((processor.capacities(), of_state));
     }
     assert!(capacities.windows(2).all(|pair| pair[0] == pair[1]));
 }
@@ -134,25 +104,93 @@ fn runs_after_the_first_take_no_memory() {
 fn an_operation_after_an_update_reads_the_new_entries() {
     let mut graph = Graph::new();
     let (x, y) = (graph.parameter("x", [1, 1]), graph.parameter("y", [1, 1]));
-    let routine = graph.routine("assignments");
+    let _ = graph.routine("assignments");
     let before = graph.scale(x, 2.0);
     graph.assign(x, before);
     let after = graph.scale(x, 2.0);
     graph.assign(y, after);
     graph.output("before", before);
-    let mut processor = Processor::<f32>::new(&graph);
-    processor.write(x, &[1.0]);
-    processor.run(routine);
-    assert_eq!(
-        [x, before, y].map(|value| processor.entries(value)[0]),
-        [2.0, 2.0, 4.0]
-    );
+    let mut processor = Processor::<f32>::new(graph);
+    let mut state = state_of(&[("x", &[1.0]), ("y", &[0.0])]);
+    processor.run("assignments", &mut state);
+    let found = [
+        state.entries("x"),
+        processor.entries("before"),
+        state.entries("y"),
+    ];
+    assert_eq!(found.map(|entries| entries[0]), [2.0, 2.0, 4.0]);
+}
+
+#[test]
+fn a_second_factor_that_changes_is_packed_again() {
+    let mut graph = Graph::new();
+    let (x, w) = (graph.input("x", [2, 3]), graph.input("w", [3, 2]));
+    let v = graph.parameter("v", [2, 2]);
+    let _ = graph.routine("products");
+    let once = graph.product(x, w, [false; 2]);
+    let product = graph.product(once, v, [false; 2]);
+    graph.output("before", product);
+    graph.assign(v, product);
+    let product = graph.product(once, v, [false; 2]);
+    graph.output("after", product);
+    let mut processor = Processor::<f32>::new(graph.clone());
+    let mut state = State::default();
+    state.insert("v", [2, 2], singles(4, 3));
+    for seed in 0..4 {
+        let mut fresh = Processor::<f32>::new(graph.clone());
+        let (x, w) = (singles(6, seed / 2), singles(6, 9 + seed));
+        for processor in [&mut processor, &mut fresh] {
+            processor.write("x", &x);
+            processor.input("w").copy_from_slice(&w);
+        }
+        let mut other = state.clone();
+        processor.run("products", &mut state);
+        fresh.run("products", &mut other);
+        for name in ["before", "after"] {
+            assert_eq!(
+                bits(processor.entries(name)),
+                bits(fresh.entries(name)),
+                "{name} {seed}"
+            );
+        }
+        assert_eq!(bits(state.entries("v")), bits(other.entries("v")));
+        assert_eq!(bits(state.entries("v")), bits(processor.entries("before")));
+    }
+}
+
+#[test]
+fn draws_are_printed_without_operands() {
+    let mut graph = Graph::new();
+    let _ = graph.routine("draws");
+    let (normal, uniform) = (graph.normal([2, 3]), graph.uniform([2, 3]));
+    graph.output("normal", normal);
+    graph.output("uniform", uniform);
+    let expected = "draws: 12 operations, 48 bytes\n  \
+        `normal` [2, 3] = Normal { index: 1 }\n  \
+        `uniform` [2, 3] = Uniform { index: 2 }\n";
+    assert_eq!(graph.to_string(), expected);
+}
+
+#[test]
+fn parameters_and_numbers_of_one_name_are_one() {
+    let mut graph = Graph::new();
+    let w = graph.parameter("w", [2, 3]);
+    assert_eq!(graph.parameter("w", [2, 3]), w);
+    let rate = graph.number("rate", 0.1);
+    assert_eq!(graph.number("rate", 0.1), rate);
+    assert_ne!(graph.number("other rate", 0.1), rate);
+    for refused in [
+        panic_of(|| _ = graph.clone().parameter("w", [3, 2])),
+        panic_of(|| _ = graph.clone().input("w", [2, 3])),
+    ] {
+        assert_eq!(refused, "two values named `w`");
+    }
 }
 
 #[test]
 fn a_plan_is_printed_and_counted() {
-    let (graph, _, act) = regression(true);
-    let text = graph.to_string();
+    let graph = regression(true);
+    let (text, act) = (graph.to_string(), graph.routine_named("act").unwrap());
     let act_text = text.split("act: ").nth(1).unwrap();
     let expected = "96 operations, 152 bytes\n  \
         `action` [6, 2] = Dense(Relu) of `x` [6, 3], `target` [3, 2], `b` [1, 2]\n";
@@ -181,10 +219,7 @@ fn refusal(build: fn(&mut Graph, [Value; 3])) -> String {
         graph.parameter("b", [1, 3]),
     ];
     let _ = graph.routine("first");
-    let run = std::panic::AssertUnwindSafe(|| build(&mut graph, leaves));
-    let payload = std::panic::catch_unwind(run).unwrap_err();
-    let text = payload.downcast_ref::<String>().cloned();
-    text.unwrap_or_else(|| (*payload.downcast_ref::<&str>().unwrap()).to_owned())
+    panic_of(|| build(&mut graph, leaves))
 }
 
 proptest! {
@@ -198,7 +233,7 @@ proptest! {
         let of = |is_all_read: bool| {
             let mut graph = Graph::new();
             let x = graph.input("x", [5, 5]);
-            let routine = graph.routine("some");
+            let _ = graph.routine("some");
             let mut values = vec![x];
             for (kind, first, second) in &choices {
                 let (a, b) = (values[first % values.len()], values[second % values.len()]);
@@ -222,16 +257,17 @@ proptest! {
                 // Bounded, so that no value becomes infinite.
                 values.push(graph.clamp(value, -2.0, 2.0));
             }
-            let last = values[values.len() - 1];
-            let names = values.iter().skip(1).enumerate();
-            names.filter(|(_, value)| is_all_read || **value == last).for_each(|(at, value)| {
+            let last = values.len() - 1;
+            let names = values.iter().enumerate().skip(1);
+            names.filter(|(at, _)| is_all_read || *at == last).for_each(|(at, value)| {
                 graph.output(&format!("y{at}"), *value);
             });
-            let mut processor = Processor::<f32>::new(&graph);
-            processor.write(x, &singles(25, seed));
-            processor.run(routine);
-            processor.run(routine);
-            bits(processor.entries(last))
+            let mut processor = Processor::<f32>::new(graph);
+            processor.write("x", &singles(25, seed));
+            for _ in 0..2 {
+                processor.run("some", &mut State::default());
+            }
+            bits(processor.entries(&format!("y{last}")))
         };
         prop_assert_eq!(of(true), of(false));
     }
@@ -240,7 +276,7 @@ proptest! {
 #[test]
 fn plans_that_do_not_fit_are_refused() {
     type Build = fn(&mut Graph, [Value; 3]);
-    let cases: [(&str, Build); 13] = [
+    let cases: [(&str, Build); 18] = [
         (
             "Dense of `x` [2, 3] with weight `w` [4, 5] and bias `b` [1, 3]",
             |graph, [x, w, b]| {
@@ -267,6 +303,26 @@ fn plans_that_do_not_fit_are_refused() {
         }),
         ("Assign of `x` [2, 3] by `x` [2, 3]", |graph, [x, _, _]| {
             graph.assign(x, x);
+        }),
+        ("Reshape of `x` [2, 3] to [4, 2]", |graph, [x, _, _]| {
+            let _ = graph.reshape(x, [4, 2]);
+        }),
+        ("groups of 3 rows of `w` [4, 5]", |graph, [_, w, _]| {
+            let _ = graph.sum_groups(w, 3);
+        }),
+        ("a value [0, 5] without entries", |graph, [_, w, _]| {
+            let _ = graph.repeat_rows(w, 0);
+        }),
+        (
+            "Dirichlet density of `x` [2, 3] at `b` [1, 3]",
+            |graph, [x, _, b]| {
+                let _ = graph.dirichlet_density(x, b);
+            },
+        ),
+        ("two values named `b.first`", |graph, [_, _, b]| {
+            let gradient = graph.input("b.first", [1, 3]);
+            let rate = graph.number("rate", 0.1);
+            graph.adam(b, gradient, Optimiser::new(rate));
         }),
         ("two values named `x`", |graph, _| {
             let _ = graph.input("x", [1, 1]);

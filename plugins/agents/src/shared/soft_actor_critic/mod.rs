@@ -35,25 +35,25 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
+    batch::{BatchInputs, BatchRows},
+    bellman::{Weight, bootstrapped, half_squared_error},
     box_seat::BoxSeat,
     checkpoint::{self, finite},
-    multiplier::Multiplier,
-    replay::{Batch, Replay},
+    replay::Replay,
     schedule::UpdateSchedule,
-    targets::{bootstrapped, half_squared_error, mean},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
 use numerics::{
-    network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::{
+        network::{Network, lower, parameters},
+        squashed::{Correction, mean_action, sample},
+    },
     policy_file::{Head, Policy},
-    squashed::{mean_action, sample_exact},
-    tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans, State};
+use rand::RngCore;
 use std::path::Path;
 
 const NAME: &str = "soft_actor_critic";
@@ -65,13 +65,22 @@ const POLICY_OUTPUT_GAIN: f64 = 0.1;
 pub struct SoftActorCritic {
     config: Config,
     seat: BoxSeat,
-    target_entropy: f64,
-    policy: TrainedNetwork<Mlp>,
-    critics: TrainedNetwork<TwinMlp>,
-    target_critics: TwinMlp,
-    temperature: Multiplier,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
+}
+
+/// Networks, and the equations by which they act and learn.
+#[derive(Debug, Clone)]
+struct Learner {
+    policy: Network,
+    critics: [Network; 2],
+    target_critics: [Network; 2],
+    temperature: Weight,
+    target_entropy: f64,
 }
 
 /// Metrics that [`SoftActorCritic::learn`] records.
@@ -106,29 +115,43 @@ impl SoftActorCritic {
     pub(crate) fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = BoxSeat::new(NAME, config.observation_scaling, interface)?;
         config.check()?;
-        let (n_seen, n_done, hidden) = (seat.n_observed(), seat.n_acted(), config.hidden());
-        let policy = hidden.network(n_seen, 2 * n_done, POLICY_OUTPUT_GAIN, rng);
-        let mut critic = || hidden.network(n_seen + n_done, 1, 1.0, rng);
-        let critics = TwinMlp {
-            first: critic(),
-            second: critic(),
-        };
-        Ok(Self::assemble(config, seat, policy, critics))
+        Ok(Self::assemble(config, seat, |network, output_gain, state| {
+            network.initialise(output_gain, state, rng);
+        }))
     }
 
-    /// Builds the agent around given networks: a policy `[observed]` to `[2 n]`, critics `[observed + n]` to
-    /// `[1]`.
-    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
-    pub(crate) fn assemble(config: Config, seat: BoxSeat, policy: Mlp, critics: TwinMlp) -> Self {
+    /// Builds the agent for a seat. `initialise` adds a network with the gain of its last layer to a state: the policy,
+    /// then both critics.
+    pub(crate) fn assemble(
+        config: Config,
+        seat: BoxSeat,
+        mut initialise: impl FnMut(&Network, f64, &mut State<f32>),
+    ) -> Self {
         let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
-        let adam = |rate| Adam::new(rate, config.gradient_clip);
-        Self {
+        let mut state = State::default();
+        let mut network = |name: &str, inputs, outputs, gain| {
+            let network = config.hidden().described(name, inputs, outputs);
+            initialise(&network, gain, &mut state);
+            network
+        };
+        let policy = network("policy", n_seen, 2 * n_done, POLICY_OUTPUT_GAIN);
+        let critics = ["critics.first", "critics.second"].map(|name| network(name, n_seen + n_done, 1, 1.0));
+        let target = |critic: &Network, state: &mut State<f32>| {
+            critic.copied(format!("target_{}", critic.name()), state)
+        };
+        let learner = Learner {
+            target_critics: critics.each_ref().map(|critic| target(critic, &mut state)),
+            policy,
+            critics,
+            temperature: Weight::new("temperature", config.first_temperature, &mut state),
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
-            target_critics: critics.valid(),
-            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
-            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
-            temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
+        };
+        Self {
             replay: Replay::new(config.replay_capacity, n_seen, n_done, 1),
+            learner,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
             config,
             seat,
@@ -152,9 +175,8 @@ impl SoftActorCritic {
 
     /// Updates once with a batch drawn from the replay buffer.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self
-            .replay
-            .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
+        let n_rows = self.config.batch_size.min(self.replay.len());
+        let batch = self.replay.draw_distinct(n_rows, rng);
         self.improve(&batch, rng, record)
     }
 
@@ -164,96 +186,130 @@ impl SoftActorCritic {
         rng: &mut Rng,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        let batch = self.replay.latest(self.replay.len());
+        let batch = self.replay.latest_rows(self.replay.len());
         self.improve(&batch, rng, record)
     }
 
-    fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        self.update_critics(batch, rng, record)?;
-        let log_pi = self.update_policy(batch, rng, record)?;
-        if self.config.temperature == Temperature::Automatic {
-            // Eq. 18: it rises where the entropy is below its target.
-            self.temperature.rise_with(log_pi + self.target_entropy);
+    fn improve(&mut self, batch: &BatchRows, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        });
+        batch.write(plan);
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        for metric in ["critic_loss", "policy_loss"] {
+            record.mean(
+                metric,
+                finite(metric, self.schedule.n_steps(), plan.number(metric))?,
+            );
         }
-        let target = std::mem::take(&mut self.target_critics);
-        self.target_critics = soft_update(target, self.critics.network(), self.config.target_smoothing);
+        for metric in ["policy_entropy", "mean_value", "temperature"] {
+            record.mean(metric, plan.number(metric));
+        }
         self.schedule.count_update();
         Ok(())
     }
+}
 
-    /// Eq. 5: both critics descend the soft Bellman error.
-    fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.soft_target(batch, rng);
-        let loss = critic_loss(self.critics.network(), batch, &target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+impl Learner {
+    /// Actions of the policy, drawn and most likely ones.
+    fn act(&self, observations: Expression<'_>) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        let head = self.policy.apply(observations);
+        equations.output("drawn", sample(head, Correction::Exact).action);
+        equations.routine("choose");
+        let head = self.policy.apply(observations);
+        equations.output("chosen", mean_action(head));
+    }
+
+    /// One update of critics, policy, temperature and target critics.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        equations.routine("update");
+        let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
+        let target = self.soft_target(batch, config.discount);
+        let loss = self.critic_loss(batch, target);
+        let critics = parameters(&self.critics, equations);
+        equations.output("critic_loss", loss);
+        equations.descend(
+            loss,
+            &critics,
+            &adam("critic_learning_rate", config.critic_learning_rate),
         );
-        self.critics.descend(&loss);
-        Ok(())
-    }
 
-    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
-    fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
-        let policy = self.policy.network().valid();
-        let next = sample_exact(policy.forward(batch.next_observations.clone()), rng);
-        let (q1, q2) = self
-            .target_critics
-            .forward(joined(&batch.next_observations, next.action));
-        let soft_value = q1.min_pair(q2) - next.log_density * self.temperature.value();
-        bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            soft_value,
-            self.config.discount,
-        )
-    }
-
-    /// Eq. 9: the policy descends `alpha log pi - Q`; returns the mean of `log pi`.
-    fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
-        let (loss, log_pi, value) = self.policy_loss(self.policy.network(), batch, rng);
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        let (loss, log_density) = self.policy_loss(batch);
+        equations.output("policy_loss", loss);
+        let policy = self.policy.parameters(equations);
+        equations.descend(
+            loss,
+            &policy,
+            &adam("actor_learning_rate", config.actor_learning_rate),
         );
-        self.policy.descend(&loss);
-        record.mean("policy_entropy", -f64::from(log_pi));
-        record.mean("mean_value", f64::from(value));
-        record.mean("temperature", self.temperature.value());
-        Ok(f64::from(log_pi))
+        equations.output("policy_entropy", -log_density);
+        equations.output("temperature", self.temperature.expression(equations));
+        if config.temperature == Temperature::Automatic {
+            // Eq. 18: it rises where the entropy is below its target.
+            self.temperature.rise_with(
+                log_density + self.target_entropy,
+                config.temperature_learning_rate,
+            );
+        }
+        let targets = parameters(&self.target_critics, equations);
+        equations.follow(&targets, &critics, config.target_smoothing);
     }
 
-    /// Loss of eq. 9, and the means of `log pi` and of the lower critic.
-    fn policy_loss(&self, policy: &Mlp, batch: &Batch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
-        let drawn = sample_exact(policy.forward(batch.observations.clone()), rng);
-        // Untracked critics: the gradient passes through them to the action alone.
-        let critics = self.critics.network().valid();
-        let (q1, q2) = critics.forward(joined(&batch.observations, drawn.action));
-        let q = q1.min_pair(q2);
-        let loss = (drawn.log_density.clone() * self.temperature.value() - q.clone()).mean();
-        (loss, mean(drawn.log_density), mean(q))
+    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation.
+    fn soft_target<'e>(&self, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
+        let next = sample(self.policy.apply(batch.next_observations), Correction::Exact);
+        let value = lower(&self.target_critics, joined(batch.next_observations, next.action));
+        let soft_value = value - next.log_density * self.temperature.expression(value.equations());
+        bootstrapped(batch.rewards, batch.continues, soft_value, discount)
+    }
+
+    /// Eq. 5: half the squared soft Bellman error of both critics.
+    fn critic_loss<'e>(&self, batch: BatchInputs<'e>, target: Expression<'e>) -> Expression<'e> {
+        let seen = joined(batch.observations, batch.actions);
+        let [first, second] = self
+            .critics
+            .each_ref()
+            .map(|critic| half_squared_error(critic.apply(seen), target));
+        first + second
+    }
+
+    /// Eq. 9, and the mean of `log pi`.
+    fn policy_loss<'e>(&self, batch: BatchInputs<'e>) -> (Expression<'e>, Expression<'e>) {
+        let drawn = sample(self.policy.apply(batch.observations), Correction::Exact);
+        let value = lower(&self.critics, joined(batch.observations, drawn.action));
+        let equations = value.equations();
+        equations.output("mean_value", value.mean());
+        let loss = (drawn.log_density * self.temperature.expression(equations) - value).mean();
+        (loss, drawn.log_density.mean())
     }
 }
 
-/// Half the squared error of both critics.
-fn critic_loss(critics: &TwinMlp, batch: &Batch, target: &Tensor<2>) -> Tensor<1> {
-    let (q1, q2) = critics.forward(joined(&batch.observations, batch.actions.clone()));
-    half_squared_error(q1, target.clone()) + half_squared_error(q2, target.clone())
-}
-
-fn joined(observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    Tensor::cat(vec![observations.clone(), actions], 1)
+fn joined<'e>(observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+    observations.equations().join(&[observations, actions])
 }
 
 impl Agent for SoftActorCritic {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let seen = matrix(self.seat.scaled(observations), self.seat.n_observed());
-        let head = self.policy.network().valid().forward(seen);
+        let (learner, seat) = (&self.learner, &self.seat);
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            learner.act(equations.input("observations", [observations.len(), seat.n_observed()]));
+        });
+        plan.write("observations", &seat.scaled(observations));
         let action = match mode {
-            Mode::Train => sample_exact(head, rng).action,
-            Mode::Evaluate => mean_action(head),
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
         };
-        self.seat.actions(&values(action), self.schedule.n_steps())
+        seat.actions(plan.entries(action), self.schedule.n_steps())
     }
 
     fn learn(
@@ -279,16 +335,24 @@ impl Agent for SoftActorCritic {
         Ok(())
     }
 
-    checkpoint::keeps!(NAME; trained: policy, critics; targets: target_critics; counters: temperature);
+    checkpoint::keeps_state!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.policy.network(), self.seat.ports(), Head::Tanh);
+        let policy = Policy::of_state(&self.learner.policy, &self.state, self.seat.ports(), Head::Tanh);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        checkpoint::import_policy(NAME, &mut self.policy, dir, &self.seat.ports(), Head::Tanh)?;
+        let ports = self.seat.ports();
+        checkpoint::import_network(
+            NAME,
+            &self.learner.policy,
+            &mut self.state,
+            dir,
+            &ports,
+            Head::Tanh,
+        )?;
         Ok(true)
     }
 }

@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::shared::{
-    coordination::assert_gradient,
+    gradient_checks::{assert_gradient, outputs},
     regulator::{self, Plants},
 };
 use contract::random::stream;
-use numerics::{network::Activation, optimizer::gradients};
+use numerics::network::Activation;
+use plan::Equations;
 
 fn tiny() -> Config {
     Config {
@@ -30,11 +31,11 @@ fn agent(config: Config) -> SoftActorCritic {
 }
 
 /// An agent after some updates, and a batch of its transitions.
-fn trained(config: Config) -> (SoftActorCritic, Batch) {
+fn trained(config: Config) -> (SoftActorCritic, BatchRows) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
     regulator::train(&mut agent, &mut plants, 8, &mut rng);
-    let batch = agent.replay.sample_distinct(8, &mut rng);
+    let batch = agent.replay.draw_distinct(8, &mut rng);
     (agent, batch)
 }
 
@@ -47,71 +48,58 @@ fn smooth() -> Config {
     }
 }
 
+/// Writes a routine `loss` for a batch of 8.
+fn write<'e>(agent: &SoftActorCritic, equations: &'e Equations) -> BatchInputs<'e> {
+    let batch = BatchInputs::new(equations, 8, agent.replay.widths());
+    equations.routine("loss");
+    batch
+}
+
 #[test]
 fn the_soft_target_by_hand() {
     let (agent, mut batch) = trained(tiny());
-    batch.continues = batch.continues.zeros_like();
-    let last = values(agent.soft_target(&batch, &mut stream(&["noise"])));
-    assert_eq!(last, values(batch.rewards.clone()), "nothing follows");
-    batch.continues = batch.continues.ones_like();
-    let y = values(agent.soft_target(&batch, &mut stream(&["noise"])));
-    let next = sample_exact(
-        agent
-            .policy
-            .network()
-            .valid()
-            .forward(batch.next_observations.clone()),
-        &mut stream(&["noise"]),
-    );
-    let (q1, q2) = agent
-        .target_critics
-        .forward(joined(&batch.next_observations, next.action));
-    let (q1, q2, log_pi, r) = (
-        values(q1),
-        values(q2),
-        values(next.log_density),
-        values(batch.rewards),
-    );
-    let alpha = agent.temperature.value() as f32;
+    let learner = &agent.learner;
+    let mut found = |continues: f32| {
+        batch.continues.fill(continues);
+        // Draws of a routine are numbered, so that the target's draw is that of `next`.
+        let target = outputs(["target"], &agent.state, &batch, |equations| {
+            equations.output("target", learner.soft_target(write(&agent, equations), 0.9));
+        });
+        let parts = outputs(["first", "second", "log_pi"], &agent.state, &batch, |equations| {
+            let inputs = write(&agent, equations);
+            let next = sample(learner.policy.apply(inputs.next_observations), Correction::Exact);
+            let seen = joined(inputs.next_observations, next.action);
+            equations.output("first", learner.target_critics[0].apply(seen));
+            equations.output("second", learner.target_critics[1].apply(seen));
+            equations.output("log_pi", next.log_density);
+        });
+        (target, parts, batch.rewards.clone())
+    };
+    let ([last], _, rewards) = found(0.0);
+    assert_eq!(last, rewards, "nothing follows");
+    let ([y], [q1, q2, log_pi], r) = found(1.0);
+    let alpha = learner.temperature.value(&agent.state) as f32;
     assert!((0..8).all(|i| (y[i] - (r[i] + 0.9 * (q1[i].min(q2[i]) - alpha * log_pi[i]))).abs() < 1e-5));
 }
 
 #[test]
 fn the_policy_gradient_agrees_with_finite_differences() {
     let (agent, batch) = trained(smooth());
-    assert_gradient(agent.policy.network(), |policy| {
-        agent.policy_loss(policy, &batch, &mut stream(&["xi"])).0
+    assert_gradient(&[&agent.learner.policy], &agent.state, &batch, |equations| {
+        let loss = agent.learner.policy_loss(write(&agent, equations)).0;
+        equations.output("loss", loss);
     });
 }
 
 #[test]
 fn the_critics_gradient_agrees_with_finite_differences() {
     let (agent, batch) = trained(smooth());
-    let target = agent.soft_target(&batch, &mut stream(&["xi"]));
-    assert_gradient(&agent.critics.network().second, |second| {
-        let twins = TwinMlp {
-            first: agent.critics.network().first.clone(),
-            second: second.clone(),
-        };
-        critic_loss(&twins, &batch, &target)
+    let [first, second] = &agent.learner.critics;
+    assert_gradient(&[first, second], &agent.state, &batch, |equations| {
+        let inputs = write(&agent, equations);
+        let target = agent.learner.soft_target(inputs, 0.9);
+        equations.output("loss", agent.learner.critic_loss(inputs, target));
     });
-}
-
-#[test]
-fn no_gradient_reaches_the_critics() {
-    let (agent, batch) = trained(tiny());
-    let (loss, ..) = agent.policy_loss(agent.policy.network(), &batch, &mut stream(&["xi"]));
-    let mut reached = loss.backward();
-    assert!(
-        gradients(agent.policy.network(), &mut reached)
-            .iter()
-            .all(|g| !g.is_empty())
-    );
-    assert!(
-        gradients(agent.critics.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
 }
 
 #[test]
@@ -121,16 +109,17 @@ fn a_fixed_temperature_stays_and_an_automatic_one_moves() {
         target_entropy: None,
         ..tiny()
     };
-    assert!((trained(fixed).0.temperature.value() - 0.05).abs() < 1e-12);
+    let of = |config| {
+        let agent = trained(config).0;
+        agent.learner.temperature.value(&agent.state)
+    };
+    assert!((of(fixed) - 0.05).abs() < 1e-8);
     // An entropy of at most ln 2 is far below 5, and far above -50.
     let after = |target| {
-        trained(Config {
+        of(Config {
             target_entropy: Some(target),
             ..tiny()
         })
-        .0
-        .temperature
-        .value()
     };
     assert!(after(5.0) > 0.0501 && after(-50.0) < 0.0499);
 }
@@ -142,6 +131,7 @@ fn the_target_entropy_is_minus_the_number_of_entries() {
             target_entropy: None,
             ..tiny()
         })
+        .learner
         .target_entropy,
         -1.0
     );

@@ -1,0 +1,72 @@
+//! Batches of transitions, as rows on the host and as inputs of equations.
+
+use plan::{Equations, Expression, Processor};
+
+/// Columns of each part of a batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BatchWidths {
+    /// Entries of the joint observation.
+    pub observed: usize,
+    /// Entries of the joint action.
+    pub acted: usize,
+    /// Number of seats.
+    pub seats: usize,
+}
+
+/// Transitions, each part row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchRows {
+    /// Number of transitions.
+    pub n_rows: usize,
+    /// Observations of all seats.
+    pub observations: Vec<f32>,
+    /// Actions of all seats.
+    pub actions: Vec<f32>,
+    /// Rewards of each seat.
+    pub rewards: Vec<f32>,
+    /// Next observations of all seats.
+    pub next_observations: Vec<f32>,
+    /// 0 after a terminal step, else 1.
+    pub continues: Vec<f32>,
+}
+
+impl BatchRows {
+    /// Writes the inputs that [`BatchInputs::new`] has added.
+    pub fn write(&self, processor: &mut Processor<f32>) {
+        processor.write("observations", &self.observations);
+        processor.write("actions", &self.actions);
+        processor.write("rewards", &self.rewards);
+        processor.write("next_observations", &self.next_observations);
+        processor.write("continues", &self.continues);
+    }
+}
+
+/// A batch in equations.
+#[derive(Debug, Clone, Copy)]
+pub struct BatchInputs<'e> {
+    /// Observations of all seats, `[rows, observed]`.
+    pub observations: Expression<'e>,
+    /// Actions of all seats, `[rows, acted]`.
+    pub actions: Expression<'e>,
+    /// Rewards of each seat, `[rows, seats]`.
+    pub rewards: Expression<'e>,
+    /// Next observations of all seats, `[rows, observed]`.
+    pub next_observations: Expression<'e>,
+    /// 0 after a terminal step, else 1, `[rows, 1]`.
+    pub continues: Expression<'e>,
+}
+
+impl<'e> BatchInputs<'e> {
+    /// Adds the inputs of a batch.
+    #[must_use]
+    pub fn new(equations: &'e Equations, rows: usize, widths: BatchWidths) -> Self {
+        let input = |name: &str, columns: usize| equations.input(name, [rows, columns]);
+        Self {
+            observations: input("observations", widths.observed),
+            actions: input("actions", widths.acted),
+            rewards: input("rewards", widths.seats),
+            next_observations: input("next_observations", widths.observed),
+            continues: input("continues", 1),
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! Gradients of losses in the equations of learners against central differences in `f64`, for tests.
+
+use super::batch::BatchRows;
+use numerics::equations::network::Network;
+use plan::{Equations, State, differences::largest_error};
+
+/// Asserts that the gradients of the output `loss` of the routine `loss` in all parameters of some networks agree with
+/// central differences. `write` writes the inputs of a batch, the routine and the output.
+pub fn assert_gradient(
+    networks: &[&Network],
+    state: &State<f32>,
+    batch: &BatchRows,
+    write: impl FnOnce(&Equations),
+) {
+    let equations = Equations::new();
+    write(&equations);
+    let names: Vec<String> = networks
+        .iter()
+        .flat_map(|network| network.parameter_names())
+        .collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let wide = |entries: &[f32]| entries.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+    let graph = equations.into_graph();
+    let inputs = [
+        ("observations", wide(&batch.observations)),
+        ("actions", wide(&batch.actions)),
+        ("rewards", wide(&batch.rewards)),
+        ("next_observations", wide(&batch.next_observations)),
+        ("continues", wide(&batch.continues)),
+    ];
+    let error = largest_error(graph, ["loss", "loss"], &names, &state.widened(), &inputs, 3);
+    assert!(error < 1e-6, "{names:?}: {error:e}");
+}
+
+/// Outputs of a routine of equations that are written for a batch.
+pub fn outputs<const N: usize>(
+    names: [&str; N],
+    state: &State<f32>,
+    batch: &BatchRows,
+    write: impl FnOnce(&Equations),
+) -> [Vec<f32>; N] {
+    let equations = Equations::new();
+    write(&equations);
+    let mut processor = plan::Processor::<f32>::new(equations.into_graph());
+    batch.write(&mut processor);
+    processor.run_seeded("loss", &mut state.clone(), 3);
+    names.map(|name| processor.entries(name).to_vec())
+}

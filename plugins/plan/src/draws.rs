@@ -1,0 +1,44 @@
+//! Random numbers of a run. Entry `i` of draw `k` has the stream of words that begins at
+//! `mix(mix(seed + k GOLDEN) + (i + 1) GOLDEN)`.
+
+use crate::scalar::Scalar;
+use arithmetic::draws::{self, GOLDEN, Stream, WordStream, mix};
+use arithmetic::gamma_slope;
+
+fn streams(seed: u64, index: usize) -> impl Iterator<Item = Stream> {
+    let first = mix(seed.wrapping_add((index as u64).wrapping_mul(GOLDEN)));
+    (1_u64..).map(move |entry| Stream::new(first.wrapping_add(entry.wrapping_mul(GOLDEN))))
+}
+
+pub(crate) fn normal<T: Scalar>(seed: u64, index: usize, result: &mut [T]) {
+    for (x, mut words) in result.iter_mut().zip(streams(seed, index)) {
+        *x = T::of(draws::normal(words.word()));
+    }
+}
+
+/// The largest `f32` below 1.
+const BELOW_ONE: f64 = 1.0 - 1.0 / (1_u64 << 24) as f64;
+
+pub(crate) fn uniform<T: Scalar>(seed: u64, index: usize, result: &mut [T]) {
+    for (x, mut words) in result.iter_mut().zip(streams(seed, index)) {
+        let nearest = T::of(draws::uniform(words.word()));
+        // Of 2^25 numbers one is rounded to 1 in `f32`.
+        *x = if nearest.wide() < 1.0 {
+            nearest
+        } else {
+            T::of(BELOW_ONE)
+        };
+    }
+}
+
+pub(crate) fn log_gamma<T: Scalar>(seed: u64, index: usize, shapes: &[T], result: &mut [T]) {
+    for ((x, shape), mut words) in result.iter_mut().zip(shapes).zip(streams(seed, index)) {
+        *x = T::of(draws::log_gamma(shape.wide(), &mut words));
+    }
+}
+
+pub(crate) fn log_gamma_slope<T: Scalar>(shapes: &[T], draws: &[T], result: &mut [T]) {
+    for ((x, shape), draw) in result.iter_mut().zip(shapes).zip(draws) {
+        *x = T::of(gamma_slope::log_gamma_slope(shape.wide(), draw.wide()));
+    }
+}

@@ -1,0 +1,247 @@
+//! State that a plan keeps between runs, by its names: parameters, moments, numbers of steps, and numbers such as
+//! learning rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
+
+use crate::graph::Shape;
+use crate::scalar::Scalar;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A state that does not fit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum StateError {
+    /// No parameter or moment has this name.
+    Missing {
+        /// Name that was sought.
+        name: String,
+    },
+    /// Another shape.
+    Shape {
+        /// Name of the parameter or moment.
+        name: String,
+        /// Shape in the state.
+        expected: Shape,
+        /// Shape that was given.
+        found: Vec<usize>,
+    },
+}
+
+impl std::fmt::Display for StateError {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            StateError::Missing { name } => write!(f, "there is no `{name}`"),
+            StateError::Shape {
+                name,
+                expected,
+                found,
+            } => write!(f, "`{name}` has the shape {found:?}, not {expected:?}"),
+        }
+    }
+}
+
+impl std::error::Error for StateError {}
+
+/// Parameters, moments and counts of one learner.
+#[derive(Debug, Clone, Default)]
+pub struct State<T> {
+    tensors: Vec<Tensor<T>>,
+    /// Steps of each parameter's optimiser.
+    counts: BTreeMap<String, u64>,
+    /// Numbers that differ from those of the graph.
+    numbers: BTreeMap<String, f64>,
+}
+
+/// A parameter or a moment.
+#[derive(Debug, Clone)]
+pub(crate) struct Tensor<T> {
+    pub(crate) name: String,
+    pub(crate) shape: Shape,
+    pub(crate) entries: Vec<T>,
+    /// Version of the entries: equal versions have equal entries, in all states of the process.
+    pub(crate) version: u64,
+}
+
+/// A version that no entries had before.
+pub(crate) fn next_version() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+impl<T: Scalar> State<T> {
+    /// Adds a parameter, or replaces it.
+    ///
+    /// # Panics
+    /// Where the number of entries is not that of the shape.
+    pub fn insert(&mut self, name: impl Into<String>, shape: Shape, entries: Vec<T>) {
+        let name = name.into();
+        assert_eq!(
+            entries.len(),
+            shape[0] * shape[1],
+            "entries of `{name}` {shape:?}"
+        );
+        self.tensors.retain(|tensor| tensor.name != name);
+        self.tensors.push(Tensor {
+            name,
+            shape,
+            entries,
+            version: next_version(),
+        });
+    }
+
+    /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with the beginning `to`, and
+    /// of the numbers of their steps.
+    pub fn copy(&mut self, from: &str, to: &str) {
+        let rest = |name: &str| Some(name.strip_prefix(from)?.strip_prefix('.')?.to_owned());
+        let copies: Vec<_> = self
+            .tensors
+            .iter()
+            .filter_map(|tensor| Some((rest(&tensor.name)?, tensor.shape, tensor.entries.clone())))
+            .collect();
+        for (rest, shape, entries) in copies {
+            self.insert(format!("{to}.{rest}"), shape, entries);
+        }
+        let counts = self.counts.iter();
+        let counts: Vec<_> = counts
+            .filter_map(|(name, count)| Some((rest(name)?, *count)))
+            .collect();
+        for (rest, count) in counts {
+            self.counts.insert(format!("{to}.{rest}"), count);
+        }
+    }
+
+    /// Name, shape and entries of every parameter and moment.
+    pub fn tensors(&self) -> impl Iterator<Item = (&str, Shape, &[T])> {
+        let tensors = self.tensors.iter();
+        tensors.map(|tensor| (tensor.name.as_str(), tensor.shape, tensor.entries.as_slice()))
+    }
+
+    /// Shape and entries of a parameter or moment.
+    #[must_use]
+    pub fn tensor(&self, name: &str) -> Option<(Shape, &[T])> {
+        let found = self.tensors.iter().find(|tensor| tensor.name == name)?;
+        Some((found.shape, &found.entries))
+    }
+
+    /// Entries of a parameter or moment.
+    ///
+    /// # Panics
+    /// Where there is none of that name.
+    #[must_use]
+    pub fn entries(&self, name: &str) -> &[T] {
+        let found = self.tensor(name);
+        found.unwrap_or_else(|| panic!("no parameter `{name}`")).1
+    }
+
+    /// Entries of a parameter or moment, which are about to change.
+    ///
+    /// # Panics
+    /// Where there is none of that name.
+    pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
+        let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
+        let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
+        tensor.version = next_version();
+        &mut tensor.entries
+    }
+
+    /// Replaces the entries of a parameter or moment that is there.
+    ///
+    /// # Errors
+    /// [`StateError`] where the name or the shape does not fit.
+    ///
+    /// # Panics
+    /// Where the number of entries is not that of the shape.
+    pub fn replace(&mut self, name: &str, shape: &[usize], entries: Vec<T>) -> Result<(), StateError> {
+        let Some((expected, _)) = self.tensor(name) else {
+            return Err(StateError::Missing { name: name.into() });
+        };
+        if shape != expected {
+            return Err(StateError::Shape {
+                name: name.into(),
+                expected,
+                found: shape.to_vec(),
+            });
+        }
+        assert_eq!(
+            entries.len(),
+            expected[0] * expected[1],
+            "entries of `{name}` {expected:?}"
+        );
+        self.entries_mut(name).copy_from_slice(&entries);
+        Ok(())
+    }
+
+    /// Number of steps that the optimiser of a parameter has made.
+    #[must_use]
+    pub fn steps(&self, parameter: &str) -> u64 {
+        self.counts.get(parameter).copied().unwrap_or(0)
+    }
+
+    /// Parameters with the numbers of steps of their optimisers.
+    #[must_use]
+    pub fn counts(&self) -> &BTreeMap<String, u64> {
+        &self.counts
+    }
+
+    /// Replaces the numbers of steps.
+    pub fn set_counts(&mut self, counts: BTreeMap<String, u64>) {
+        self.counts = counts;
+    }
+
+    /// Changes a number of the graph for the following runs.
+    pub fn set_number(&mut self, name: &str, to: f64) {
+        self.numbers.insert(name.to_owned(), to);
+    }
+
+    /// A number that [`State::set_number`] has changed.
+    #[must_use]
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.numbers.get(name).copied()
+    }
+
+    /// The state in `f64`, for comparisons of gradients with finite differences.
+    #[must_use]
+    pub fn widened(&self) -> State<f64> {
+        let wide = |tensor: &Tensor<T>| Tensor {
+            name: tensor.name.clone(),
+            shape: tensor.shape,
+            entries: tensor.entries.iter().map(|entry| entry.wide()).collect(),
+            version: next_version(),
+        };
+        State {
+            tensors: self.tensors.iter().map(wide).collect(),
+            counts: self.counts.clone(),
+            numbers: self.numbers.clone(),
+        }
+    }
+
+    /// Place of a parameter, or of a moment, which is added as zeros.
+    pub(crate) fn place(&mut self, name: &str, shape: Shape, is_moment: bool) -> usize {
+        let found = self.tensors.iter().position(|tensor| tensor.name == name);
+        let place = found.unwrap_or_else(|| {
+            assert!(is_moment, "no parameter `{name}`");
+            self.insert(name, shape, vec![T::default(); shape[0] * shape[1]]);
+            self.tensors.len() - 1
+        });
+        let there = self.tensors[place].shape;
+        assert_eq!(there, shape, "`{name}` of the state and of the graph");
+        place
+    }
+
+    /// Whether a place holds a tensor of this name and shape.
+    pub(crate) fn is_at(&self, place: usize, name: &str, shape: Shape) -> bool {
+        let tensor = self.tensors.get(place);
+        tensor.is_some_and(|tensor| tensor.name == name && tensor.shape == shape)
+    }
+
+    pub(crate) fn at_mut(&mut self, place: usize) -> &mut Tensor<T> {
+        &mut self.tensors[place]
+    }
+
+    pub(crate) fn count_step(&mut self, parameter: &str) -> u64 {
+        if let Some(count) = self.counts.get_mut(parameter) {
+            *count += 1;
+            return *count;
+        }
+        self.counts.insert(parameter.to_owned(), 1);
+        1
+    }
+}
