@@ -302,7 +302,7 @@ proptest! {
 
     #[test]
     fn of_dirichlet_distributions(rows in 1..4_usize, n in 1..6_usize, seed: u64) {
-        for limits in [[0.3, 0.9], [1.0, 4.0], [10.0, 60.0]] {
+        for limits in [[0.3, 0.9], [1.0, 4.0], [4.0, 12.0]] {
             let inputs = [([rows, n], limits), ([rows, n], [-4.0, -0.1])];
             assert_gradients("density", &|graph, x, seed| {
                 let y = graph.dirichlet_density(x[0], x[1]);
@@ -320,7 +320,6 @@ proptest! {
             }, &inputs[..1], seed);
             assert_gradients("entropy", &|graph, x, seed| {
                 let y = graph.dirichlet_entropy(x[0]);
-                let y = graph.square(y);
                 weighted_sum(graph, y, seed)
             }, &inputs[..1], seed);
         }
