@@ -31,5 +31,6 @@ pub mod seat;
 pub mod seat_network;
 pub mod simplex_regression;
 pub mod soft_actor_critic;
+pub mod soft_learner;
 pub mod state_rule;
 pub mod targets;

@@ -4,10 +4,12 @@
 //! |---|---|
 //! | [`network`] | fully connected networks |
 //! | [`squashed`] | Gaussian policies squashed by tanh |
+//! | [`gaussian_softmax`] | Gaussian policies mapped to the simplex by softmax |
 //! | [`dirichlet`] | Dirichlet policies |
 //! | [`state_file`] | the state of a plan in a file of tensors |
 
 pub mod dirichlet;
+pub mod gaussian_softmax;
 pub mod network;
 pub mod squashed;
 pub mod state_file;
