@@ -25,24 +25,27 @@ use crate::shared::{
     ring::Ring,
     scaling::{ObservationScaling, Scaling},
     seat,
+    seat_network::HiddenLayers,
 };
-use burn::module::Module;
 use contract::{
     Action, Agent, AgentTraits, Channel, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
     Registry, Rng, Space, Transition, Updates,
 };
 use numerics::{
-    network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
+    equations::{network::Network, state_file},
+    network::Activation,
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans, State};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "network_regression";
+/// Name of the learning rate in the state.
+const RATE: &str = "learning_rate";
 
 /// Hyper-parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -98,7 +101,10 @@ pub struct NetworkRegression {
     inputs: Scaling,
     targets: Scaling,
     actions: Vec<Channel>,
-    network: TrainedNetwork<Mlp>,
+    network: Network,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     n_updates: u64,
     /// Stored examples, inputs before targets.
     memory: Ring,
@@ -138,12 +144,15 @@ impl NetworkRegression {
         let observed = seat::observed(NAME, seat)?;
         let places = places(config.inputs.as_deref(), observed)?;
         let chosen: Vec<Channel> = places.iter().map(|place| observed[*place].clone()).collect();
+        let hidden = HiddenLayers {
+            width: config.width,
+            layers: config.layers,
+            activation: Activation::Relu,
+        };
         // A network without inputs gets one that is always 0.
-        let hidden = vec![config.width; config.layers];
-        let sizes = [vec![chosen.len().max(1)], hidden, vec![actions.len()]].concat();
-        let activations = vec![Activation::Relu; config.layers];
-        let network = Mlp::new(&sizes, &activations, 1.0, rng, &device().autodiff());
-        let adam = Adam::new(config.learning_rate, None);
+        let network = hidden.described("network", chosen.len().max(1), actions.len());
+        let mut state = State::default();
+        network.initialise(1.0, &mut state, rng);
         if config.updates_per_batch > 1 && config.memory == 0 {
             return Err(Error::config(
                 "memory",
@@ -155,7 +164,10 @@ impl NetworkRegression {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
             actions: actions.clone(),
-            network: TrainedNetwork::new(network, adam),
+            network,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             places,
             config,
             n_updates: 0,
@@ -178,16 +190,6 @@ impl NetworkRegression {
 
     fn n_inputs(&self) -> usize {
         self.places.len().max(1)
-    }
-
-    /// Action from scaled outputs.
-    fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
-        let entry = |(output, channel): (&f32, &Channel)| {
-            let number = finite("action", self.n_updates, *output)?;
-            Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
-        };
-        let entries = outputs.iter().zip(&self.actions).map(entry);
-        Ok(vec![entries.collect::<Result<_, Error>>()?])
     }
 
     #[allow(clippy::cast_precision_loss, reason = "a number of updates is far below 2^52")]
@@ -230,15 +232,18 @@ impl NetworkRegression {
 
     /// Updates once on examples, row by row.
     fn update(&mut self, rows: &[f32], record: &mut Recorder) -> Result<(), Error> {
-        let (inputs, n) = (self.n_inputs(), self.actions.len());
-        let both = matrix(rows.to_vec(), inputs + n);
-        let seen = both.clone().narrow(1, 0, inputs);
-        let off = self.network.network().forward(seen) - both.narrow(1, inputs, n);
-        let loss = off.powf_scalar(2.0).mean();
-        let value = finite("fit_loss", self.n_updates, values(loss.clone())[0])?;
-        record.mean("fit_loss", value);
-        self.network.set_learning_rate(self.learning_rate());
-        self.network.descend(&loss);
+        self.state.set_number(RATE, self.learning_rate());
+        let (network, widths) = (&self.network, [self.n_inputs(), self.actions.len()]);
+        let (n_columns, first_rate) = (self.memory.width(), self.config.learning_rate);
+        let n_rows = rows.len() / n_columns;
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            let examples = equations.input("examples", [n_rows, n_columns]);
+            update(network, widths, examples, first_rate);
+        });
+        plan.write("examples", rows);
+        plan.run("update", &mut self.state);
+        let loss = finite("fit_loss", self.n_updates, plan.number("fit_loss"))?;
+        record.mean("fit_loss", loss);
         self.n_updates += 1;
         Ok(())
     }
@@ -246,6 +251,27 @@ impl NetworkRegression {
     fn names(&self) -> Vec<String> {
         self.actions.iter().map(|channel| channel.name.clone()).collect()
     }
+}
+
+/// Action in the units of its channels from scaled outputs.
+fn action(outputs: &[f32], channels: &[Channel], step: u64) -> Result<Action, Error> {
+    let entry = |(output, channel): (&f32, &Channel)| {
+        let number = finite("action", step, *output)?;
+        Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
+    };
+    let entries = outputs.iter().zip(channels).map(entry);
+    Ok(vec![entries.collect::<Result<_, Error>>()?])
+}
+
+/// One update on examples `[rows, inputs + n]`, inputs before targets.
+fn update(network: &Network, [inputs, n]: [usize; 2], examples: Expression<'_>, first_rate: f64) {
+    let equations = examples.equations();
+    equations.routine("update");
+    let off = network.apply(examples.columns(0..inputs)) - examples.columns(inputs..inputs + n);
+    let loss = off.square().mean();
+    equations.output("fit_loss", loss);
+    let parameters = network.parameters(equations);
+    equations.descend(loss, &parameters, &Descent::adam(RATE, first_rate, None));
 }
 
 /// Positions of the channels whose names begin with one of `wanted`; all positions for `None`.
@@ -269,11 +295,17 @@ fn places(wanted: Option<&[String]>, observed: &[Channel]) -> Result<Vec<usize>,
 
 impl Agent for NetworkRegression {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        let seen = matrix(self.seen(observations.iter()), self.n_inputs());
-        let outputs = values(self.network.network().valid().forward(seen));
-        outputs
-            .chunks(self.actions.len())
-            .map(|row| self.action(row))
+        let (network, shape) = (&self.network, [observations.len(), self.n_inputs()]);
+        let seen = self.seen(observations.iter());
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            let seen = equations.input("seen", shape);
+            equations.routine("answer");
+            equations.output("answers", network.apply(seen));
+        });
+        plan.write("seen", &seen);
+        plan.run("answer", &mut self.state);
+        let rows = plan.entries("answers").chunks(self.actions.len());
+        rows.map(|row| action(row, &self.actions, self.n_updates))
             .collect()
     }
 
@@ -306,7 +338,7 @@ impl Agent for NetworkRegression {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        self.network.store("network", &mut file);
+        state_file::store(&self.state, &mut file);
         self.memory.store("memory", &mut file);
         checkpoint::write(NAME, dir, file, &self.n_updates)
     }
@@ -314,7 +346,7 @@ impl Agent for NetworkRegression {
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, n_updates) = checkpoint::read(NAME, dir)?;
         let misfit = checkpoint::error_of(NAME);
-        self.network.restore("network", &file).map_err(&misfit)?;
+        state_file::restore(&mut self.state, &file).map_err(&misfit)?;
         self.memory.restore("memory", &file).map_err(&misfit)?;
         self.n_updates = n_updates;
         Ok(())
@@ -323,14 +355,15 @@ impl Agent for NetworkRegression {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
         let (center, spread) = self.actions.iter().map(|it| (it.center, it.spread)).unzip();
-        let policy = Policy::new(self.network.network(), ports, Head::Identity).in_units(center, spread);
+        let policy = Policy::of_state(&self.network, &self.state, ports, Head::Identity);
+        let policy = policy.in_units(center, spread);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
-        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::Identity)?;
+        checkpoint::import_network(NAME, &self.network, &mut self.state, dir, &ports, Head::Identity)?;
         Ok(true)
     }
 }

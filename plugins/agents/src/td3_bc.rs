@@ -36,23 +36,21 @@
 //! `mean_value` the mean of `Q_1(s, pi(s))`.
 
 use crate::shared::{
+    batch::BatchInputs,
+    bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
-    replay::Batch,
-    targets::{bootstrapped, half_squared_error, mean},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    gaussian::standard_normal,
-    network::{Mlp, TwinMlp, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::network::{Network, lower, parameters},
     tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans};
+use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -127,11 +125,20 @@ impl contract::Config for Config {}
 pub struct Td3Bc {
     config: Config,
     actor: DatasetActor,
-    critics: TrainedNetwork<TwinMlp>,
-    target_policy: Mlp,
-    target_critics: TwinMlp,
+    learner: Learner,
+    learning: Plans,
     /// Number of updates of the critics.
     n_updates: u64,
+}
+
+/// Networks, and the equations by which they learn.
+#[derive(Debug, Clone)]
+struct Learner {
+    actions: ActionSet,
+    policy: Network,
+    critics: [Network; 2],
+    target_policy: Network,
+    target_critics: [Network; 2],
 }
 
 /// Registers the agent.
@@ -176,163 +183,132 @@ fn metrics() -> Vec<Metric> {
 
 impl Td3Bc {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
-        let Config {
-            width,
-            layers,
-            gradient_clip,
-            scale_by,
-            ..
-        } = config;
         let form = ActorSettings {
-            width,
-            layers,
-            learning_rate: config.actor_learning_rate,
-            gradient_clip,
-            scale_by,
+            width: config.width,
+            layers: config.layers,
+            scale_by: config.scale_by,
         };
-        let actor = DatasetActor::new(NAME, &form, interface, rng)?;
-        let mut critic = || form.network(actor.n_observed() + actor.n_acted(), 1, rng);
-        let critics = TwinMlp {
-            first: critic(),
-            second: critic(),
+        let mut actor = DatasetActor::new(NAME, &form, interface, rng)?;
+        let (policy, n_judged) = (actor.policy.clone(), actor.n_observed() + actor.n_acted());
+        let state = &mut actor.state;
+        let critics =
+            ["critics.first", "critics.second"].map(|name| form.network(name, [n_judged, 1], state, rng));
+        let learner = Learner {
+            actions: actor.actions,
+            target_policy: policy.copied("target_policy", state),
+            target_critics: critics
+                .each_ref()
+                .map(|critic| critic.copied(format!("target_{}", critic.name()), state)),
+            policy,
+            critics,
         };
         Ok(Self {
-            target_policy: actor.network.network().valid(),
-            target_critics: critics.valid(),
-            critics: TrainedNetwork::new(critics, Adam::new(config.critic_learning_rate, gradient_clip)),
             config,
             actor,
+            learner,
+            learning: Plans::default(),
             n_updates: 0,
         })
     }
+}
 
-    /// TD3, algorithm 1: both critics descend the squared error to the lower target.
-    fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.target(batch, rng);
-        let (q1, q2) = self
-            .critics
-            .network()
-            .forward(self.judged(&batch.observations, batch.actions.clone()));
-        let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.n_updates, values(loss.clone())[0])?,
+impl Learner {
+    /// An update of the critics, and one of the policy and the targets.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        equations.routine("update critics");
+        let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
+        let critics = parameters(&self.critics, equations);
+        let loss = self.critic_loss(batch, config);
+        equations.output("critic_loss", loss);
+        equations.descend(
+            loss,
+            &critics,
+            &adam("critic_learning_rate", config.critic_learning_rate),
         );
-        self.critics.descend(&loss);
-        Ok(())
+
+        equations.routine("update policy");
+        let policy = self.policy.parameters(equations);
+        let (acted, q) = self.acted_and_valued(batch);
+        let loss = self.policy_loss(batch, acted, q, lambda(q, config.alpha));
+        equations.output("policy_loss", loss);
+        equations.output("mean_value", q.mean());
+        equations.output("clone_error", (acted - batch.actions).abs().mean());
+        equations.descend(
+            loss,
+            &policy,
+            &adam("actor_learning_rate", config.actor_learning_rate),
+        );
+        let targets = parameters(&self.target_critics, equations);
+        equations.follow(&targets, &critics, config.target_smoothing);
+        let target = self.target_policy.parameters(equations);
+        equations.follow(&target, &policy, config.target_smoothing);
+    }
+
+    /// TD3, algorithm 1: half the squared error of both critics to the lower target.
+    fn critic_loss<'e>(&self, batch: BatchInputs<'e>, config: &Config) -> Expression<'e> {
+        let target = self.target(batch, config);
+        let judged = self.judged(batch.observations, batch.actions);
+        let [first, second] = self
+            .critics
+            .each_ref()
+            .map(|critic| half_squared_error(critic.apply(judged), target));
+        first + second
     }
 
     /// `y = r + gamma (1 - terminal) min(Q'_1, Q'_2)(s', a')`.
-    fn target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
-        let next = self.smoothed(&batch.next_observations, rng);
-        let (q1, q2) = self
-            .target_critics
-            .forward(self.judged(&batch.next_observations, next));
-        bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            q1.min_pair(q2),
-            self.config.discount,
-        )
+    fn target<'e>(&self, batch: BatchInputs<'e>, config: &Config) -> Expression<'e> {
+        let next = self.smoothed(batch.next_observations, config);
+        let value = lower(&self.target_critics, self.judged(batch.next_observations, next));
+        bootstrapped(batch.rewards, batch.continues, value, config.discount)
     }
 
     /// Noisy actions of the target policy: in a box the noise is added to the action, on a simplex before the
     /// softmax.
-    fn smoothed(&self, observations: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
-        let outputs = self.target_policy.forward(observations.clone());
-        let [rows, columns] = outputs.dims();
-        let Config {
-            target_noise,
-            target_noise_limit,
-            ..
-        } = self.config;
-        let noise = clipped_noise(rows, columns, target_noise, target_noise_limit, rng);
-        match self.actor.actions {
-            ActionSet::Cube => (self.actor.actions.act(outputs) + noise).clamp(-1.0, 1.0),
-            ActionSet::Simplex => self.actor.actions.act(outputs + noise),
+    fn smoothed<'e>(&self, observations: Expression<'e>, config: &Config) -> Expression<'e> {
+        let outputs = self.target_policy.apply(observations);
+        let noise = clipped_noise(outputs, config.target_noise, config.target_noise_limit);
+        match self.actions {
+            ActionSet::Cube => (self.actions.act(outputs) + noise).clamp(-1.0, 1.0),
+            ActionSet::Simplex => self.actions.act(outputs + noise),
         }
     }
 
-    /// Eq. 5 and 6: the policy ascends the first critic and stays close to the dataset.
-    fn update_policy(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
-        let policy = self.actor.network.network();
-        let (acted, q) = self.acted_and_valued(policy, batch);
-        let lambda = self.lambda(&q);
-        let loss = self.policy_loss(policy, batch, lambda);
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.n_updates, values(loss.clone())[0])?,
-        );
-        record.mean("mean_value", f64::from(mean(q)));
-        record.mean(
-            "clone_error",
-            f64::from(mean((acted - batch.actions.clone()).abs())),
-        );
-        self.actor.network.descend(&loss);
-        Ok(())
+    /// Actions of the policy and their values by the first critic.
+    fn acted_and_valued<'e>(&self, batch: BatchInputs<'e>) -> (Expression<'e>, Expression<'e>) {
+        let acted = self.actions.act(self.policy.apply(batch.observations));
+        let judged = self.judged(batch.observations, acted);
+        (acted, self.critics[0].apply(judged))
     }
 
-    /// Actions of a policy and their values by the first critic, without gradients.
-    fn acted_and_valued(&self, policy: &Mlp, batch: &Batch) -> (Tensor<2>, Tensor<2>) {
-        let acted = self
-            .actor
-            .actions
-            .act(policy.valid().forward(batch.observations.clone()));
-        let q = self
-            .critics
-            .network()
-            .valid()
-            .first
-            .forward(self.judged(&batch.observations, acted.clone()));
-        (acted, q)
-    }
-
-    /// Weight `alpha / mean |Q|`.
-    fn lambda(&self, q: &Tensor<2>) -> f64 {
-        self.config.alpha / f64::from(mean(q.clone().abs()))
-    }
-
-    /// Loss of eq. 5, with a weight without gradient.
-    fn policy_loss(&self, policy: &Mlp, batch: &Batch, lambda: f64) -> Tensor<1> {
-        let set = self.actor.actions;
-        let acted = set.act(policy.forward(batch.observations.clone()));
-        let cloning = (set.centred(acted.clone()) - set.centred(batch.actions.clone()))
-            .powf_scalar(2.0)
-            .mean();
-        // An untracked critic: the gradient passes through it to the action alone.
-        let q = self
-            .critics
-            .network()
-            .valid()
-            .first
-            .forward(self.judged(&batch.observations, acted));
-        cloning - q.mean() * lambda
+    /// Eq. 5: the policy ascends the first critic and stays close to the dataset.
+    fn policy_loss<'e>(
+        &self,
+        batch: BatchInputs<'e>,
+        acted: Expression<'e>,
+        q: Expression<'e>,
+        lambda: Expression<'e>,
+    ) -> Expression<'e> {
+        let distance = self.actions.centred(acted) - self.actions.centred(batch.actions);
+        distance.square().mean() - q.mean() * lambda
     }
 
     /// Input of the critics: observations and centred actions.
-    fn judged(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        Tensor::cat(vec![observations.clone(), self.actor.actions.centred(actions)], 1)
-    }
-
-    fn follow(&mut self) {
-        let tau = self.config.target_smoothing;
-        self.target_critics = soft_update(
-            std::mem::take(&mut self.target_critics),
-            self.critics.network(),
-            tau,
-        );
-        self.target_policy = soft_update(
-            std::mem::take(&mut self.target_policy),
-            self.actor.network.network(),
-            tau,
-        );
+    fn judged<'e>(&self, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+        let equations = observations.equations();
+        equations.join(&[observations, self.actions.centred(actions)])
     }
 }
 
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn clipped_noise(rows: usize, columns: usize, sd: f64, limit: f64, rng: &mut Rng) -> Tensor<2> {
-    let draw = |_| (sd * standard_normal(rng)).clamp(-limit, limit) as f32;
-    matrix((0..rows * columns).map(draw).collect(), columns)
+/// Weight `alpha / mean |Q|`, through which no gradient passes.
+fn lambda(q: Expression<'_>, alpha: f64) -> Expression<'_> {
+    alpha / q.abs().mean().stop_gradient()
+}
+
+/// Noise for outputs of the target policy.
+fn clipped_noise(outputs: Expression<'_>, sd: f64, limit: f64) -> Expression<'_> {
+    let noise = outputs.equations().normal(outputs.shape());
+    (noise * sd).clamp(-limit, limit)
 }
 
 impl Agent for Td3Bc {
@@ -351,12 +327,23 @@ impl Agent for Td3Bc {
         rng: &mut Rng,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        let batch = self.actor.batch(transitions);
-        self.update_critics(&batch, rng, record)?;
+        let (actor, learner, config) = (&mut self.actor, &self.learner, &self.config);
+        let (batch, widths) = (actor.batch(transitions), actor.widths());
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        });
+        batch.write(plan);
+        plan.run_seeded("update critics", &mut actor.state, rng.next_u64());
+        let critic_loss = finite("critic_loss", self.n_updates, plan.number("critic_loss"))?;
+        record.mean("critic_loss", critic_loss);
         self.n_updates += 1;
-        if self.n_updates.is_multiple_of(self.config.policy_delay) {
-            self.update_policy(&batch, record)?;
-            self.follow();
+        if self.n_updates.is_multiple_of(config.policy_delay) {
+            plan.run("update policy", &mut actor.state);
+            let policy_loss = finite("policy_loss", self.n_updates, plan.number("policy_loss"))?;
+            record.mean("policy_loss", policy_loss);
+            for metric in ["mean_value", "clone_error"] {
+                record.mean(metric, plan.number(metric));
+            }
         }
         Ok(())
     }
@@ -371,20 +358,12 @@ impl Agent for Td3Bc {
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         self.actor.store(&mut file);
-        self.critics.store("critics", &mut file);
-        store(&self.target_policy, "target_policy", &mut file);
-        store(&self.target_critics, "target_critics", &mut file);
         checkpoint::write(NAME, dir, file, &self.n_updates)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, n_updates) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        self.actor.restore(&file).map_err(&misfit)?;
-        self.critics.restore("critics", &file).map_err(&misfit)?;
-        self.target_policy = restore(self.target_policy.clone(), "target_policy", &file).map_err(&misfit)?;
-        self.target_critics =
-            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
+        self.actor.restore(&file).map_err(checkpoint::error_of(NAME))?;
         self.n_updates = n_updates;
         Ok(())
     }
@@ -403,13 +382,12 @@ mod tests {
     use super::*;
     use crate::shared::{
         bandit,
+        batch::BatchRows,
         dataset_actor::tests::{cube, decisions, fit},
+        gradient_checks::{assert_gradient, computed, outputs},
     };
     use contract::random::stream;
-    use numerics::{
-        optimizer::gradients,
-        parameters::{parameters, with_parameters},
-    };
+    use plan::Equations;
     use rand::Rng as _;
 
     fn tiny() -> Config {
@@ -442,10 +420,17 @@ mod tests {
             .sum::<f64>()
     }
 
-    fn batch_of(agent: &Td3Bc, n: usize) -> Batch {
+    fn batch_of(agent: &Td3Bc, n: usize) -> BatchRows {
         agent
             .actor
             .batch(&decisions(n, &mut stream(&["batch"]), random_shares, reward))
+    }
+
+    /// Writes a routine `loss` for a batch of 4.
+    fn write<'e>(agent: &Td3Bc, equations: &'e Equations) -> BatchInputs<'e> {
+        let batch = BatchInputs::new(equations, 4, agent.actor.widths());
+        equations.routine("loss");
+        batch
     }
 
     #[test]
@@ -453,14 +438,25 @@ mod tests {
         let mut agent = agent(tiny(), &bandit::interface());
         bandit::train(&mut agent, 6, &mut stream(&["target"]));
         let mut batch = batch_of(&agent, 4);
-        batch.continues = matrix(vec![1.0, 1.0, 0.0, 1.0], 1);
-        let (mut one, mut two) = (stream(&["noise"]), stream(&["noise"]));
-        let next = agent.smoothed(&batch.next_observations, &mut one);
-        let (q1, q2) = agent
-            .target_critics
-            .forward(agent.judged(&batch.next_observations, next.clone()));
-        let (q1, q2, r) = (values(q1), values(q2), values(batch.rewards.clone()));
-        let y = values(agent.target(&batch, &mut two));
+        batch.continues = vec![1.0, 1.0, 0.0, 1.0];
+        let (learner, state) = (&agent.learner, &agent.actor.state);
+        // Draws of a routine are numbered, so that the target's noise is that of `next`.
+        let [y] = outputs(["target"], state, &batch, |equations| {
+            let target = learner.target(write(&agent, equations), &agent.config);
+            equations.output("target", target);
+        });
+        let names = ["first", "second", "smoothed", "plain"];
+        let [q1, q2, next, plain] = outputs(names, state, &batch, |equations| {
+            let seen = write(&agent, equations).next_observations;
+            let next = learner.smoothed(seen, &agent.config);
+            let judged = learner.judged(seen, next);
+            equations.output("first", learner.target_critics[0].apply(judged));
+            equations.output("second", learner.target_critics[1].apply(judged));
+            equations.output("smoothed", next);
+            let plain = learner.actions.act(learner.target_policy.apply(seen));
+            equations.output("plain", plain);
+        });
+        let r = &batch.rewards;
         for i in 0..4 {
             let expected = if i == 2 {
                 r[i]
@@ -469,18 +465,15 @@ mod tests {
             };
             assert!((y[i] - expected).abs() < 1e-6, "{i}: {} {expected}", y[i]);
         }
-        let sums = values(next.clone().sum_dim(1));
+        let sums: Vec<f32> = next.chunks(3).map(|shares| shares.iter().sum()).collect();
         assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-6), "{sums:?}");
-        let plain = agent
-            .actor
-            .actions
-            .act(agent.target_policy.forward(batch.next_observations));
-        assert_ne!(values(next), values(plain));
+        assert_ne!(next, plain);
     }
 
     #[test]
     fn noise_is_clipped_and_actions_stay_in_the_box() {
-        let drawn = values(clipped_noise(4_000, 2, 0.2, 0.3, &mut stream(&["clip"])));
+        let drawn =
+            computed(|equations| clipped_noise(equations.constant([4_000, 2], &[0.0; 8_000]), 0.2, 0.3));
         assert!(
             drawn.iter().all(|x| x.abs() <= 0.3) && drawn.iter().filter(|x| x.abs() == 0.3).count() > 400
         );
@@ -490,7 +483,12 @@ mod tests {
             ..tiny()
         };
         let agent = agent(wild, &cube());
-        let smoothed = values(agent.smoothed(&matrix(vec![0.1, 0.2, 0.3], 1), &mut stream(&["box"])));
+        let mut batch = batch_of(&agent, 4);
+        batch.actions = vec![0.0; 4];
+        let [smoothed] = outputs(["smoothed"], &agent.actor.state, &batch, |equations| {
+            let seen = write(&agent, equations).next_observations;
+            equations.output("smoothed", agent.learner.smoothed(seen, &agent.config));
+        });
         assert!(
             smoothed.iter().all(|x| x.abs() <= 1.0) && smoothed.iter().any(|x| x.abs() == 1.0),
             "{smoothed:?}"
@@ -499,14 +497,14 @@ mod tests {
 
     #[test]
     fn the_weight_by_hand_does_not_depend_on_the_scale_of_the_rewards() {
-        let agent = agent(tiny(), &bandit::interface());
-        // 2.5 / ((1 + 3) / 2).
-        assert!((agent.lambda(&matrix(vec![1.0, -3.0], 1)) - 1.25).abs() < 1e-6);
-        let weighted = |scale: f32| {
-            let q = matrix(vec![1.0 * scale, -3.0 * scale], 1);
-            agent.lambda(&q) * f64::from(mean(q))
+        let of = |scale: f64| {
+            let q = [1.0 * scale, -3.0 * scale];
+            computed(|equations| lambda(equations.constant([2, 1], &q), 2.5))[0]
         };
-        assert!((weighted(1.0) - weighted(100.0)).abs() < 1e-6);
+        // 2.5 / ((1 + 3) / 2).
+        assert!((of(1.0) - 1.25).abs() < 1e-6);
+        // The weight times the mean of the values, -1 and -100.
+        assert!((of(1.0) - 100.0 * of(100.0)).abs() < 1e-6);
     }
 
     #[test]
@@ -514,36 +512,18 @@ mod tests {
         for interface in [bandit::interface(), cube()] {
             let agent = agent(tiny(), &interface);
             let n = agent.actor.n_acted();
-            let actions = matrix((0..4 * n).map(|i| 0.1 + 0.05 * i as f32).collect(), n);
-            let batch = Batch {
+            let actions = (0..4 * n).map(|i| 0.1 + 0.05 * i as f32).collect();
+            let batch = BatchRows {
                 actions,
                 ..batch_of(&self::agent(tiny(), &bandit::interface()), 4)
             };
-            let policy = agent.actor.network.network();
-            let analytic = gradients(policy, &mut agent.policy_loss(policy, &batch, 1.7).backward());
-            let plain = policy.valid();
-            let numbers = parameters(&plain);
-            let mut largest: f64 = 0.0;
-            for (p, parameter) in numbers.iter().enumerate() {
-                for i in (0..parameter.values.len()).step_by(5) {
-                    let at = |step: f32| {
-                        let mut moved = numbers.clone();
-                        moved[p].values[i] += step;
-                        let moved = with_parameters(plain.clone(), &moved).unwrap();
-                        f64::from(values(agent.policy_loss(&moved, &batch, 1.7))[0])
-                    };
-                    let difference = (at(3e-3) - at(-3e-3)) / 6e-3;
-                    let gradient = f64::from(analytic[p][i]);
-                    let tolerance = 2e-3 + 2e-2 * gradient.abs();
-                    assert!(
-                        (difference - gradient).abs() < tolerance,
-                        "{} {i}: {difference} {gradient}",
-                        parameter.name
-                    );
-                    largest = largest.max(gradient.abs());
-                }
-            }
-            assert!(largest > 0.02, "{largest}");
+            let learner = &agent.learner;
+            assert_gradient(&[&learner.policy], &agent.actor.state, &batch, |equations| {
+                let batch = write(&agent, equations);
+                let (acted, q) = learner.acted_and_valued(batch);
+                let lambda = equations.constant([1, 1], &[1.7]);
+                equations.output("loss", learner.policy_loss(batch, acted, q, lambda));
+            });
         }
     }
 
@@ -558,18 +538,26 @@ mod tests {
         );
         let data = decisions(8, &mut stream(&["delay"]), random_shares, reward);
         let learn = |agent: &mut Td3Bc| {
-            let before = (
-                parameters(agent.actor.network.network()),
-                parameters(&agent.target_critics),
-            );
+            let entries = |agent: &Td3Bc, network: &Network| {
+                let names = network.parameter_names().into_iter();
+                names
+                    .map(|name| agent.actor.state.entries(&name).to_vec())
+                    .collect::<Vec<_>>()
+            };
+            let both = |agent: &Td3Bc| {
+                let Learner {
+                    policy,
+                    target_critics,
+                    ..
+                } = &agent.learner;
+                [entries(agent, policy), entries(agent, &target_critics[0])]
+            };
+            let before = both(agent);
             agent
                 .learn(&data, &mut stream(&["x"]), &mut Recorder::default())
                 .unwrap();
-            let after = (
-                parameters(agent.actor.network.network()),
-                parameters(&agent.target_critics),
-            );
-            [before.0 != after.0, before.1 != after.1]
+            let after = both(agent);
+            [before[0] != after[0], before[1] != after[1]]
         };
         let moved: Vec<_> = (0..6).map(|_| learn(&mut agent)).collect();
         assert_eq!(

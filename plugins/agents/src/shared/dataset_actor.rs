@@ -13,21 +13,19 @@
 //! environment states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend
 //! on the unit either.
 
+use super::batch::{BatchRows, BatchWidths};
 use super::joint::acted;
-use super::replay::Batch;
 use super::scaling::{ObservationScaling, Scaling};
+use super::seat_network::HiddenLayers;
 use super::{allocation, checkpoint, seat};
-use burn::{
-    module::Module,
-    tensor::{Tensor, activation::softmax},
-};
 use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
 use numerics::{
-    network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
+    equations::{network::Network, state_file},
+    network::Activation,
     policy_file::{FILE_NAME, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::{Expression, Plans, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -63,23 +61,20 @@ pub enum ActionSet {
 impl ActionSet {
     /// Actions `[rows, n]` from the outputs of a network.
     #[must_use]
-    pub fn act(self, outputs: Tensor<2>) -> Tensor<2> {
+    pub fn act(self, outputs: Expression<'_>) -> Expression<'_> {
         match self {
             Self::Cube => outputs.tanh(),
-            Self::Simplex => softmax(outputs, 1),
+            Self::Simplex => outputs.softmax(),
         }
     }
 
     /// Actions around 0, so that distances between them have the same order for any number of shares.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^24")]
-    pub fn centred(self, actions: Tensor<2>) -> Tensor<2> {
+    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
+    pub fn centred(self, actions: Expression<'_>) -> Expression<'_> {
         match self {
             Self::Cube => actions,
-            Self::Simplex => {
-                let n = actions.dims()[1] as f32;
-                actions * n - 1.0
-            }
+            Self::Simplex => actions * actions.n_columns() as f64 - 1.0,
         }
     }
 
@@ -91,35 +86,38 @@ impl ActionSet {
     }
 }
 
-/// Layers, step size and scaling of a policy.
+/// Layers and scaling of a policy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActorSettings {
     /// Number of units of each hidden layer.
     pub width: usize,
     /// Number of hidden layers.
     pub layers: usize,
-    /// Step size of Adam for the policy.
-    pub learning_rate: f64,
-    /// Largest Euclidean norm of a gradient; `None` for no limit.
-    pub gradient_clip: Option<f64>,
     /// Source of the moments by which observations are scaled.
     pub scale_by: ScalingSource,
 }
 
 impl ActorSettings {
     /// Network of rectifiers with `inputs` and `outputs`, started as PyTorch starts its linear layers.
-    pub fn network(&self, inputs: usize, outputs: usize, rng: &mut Rng) -> Mlp {
-        let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
-        Mlp::uniform(
-            &sizes,
-            &vec![Activation::Relu; self.layers],
-            rng,
-            &device().autodiff(),
-        )
+    pub fn network(
+        &self,
+        name: &str,
+        [inputs, outputs]: [usize; 2],
+        state: &mut State<f32>,
+        rng: &mut Rng,
+    ) -> Network {
+        let hidden = HiddenLayers {
+            width: self.width,
+            layers: self.layers,
+            activation: Activation::Relu,
+        };
+        let network = hidden.described(name, inputs, outputs);
+        network.initialise_uniform(state, rng);
+        network
     }
 }
 
-/// A policy for one seat, with its optimiser and scaling.
+/// A policy for one seat with its scaling, and the state of what learns.
 #[derive(Debug, Clone)]
 pub struct DatasetActor {
     agent: &'static str,
@@ -130,8 +128,11 @@ pub struct DatasetActor {
     scaling: Scaling,
     /// Typical deviations that the environment states, one per observed channel.
     typical: Vec<f64>,
-    /// Network from scaled observations to outputs `z`, with its optimiser.
-    pub network: TrainedNetwork<Mlp>,
+    /// Network from scaled observations to outputs `z`.
+    pub policy: Network,
+    /// Parameters of the policy, and of what an agent adds.
+    pub state: State<f32>,
+    acting: Plans,
 }
 
 impl DatasetActor {
@@ -154,14 +155,16 @@ impl DatasetActor {
         } else {
             ObservationScaling::Typical
         };
-        let network = form.network(channels.len(), names.len(), rng);
+        let mut state = State::default();
         Ok(Self {
             agent,
             actions,
             scale_by: form.scale_by,
             scaling: Scaling::new(kind, channels),
             typical: channels.iter().map(|channel| channel.spread).collect(),
-            network: TrainedNetwork::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
+            policy: form.network("policy", [channels.len(), names.len()], &mut state, rng),
+            state,
+            acting: Plans::default(),
             names,
         })
     }
@@ -191,65 +194,81 @@ impl DatasetActor {
         }
     }
 
-    /// Transitions as tensors, with scaled observations.
+    /// Numbers of entries of a batch.
+    #[must_use]
+    pub fn widths(&self) -> BatchWidths {
+        BatchWidths {
+            observed: self.n_observed(),
+            acted: self.n_acted(),
+            seats: 1,
+        }
+    }
+
+    /// Transitions with scaled observations.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    pub fn batch(&self, transitions: &[Transition]) -> Batch {
-        let rows = |of: &dyn Fn(&Transition) -> Vec<f32>, columns| {
-            matrix(transitions.iter().flat_map(of).collect(), columns)
-        };
-        let seen =
-            |observation: &Observation| self.scaling.apply(&observation.seats[0]).collect::<Vec<f32>>();
-        let continues = |it: &Transition| vec![f32::from(u8::from(it.end != Some(End::Terminated)))];
-        Batch {
-            observations: rows(&|it| seen(&it.observation), self.n_observed()),
-            actions: rows(
-                &|it| it.action[0].iter().map(|entry| *entry as f32).collect(),
-                self.n_acted(),
-            ),
-            rewards: rows(&|it| vec![it.rewards[0] as f32], 1),
-            next_observations: rows(&|it| seen(&it.next_observation), self.n_observed()),
-            continues: rows(&continues, 1),
+    pub fn batch(&self, transitions: &[Transition]) -> BatchRows {
+        let all = || transitions.iter();
+        let continues = |it: &Transition| f32::from(u8::from(it.end != Some(End::Terminated)));
+        BatchRows {
+            n_rows: transitions.len(),
+            observations: self.scaled(all().map(|it| &it.observation)),
+            actions: all()
+                .flat_map(|it| &it.action[0])
+                .map(|entry| *entry as f32)
+                .collect(),
+            rewards: all().map(|it| it.rewards[0] as f32).collect(),
+            next_observations: self.scaled(all().map(|it| &it.next_observation)),
+            continues: all().map(continues).collect(),
         }
+    }
+
+    fn scaled<'a>(&self, observations: impl Iterator<Item = &'a Observation>) -> Vec<f32> {
+        let seen = observations.map(|observation| &observation.seats[0]);
+        seen.flat_map(|seen| self.scaling.apply(seen)).collect()
     }
 
     /// Actions of the policy, one per observation.
     ///
     /// # Errors
     /// [`Error::NotFinite`] where an output of the network is not finite.
-    pub fn act(&self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let outputs = self
-            .network
-            .network()
-            .valid()
-            .forward(matrix(scaled, self.n_observed()));
-        let actions = values(self.actions.act(outputs));
+    pub fn act(&mut self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
+        let (set, policy, shape) = (
+            self.actions,
+            &self.policy,
+            [observations.len(), self.n_observed()],
+        );
+        let scaled = self.scaled(observations.iter());
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            let observations = equations.input("observations", shape);
+            equations.routine("choose");
+            equations.output("chosen", set.act(policy.apply(observations)));
+        });
+        plan.write("observations", &scaled);
+        plan.run("choose", &mut self.state);
+        let (actions, n) = (plan.entries("chosen"), self.names.len());
         match self.actions {
-            ActionSet::Simplex => allocation::actions(&actions, self.n_acted(), step),
+            ActionSet::Simplex => allocation::actions(actions, n, step),
             ActionSet::Cube => actions
-                .chunks(self.n_acted())
+                .chunks(n)
                 .map(|row| Ok(vec![numbers(row, step)?]))
                 .collect(),
         }
     }
 
-    /// Stores network, optimiser and scaling in a file.
+    /// Stores the state and the scaling in a file.
     pub fn store(&self, file: &mut TensorFile) {
-        self.network.store("policy", file);
+        state_file::store(&self.state, file);
         let Ports { center, spread, .. } = self.ports();
         file.header[SCALING] = json!([center, spread]);
     }
 
-    /// Restores network, optimiser and scaling that [`store`](Self::store) wrote.
+    /// Restores the state and the scaling that [`store`](Self::store) wrote.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.network.restore("policy", file)?;
+        state_file::restore(&mut self.state, file)?;
         self.rescale(&file.header[SCALING][0], &file.header[SCALING][1])
     }
 
@@ -258,7 +277,7 @@ impl DatasetActor {
     /// # Errors
     /// [`Error::File`] where the operating system refuses.
     pub fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.network.network(), self.ports(), self.actions.head());
+        let policy = Policy::of_state(&self.policy, &self.state, self.ports(), self.actions.head());
         policy.write(dir).map_err(checkpoint::error_of(self.agent))?;
         Ok(true)
     }
@@ -275,7 +294,7 @@ impl DatasetActor {
                 .map_err(&misfit)?;
         }
         let (ports, head) = (self.ports(), self.actions.head());
-        checkpoint::import_policy(self.agent, &mut self.network, dir, &ports, head)?;
+        checkpoint::import_network(self.agent, &self.policy, &mut self.state, dir, &ports, head)?;
         Ok(true)
     }
 
@@ -349,6 +368,7 @@ fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::shared::gradient_checks::computed;
     use contract::{Agent, Channel, Mode, Recorder};
     use rand::Rng as _;
 
@@ -433,8 +453,6 @@ pub(crate) mod tests {
         ActorSettings {
             width: 8,
             layers: 2,
-            learning_rate: 1e-3,
-            gradient_clip: None,
             scale_by,
         }
     }
@@ -471,14 +489,8 @@ pub(crate) mod tests {
         let spread = 5f64.sqrt() + 1e-3;
         let mut actor = actor(ScalingSource::Dataset, &cube());
         actor.observe_dataset(&data);
-        let Batch {
-            observations,
-            actions,
-            rewards,
-            next_observations,
-            continues,
-        } = actor.batch(&data);
-        let close = |found: Vec<f32>, expected: [f64; 4]| {
+        let batch = actor.batch(&data);
+        let close = |found: &[f32], expected: [f64; 4]| {
             assert!(
                 found
                     .iter()
@@ -487,16 +499,16 @@ pub(crate) mod tests {
                 "{found:?} {expected:?}"
             );
         };
-        close(values(observations), [-3.0, -1.0, 1.0, 3.0].map(|x| x / spread));
+        close(&batch.observations, [-3.0, -1.0, 1.0, 3.0].map(|x| x / spread));
         close(
-            values(next_observations),
+            &batch.next_observations,
             [-2.0, 0.0, 2.0, 4.0].map(|x| x / spread),
         );
-        assert_eq!((values(actions), values(rewards)), (vec![0.5; 4], vec![2.0; 4]));
-        assert_eq!(values(continues), [1.0; 4], "an episode that was cut off goes on");
+        assert_eq!((batch.actions, batch.rewards), (vec![0.5; 4], vec![2.0; 4]));
+        assert_eq!(batch.continues, [1.0; 4], "an episode that was cut off goes on");
         let constant = seen(&[2.0, 2.0]);
         actor.observe_dataset(&constant);
-        assert_eq!(values(actor.batch(&constant).observations), [0.0; 2]);
+        assert_eq!(actor.batch(&constant).observations, [0.0; 2]);
     }
 
     #[test]
@@ -506,18 +518,17 @@ pub(crate) mod tests {
             interface.seats[0].observation = Space::Box(vec![Channel::new("x", "").typical(3.0, 2.0)]);
             let mut actor = actor(scale_by, &interface);
             actor.observe_dataset(&seen(&[100.0]));
-            assert_eq!(values(actor.batch(&seen(&[7.0])).observations), [expected]);
+            assert_eq!(actor.batch(&seen(&[7.0])).observations, [expected]);
         }
     }
 
     #[test]
     fn centred_actions_by_hand() {
-        let shares = matrix(vec![0.25, 0.25, 0.5, 0.0], 4);
-        assert_eq!(
-            values(ActionSet::Simplex.centred(shares.clone())),
-            [0.0, 0.0, 1.0, -1.0]
-        );
-        assert_eq!(values(ActionSet::Cube.centred(shares)), [0.25, 0.25, 0.5, 0.0]);
+        let centred = |set: ActionSet| {
+            computed(|equations| set.centred(equations.constant([1, 4], &[0.25, 0.25, 0.5, 0.0])))
+        };
+        assert_eq!(centred(ActionSet::Simplex), [0.0, 0.0, 1.0, -1.0]);
+        assert_eq!(centred(ActionSet::Cube), [0.25, 0.25, 0.5, 0.0]);
     }
 
     #[test]
