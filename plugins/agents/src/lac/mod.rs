@@ -43,6 +43,7 @@
 
 mod config;
 mod exploration;
+mod learner;
 mod memory;
 mod networks;
 #[cfg(test)]
@@ -52,7 +53,6 @@ pub use config::{ClacConfig, Config, SmoothnessNorm};
 
 use crate::shared::{
     batch::BatchInputs,
-    bellman::{Weight, bootstrapped, half_squared_error},
     box_seat::BoxSeat,
     checkpoint::{self, finite},
     schedule::UpdateSchedule,
@@ -63,18 +63,14 @@ use contract::{
     Transition, Updates,
 };
 use exploration::Disturbance;
-use memory::{Memory, MemoryInputs, MemoryOptions, PreviousObservations};
-use networks::{Limits, value};
+use learner::Learner;
+use memory::{Memory, MemoryOptions, PreviousObservations};
 use numerics::{
-    equations::{
-        network::Network,
-        squashed::{Correction, mean_action, sample},
-        state_file,
-    },
+    equations::state_file,
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
-use plan::{Descent, Equations, Expression, Plans, State};
+use plan::{Plans, State};
 use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -97,33 +93,11 @@ pub struct LyapunovActorCritic {
     schedule: UpdateSchedule,
 }
 
-/// Networks and weights, and the equations by which they act and learn.
-#[derive(Debug, Clone)]
-struct Learner {
-    policy: Network,
-    lyapunov: Network,
-    target_policy: Network,
-    target_lyapunov: Network,
-    multiplier: Weight,
-    temperature: Weight,
-    target_entropy: f64,
-    n_acted: usize,
-    limits: Limits,
-}
-
 /// State of a checkpoint besides its tensors.
 #[derive(Serialize, Deserialize)]
 struct Counters {
     before: PreviousObservations,
     schedule: UpdateSchedule,
-}
-
-/// Loss of the policy with the means of its parts, each `[1, 1]`.
-struct PolicyLoss<'e> {
-    loss: Expression<'e>,
-    violation: Expression<'e>,
-    log_pi: Expression<'e>,
-    action_change: Option<Expression<'e>>,
 }
 
 /// Registers Lyapunov actor-critic.
@@ -278,143 +252,6 @@ impl LyapunovActorCritic {
              reward is {reward}: use an environment whose rewards are 0 at most"
         );
         Err(mismatch(self.name, problem))
-    }
-}
-
-impl Learner {
-    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
-    fn new(config: &Config, [n_seen, n_acted]: [usize; 2], state: &mut State<f32>, rng: &mut Rng) -> Self {
-        let policy = networks::policy(config, n_seen, n_acted, state, rng);
-        let lyapunov = networks::lyapunov(config, n_seen, n_acted, state, rng);
-        Self {
-            target_policy: policy.copied("target_policy", state),
-            target_lyapunov: lyapunov.copied("target_lyapunov", state),
-            policy,
-            lyapunov,
-            multiplier: Weight::new("multiplier", config.first_multiplier, state),
-            temperature: Weight::new("temperature", config.first_temperature, state),
-            target_entropy: config.target_entropy.unwrap_or(-(n_acted as f64)),
-            n_acted,
-            limits: Limits {
-                low: config.log_sd_low,
-                high: config.log_sd_high,
-            },
-        }
-    }
-
-    /// Actions of the policy, drawn and most likely ones.
-    fn act(&self, observations: Expression<'_>) {
-        let equations = observations.equations();
-        equations.routine("draw");
-        let drawn = self.limits.draw(&self.policy, observations).action;
-        equations.output("drawn", drawn);
-        equations.routine("choose");
-        equations.output("chosen", mean_action(self.policy.apply(observations)));
-    }
-
-    /// One update of critic, policy, both weights and both targets.
-    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
-        let equations = batch.observations.equations();
-        equations.routine("update");
-        let batch = MemoryInputs::of(batch, self.n_acted);
-        self.update_lyapunov(batch, config);
-        let PolicyLoss {
-            violation, log_pi, ..
-        } = self.update_policy(batch, config);
-        // Eq. 2.9 and 2.8: the weights rise where the value falls too little and where the entropy is too
-        // low.
-        self.multiplier
-            .rise_with(violation, config.multiplier_learning_rate);
-        self.temperature
-            .rise_with(log_pi + self.target_entropy, config.temperature_learning_rate);
-        for (target, source) in [
-            (&self.target_lyapunov, &self.lyapunov),
-            (&self.target_policy, &self.policy),
-        ] {
-            let (targets, sources) = (target.parameters(equations), source.parameters(equations));
-            equations.follow(&targets, &sources, config.target_smoothing);
-        }
-    }
-
-    fn update_lyapunov(&self, batch: MemoryInputs<'_>, config: &Config) {
-        let equations = batch.observations.equations();
-        let (loss, found) = self.lyapunov_loss(batch, config.discount);
-        equations.output("mean_lyapunov", found.mean());
-        equations.output("lyapunov_loss", loss);
-        let adam = Descent::adam(
-            "lyapunov_learning_rate",
-            config.lyapunov_learning_rate,
-            config.gradient_clip,
-        );
-        equations.descend(loss, &self.lyapunov.parameters(equations), &adam);
-    }
-
-    /// Eq. 2.5: half the squared error of the Lyapunov critic to its target, and its values.
-    fn lyapunov_loss<'e>(&self, batch: MemoryInputs<'e>, discount: f64) -> (Expression<'e>, Expression<'e>) {
-        let target = self.target(batch, discount);
-        let found = value(&self.lyapunov, batch.observations, batch.actions);
-        (half_squared_error(found, target), found)
-    }
-
-    /// Eq. 2.6: `c + gamma (1 - d) L_target(s', a')` with a sample of the target policy.
-    fn target<'e>(&self, batch: MemoryInputs<'e>, discount: f64) -> Expression<'e> {
-        let next = self.limits.draw(&self.target_policy, batch.next_observations);
-        let follows = value(&self.target_lyapunov, batch.next_observations, next.action);
-        bootstrapped(batch.costs, batch.continues, follows, discount)
-    }
-
-    fn update_policy<'e>(&self, batch: MemoryInputs<'e>, config: &Config) -> PolicyLoss<'e> {
-        let equations = batch.observations.equations();
-        let found = self.policy_loss(batch, config);
-        let adam = Descent::adam(
-            "actor_learning_rate",
-            config.actor_learning_rate,
-            config.gradient_clip,
-        );
-        equations.descend(found.loss, &self.policy.parameters(equations), &adam);
-        equations.output("policy_loss", found.loss);
-        equations.output("policy_entropy", -found.log_pi);
-        equations.output("violation", found.violation);
-        equations.output("multiplier", self.weight(equations));
-        equations.output("temperature", self.temperature.expression(equations));
-        if let Some(change) = found.action_change {
-            equations.output("action_change", change);
-        }
-        found
-    }
-
-    /// Eq. 2.7, and eq. 2.10 where the observation before is stored.
-    fn policy_loss<'e>(&self, batch: MemoryInputs<'e>, config: &Config) -> PolicyLoss<'e> {
-        let equations = batch.observations.equations();
-        let violation = self.violation(batch, config.decrease);
-        let head = self.limits.head(&self.policy, batch.observations);
-        let log_pi = sample(head, Correction::Exact).log_density.mean();
-        let temperature = self.temperature.expression(equations);
-        let loss = violation * self.weight(equations) + log_pi * temperature;
-        let action_change = batch.before.map(|before| {
-            let moves = mean_action(head) - mean_action(self.policy.apply(before));
-            config.smoothness_norm.of(moves)
-        });
-        PolicyLoss {
-            loss: action_change.map_or(loss, |change| loss + change * config.smoothness),
-            violation,
-            log_pi,
-            action_change,
-        }
-    }
-
-    /// `mean(L(s', f(eps, s')) - L(s, a) + alpha_3 c)`: above 0 where the Lyapunov value falls too little.
-    fn violation<'e>(&self, batch: MemoryInputs<'e>, decrease: f64) -> Expression<'e> {
-        let next = self.limits.draw(&self.policy, batch.next_observations).action;
-        let rise = value(&self.lyapunov, batch.next_observations, next)
-            - value(&self.lyapunov, batch.observations, batch.actions);
-        (rise + batch.costs * decrease).mean()
-    }
-
-    /// Multiplier as it enters the loss, at most 1.
-    fn weight<'e>(&self, equations: &'e Equations) -> Expression<'e> {
-        let multiplier = self.multiplier.expression(equations);
-        multiplier.min(equations.constant([1, 1], &[1.0]))
     }
 }
 

@@ -1,5 +1,7 @@
 //! Tests of the agents as a whole and of their equations.
 
+use super::memory::MemoryInputs;
+use super::networks::value;
 use super::*;
 use crate::shared::{
     batch::BatchRows,
@@ -8,8 +10,11 @@ use crate::shared::{
     regulator::{self, Plants},
 };
 use contract::random::stream;
-use numerics::network::Activation;
-use plan::Processor;
+use numerics::{
+    equations::{network::Network, squashed::mean_action},
+    network::Activation,
+};
+use plan::{Equations, Processor};
 
 fn tiny() -> Config {
     Config {

@@ -17,7 +17,6 @@ pub(crate) mod designs;
 pub(crate) mod gradient_checks;
 pub(crate) mod gradient_moments;
 pub mod joint;
-pub mod multiplier;
 pub mod opponent_modelling;
 pub(crate) mod policy_forms;
 pub(crate) mod proposer;
