@@ -12,7 +12,6 @@ pub mod gaussian;
 pub mod gaussian_head;
 pub mod gaussian_softmax;
 pub mod image;
-pub mod input_norm;
 pub mod linearised;
 pub mod network;
 pub mod onnx;

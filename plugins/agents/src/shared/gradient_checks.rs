@@ -12,12 +12,20 @@ pub fn assert_gradient(
     batch: &BatchRows,
     write: impl FnOnce(&Equations),
 ) {
+    let networks = networks.iter();
+    let names: Vec<String> = networks.flat_map(|network| network.parameter_names()).collect();
+    assert_gradient_in(&names, state, batch, write);
+}
+
+/// As [`assert_gradient`], in the parameters of these names.
+pub fn assert_gradient_in(
+    names: &[String],
+    state: &State<f32>,
+    batch: &BatchRows,
+    write: impl FnOnce(&Equations),
+) {
     let equations = Equations::new();
     write(&equations);
-    let names: Vec<String> = networks
-        .iter()
-        .flat_map(|network| network.parameter_names())
-        .collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let wide = |entries: &[f32]| entries.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
     let graph = equations.into_graph();

@@ -3,6 +3,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`network`] | fully connected networks |
+//! | [`input_norm`] | networks whose inputs are normalised |
 //! | [`squashed`] | Gaussian policies squashed by tanh |
 //! | [`gaussian_softmax`] | Gaussian policies mapped to the simplex by softmax |
 //! | [`dirichlet`] | Dirichlet policies |
@@ -10,6 +11,7 @@
 
 pub mod dirichlet;
 pub mod gaussian_softmax;
+pub mod input_norm;
 pub mod network;
 pub mod squashed;
 pub mod state_file;
