@@ -14,6 +14,7 @@ pub mod gaussian_softmax;
 pub mod image;
 pub mod input_norm;
 pub mod linearised;
+pub mod matrices;
 pub mod network;
 pub mod onnx;
 pub mod optimizer;
