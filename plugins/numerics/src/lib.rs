@@ -13,6 +13,7 @@ pub mod gaussian_head;
 pub mod gaussian_softmax;
 pub mod image;
 pub mod linearised;
+pub mod matrices;
 pub mod network;
 pub mod onnx;
 pub mod optimizer;
