@@ -94,6 +94,12 @@ pub trait Agent: Send {
         Ok(false)
     }
 
+    /// The operations of one update as text, with their number and the bytes that they move; `None` for agents that do
+    /// not learn by a plan.
+    fn plan(&mut self) -> Option<String> {
+        None
+    }
+
     /// The updates of an agent that learns; `None` for others.
     fn updates(&self) -> Option<Updates> {
         None

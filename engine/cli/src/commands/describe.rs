@@ -60,6 +60,22 @@ pub(super) fn describe(
     Ok(Exit::Ok)
 }
 
+/// Prints the plan of one update of an agent in an environment, with the defaults of both.
+pub(super) fn plan(registry: &Registry, agent: &str, environment: &str) -> Result<Exit, Failure> {
+    let unknown = |group: Group, name: &str| {
+        let help = format!("`regimen list {}` lists them", group.word());
+        Failure::refusal(format!("there is no `{name}` among the {}\nhelp: {help}", group.word()))
+    };
+    let learner = registry.agents.get(agent).ok_or_else(|| unknown(Group::Agents, agent))?;
+    let world = registry.environments.get(environment);
+    let world = world.ok_or_else(|| unknown(Group::Environments, environment))?;
+    let interface = (world.build)(&world.about.defaults)?.interface();
+    let mut rng = contract::random::stream(&["plan"]);
+    let plan = (learner.build)(&learner.about.defaults, &interface, &mut rng)?.plan();
+    say(&plan.ok_or_else(|| Failure::refusal(format!("`{agent}` does not learn by a plan of operations")))?);
+    Ok(Exit::Ok)
+}
+
 /// The names that can be described, as data.
 fn groups(registry: &Registry) -> Value {
     let groups = Group::ALL.map(|group| (group.word(), json!(describe::names(registry, group))));

@@ -163,6 +163,10 @@ enum Verb {
         /// Say besides which agents or environments do not fit, and why.
         #[arg(long)]
         why: bool,
+        /// Print instead the operations of one update of the agent in this environment, with defaults of both: their
+        /// order, shapes, number and memory traffic.
+        #[arg(long, value_name = "ENVIRONMENT", requires = "name", conflicts_with = "why")]
+        plan: Option<String>,
         /// Write the reference into a folder instead: a Markdown page for each group of names.
         #[arg(long, value_name = "DIR", conflicts_with_all = ["name", "why"])]
         pages: Option<PathBuf>,
@@ -277,6 +281,11 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<Exit, Fail
         Verb::Describe {
             pages: Some(folder), ..
         } => describe::write_pages(registry, &folder),
+        Verb::Describe {
+            name: Some(agent),
+            plan: Some(environment),
+            ..
+        } => describe::plan(registry, &agent, &environment),
         Verb::Describe { name, why, .. } => describe::describe(registry, name.as_deref(), why, common),
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),

@@ -2,7 +2,7 @@
 
 use super::batch::BatchRows;
 use numerics::equations::network::Network;
-use plan::{Equations, State, differences::largest_error};
+use plan::{Equations, Expression, State, differences::largest_error};
 
 /// Asserts that the gradients of the output `loss` of the routine `loss` in all parameters of some networks agree with
 /// central differences. `write` writes the inputs of a batch, the routine and the output.
@@ -53,4 +53,15 @@ pub fn outputs<const N: usize>(
     batch.write(&mut processor);
     processor.run_seeded("loss", &mut state.clone(), 3);
     names.map(|name| processor.entries(name).to_vec())
+}
+
+/// Entries of an expression without inputs and parameters.
+pub fn computed(write: impl for<'e> FnOnce(&'e Equations) -> Expression<'e>) -> Vec<f32> {
+    let equations = Equations::new();
+    equations.routine("computed");
+    // The expression may be a leaf.
+    equations.output("computed", write(&equations) * 1.0);
+    let mut processor = plan::Processor::<f32>::new(equations.into_graph());
+    processor.run_seeded("computed", &mut State::default(), 3);
+    processor.entries("computed").to_vec()
 }

@@ -35,7 +35,7 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
-    batch::{BatchInputs, BatchRows},
+    batch::{BatchInputs, BatchRows, BatchWidths},
     bellman::{Weight, bootstrapped, half_squared_error},
     box_seat::BoxSeat,
     checkpoint::{self, finite},
@@ -52,7 +52,7 @@ use numerics::{
     },
     policy_file::{Head, Policy},
 };
-use plan::{Descent, Expression, Plans, State};
+use plan::{Descent, Expression, Plans, Processor, State};
 use rand::RngCore;
 use std::path::Path;
 
@@ -191,10 +191,7 @@ impl SoftActorCritic {
     }
 
     fn improve(&mut self, batch: &BatchRows, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
-        });
+        let plan = self.learner.plan(&mut self.learning, batch.n_rows, self.replay.widths(), &self.config);
         batch.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
         for metric in ["critic_loss", "policy_loss"] {
@@ -212,6 +209,18 @@ impl SoftActorCritic {
 }
 
 impl Learner {
+    fn plan<'p>(
+        &self,
+        plans: &'p mut Plans,
+        n_rows: usize,
+        widths: BatchWidths,
+        config: &Config,
+    ) -> &'p mut Processor<f32> {
+        plans.of_rows(n_rows, |equations| {
+            self.update(BatchInputs::new(equations, n_rows, widths), config);
+        })
+    }
+
     /// Actions of the policy, drawn and most likely ones.
     fn act(&self, observations: Expression<'_>) {
         let equations = observations.equations();
@@ -333,6 +342,12 @@ impl Agent for SoftActorCritic {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (rows, widths) = (self.config.batch_size, self.replay.widths());
+        let plan = self.learner.plan(&mut self.learning, rows, widths, &self.config);
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps_state!(NAME);
