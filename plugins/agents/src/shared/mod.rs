@@ -17,6 +17,7 @@ pub(crate) mod designs;
 pub(crate) mod gradient_checks;
 pub(crate) mod gradient_moments;
 pub mod joint;
+pub mod joint_equations;
 pub mod multiplier;
 pub mod opponent_modelling;
 pub(crate) mod policy_forms;
