@@ -21,7 +21,6 @@ pub mod parameters;
 pub mod policy_file;
 pub mod special;
 pub mod squashed;
-pub mod stein;
 pub mod tensor_file;
 pub mod unscented;
 

@@ -50,7 +50,11 @@ impl Graph {
             let node = &self.nodes[at];
             let passes = !matches!(
                 node.operation,
-                Operation::Map(Function::Stop) | Operation::LargestOfColumns | Operation::ClipScale { .. }
+                Operation::Map(Function::Stop)
+                    | Operation::LargestOfColumns
+                    | Operation::PlaceOfLargest
+                    | Operation::Ranked { .. }
+                    | Operation::ClipScale { .. }
             );
             let of_operands = node.operands.iter().any(|operand| depends[operand.0]);
             depends[at] = wanted.contains(&Value(at)) || passes && of_operands;

@@ -10,6 +10,7 @@ mod of_bits;
 mod of_draws;
 mod of_equations;
 mod of_gradients;
+mod of_order;
 mod of_plans;
 mod of_states;
 

@@ -88,9 +88,10 @@ macro_rules! keeps {
 pub(crate) use keeps;
 
 /// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
-/// the fields `state`, `replay` and `schedule`, and a `config` with `learning_starts` and `updates_per_step`.
+/// the fields `state`, `replay` and `schedule`, a `config` with `learning_starts` and `updates_per_step`, and the
+/// counters that are listed.
 macro_rules! keeps_state {
-    ($name:expr) => {
+    ($name:expr $(; counters: $($counter:ident),+)?) => {
         fn updates(&self) -> Option<Updates> {
             let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
             Some(self.schedule.updates(first, per_step))
@@ -100,15 +101,15 @@ macro_rules! keeps_state {
             let mut file = numerics::tensor_file::TensorFile::default();
             numerics::equations::state_file::store(&self.state, &mut file);
             self.replay.store(&mut file);
-            checkpoint::write($name, dir, file, &self.schedule)
+            checkpoint::write($name, dir, file, &checkpoint::keeps!(@save self; $($($counter),+)?))
         }
 
         fn load(&mut self, dir: &Path) -> Result<(), Error> {
-            let (file, schedule) = checkpoint::read($name, dir)?;
+            let (file, counters): (_, serde_json::Value) = checkpoint::read($name, dir)?;
             let misfit = checkpoint::error_of($name);
             numerics::equations::state_file::restore(&mut self.state, &file).map_err(&misfit)?;
             self.replay.restore(&file).map_err(&misfit)?;
-            self.schedule = schedule;
+            checkpoint::keeps!(@load self, $name, counters; $($($counter),+)?);
             Ok(())
         }
     };
