@@ -95,7 +95,10 @@ const ARROWS: [(&str, &[&str]); 25] = [
     ("plugins/environments", &["contract", "document", "statistics"]),
     ("plugins/agents", &["contract", "numerics"]),
     ("plugins/estimators", &["contract", "environments", "numerics"]),
-    ("plugins/generators", &["contract", "numerics", "statistics"]),
+    (
+        "plugins/generators",
+        &["arithmetic", "contract", "numerics", "plan", "statistics"],
+    ),
     (
         "plugins/programs",
         &["contract", "document", "execution", "imported", "numerics"],
