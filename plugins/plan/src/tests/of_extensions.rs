@@ -128,7 +128,7 @@ fn an_extension_is_listed_and_counted_and_allocates_once() {
     let mut processor = Processor::<f32>::new(graph);
     let mut seen = Vec::new();
     processor.run_observed(routine, &mut State::default(), 0, |work, shape| {
-        seen.push((work, shape))
+        seen.push((work, shape));
     });
     assert_eq!(seen, [(crate::Work::Extension, [2, 3])]);
     let before = processor.capacities();
